@@ -12,7 +12,7 @@ MUTATION_ARGS ?=
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo examples gui web web-lint web-test test fresh-test mutation tsan lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test fresh-test mutation tsan lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -28,6 +28,10 @@ setup-tests: system-tests ## the same, plus requirements of tests and linters
 demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take folder)
 	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
+
+cluster-demo: demo ## the same on a Ray cluster of two nodes, one of which is killed, and compare the bytes
+	@$(INSTALL) --dev
+	@$(PY) scripts/cluster_demo.py "$(DEMO_TAKE)-cluster" --compare "$(DEMO_TAKE)"
 
 examples: setup ## run the scripts of examples/
 	@for script in examples/[0-9]*.py; do echo "== $$script"; $(PY) "$$script"; done

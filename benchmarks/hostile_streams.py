@@ -19,7 +19,7 @@ import threading
 import time
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -39,10 +39,11 @@ VALUES: list[Any] = [
 ]
 PAGE = b"<!doctype html><script type='module' src='v3-player.js'></script>"
 
-OPEN = """() => {
+OPEN = """decoder => {
   window.player = document.createElement('v3-player');
   player.style.cssText = 'width: 100px; height: 100px';
   player.setAttribute('loop', '');
+  player.setAttribute('decoder', decoder);
   document.body.append(player);
 }"""
 
@@ -219,12 +220,14 @@ def hosted(player: Path) -> Iterator[Host]:
         host.close()
 
 
-def attack(page: Any, host: Host, files: Files, numbers: range) -> Iterator[tuple[int, str, str | None]]:
+def attack(
+    page: Any, host: Host, files: Files, numbers: Iterable[int], decoder: str = "auto"
+) -> Iterator[tuple[int, str, str | None]]:
     """Play mutations in a page of Playwright; yields number, kind and outcome: what the player said, "played",
     "without a group: " and the notice, "shown" (one frame), or None if it hangs."""
     page.goto(host.address)
     page.wait_for_function("!!customElements.get('v3-player')")
-    page.evaluate(OPEN)
+    page.evaluate(OPEN, decoder)
     for number in numbers:
         kind, host.stream = mutate(files, number)
         yield number, kind, page.evaluate(PLAY, [f"s{number}/", PATIENCE])
@@ -248,6 +251,8 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--browser", default="/usr/bin/chromium")
+    parser.add_argument("--kind", help="only mutations of this kind, for example video")
+    parser.add_argument("--decoder", default="auto", help="auto, webcodecs, webcodecs-software or video")
     arguments = parser.parse_args()
     from playwright.sync_api import sync_playwright
 
@@ -262,8 +267,12 @@ def main() -> int:
         page = browser.new_page()
         began, slowest, memory = time.monotonic(), (0.0, -1), list[str]()
         last = began
-        numbers = range(arguments.first, arguments.first + arguments.count)
-        for number, kind, outcome in attack(page, host, files, numbers):
+        numbers = [
+            number
+            for number in range(arguments.first, arguments.first + arguments.count)
+            if arguments.kind is None or mutate(files, number)[0] == arguments.kind
+        ]
+        for done, (number, kind, outcome) in enumerate(attack(page, host, files, numbers, arguments.decoder), 1):
             now = time.monotonic()
             slowest, last = max(slowest, (now - last, number)), now
             word = "hangs" if outcome is None else outcome.partition(":")[0]
@@ -274,13 +283,12 @@ def main() -> int:
             if outcome is not None and ":" in outcome:
                 text = outcome.partition(": ")[2]
                 sentences["".join("#" if c.isdigit() else c for c in text)[:60]] += 1
-            done = number - arguments.first + 1
             if done % 100 == 0:
                 page.evaluate("() => { gc(); }")
                 memory.append(f"{renderer_bytes(browser) / 1e6:.0f}")
         page.evaluate("() => { gc(); }")
         heap = page.evaluate("() => performance.memory.usedJSHeapSize")
-        total = f"{arguments.count} streams in {time.monotonic() - began:.0f} s"
+        total = f"{len(numbers)} streams in {time.monotonic() - began:.0f} s"
         print(f"{total}, slowest {slowest[0]:.1f} s (mutation {slowest[1]})")
         for (kind, word), count in sorted(outcomes.items()):
             print(f"  {kind}: {count} {word}")

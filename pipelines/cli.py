@@ -11,17 +11,22 @@ import argparse
 import json
 import math
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from pipelines.commands.board import add_board_command, add_sync_command
 from pipelines.events.cancellation import EXIT_CANCELLED
 from studio.environment import passive_openmp
 from studio.errors import Cancelled, StudioError
 from studio.standard_output import as_utf8, claim_stdout, discard
+
+if TYPE_CHECKING:
+    from pipelines.config import Config
+    from pipelines.takes.take import Take
 
 STAGE_HELP = {
     "calibrate": "read the cameras from a file, or calibrate them",
@@ -31,7 +36,7 @@ STAGE_HELP = {
     "evaluate": "measure the quality on held-out cameras and write the report",
 }
 GROUPS = {
-    "Make a stream from footage": ("run", "status", "config"),
+    "Make a stream from footage": ("run", "status", "attach", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
@@ -130,7 +135,7 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, check, export, import_splats, play, publish, serve, share, work
+    from pipelines.commands import ablate, attach, check, export, import_splats, play, publish, serve, share, work
     from pipelines.version import program_version
 
     parser = _Parser(
@@ -150,6 +155,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         help=f"stop after this stage: {', '.join(STAGE_HELP)}",
     )
     _add_live(run)
+    _add_detach(run)
     run.set_defaults(command=_run, stage=None)
     for name, text in STAGE_HELP.items():
         stage = _stage_parser(commands, name, text)
@@ -159,6 +165,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
             _add_stream_options(stage)
         if name == "train":
             _add_live(stage)
+        _add_detach(stage)
         stage.set_defaults(command=_run, stage=name, until=None)
 
     status = commands.add_parser(
@@ -171,6 +178,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     status.add_argument("--json", action="store_true", help="print JSON")
     status.set_defaults(command=_status)
 
+    attach.register(commands)
     work.register(commands)
     check.register(commands)
     play.register(commands)
@@ -320,6 +328,14 @@ def _add_live(stage: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_detach(stage: argparse.ArgumentParser) -> None:
+    stage.add_argument(
+        "--detach",
+        action="store_true",
+        help="return at once; the run goes on, on the cluster if run.address is ray://. `v3studio attach` shows it",
+    )
+
+
 def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
@@ -429,6 +445,8 @@ def _run(arguments: argparse.Namespace) -> int:
         stages: Sequence[str] = (arguments.stage,)
     else:
         stages = ALL_STAGES[: ALL_STAGES.index(arguments.until) + 1] if arguments.until else ALL_STAGES
+    if arguments.detach:
+        return _detach(arguments, take, config)
     with JsonLines(arguments.output) if arguments.json else Bars() as show:
         try:
             run(
@@ -445,6 +463,18 @@ def _run(arguments: argparse.Namespace) -> int:
         from pipelines.reports.tables import print_evaluation
 
         print_evaluation(take)
+    return 0
+
+
+def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
+    from pipelines.runs.background import start_background
+
+    words = [arguments.stage or "run"]
+    words += ["--until", arguments.until] if arguments.until else []
+    words += ["--force"] if arguments.stage and arguments.force else []
+    where = start_background(take, config, words)
+    print(f"The run goes on in the background ({where}).", file=arguments.output)
+    print(f"Show it: v3studio attach {shlex.quote(str(arguments.take))}", file=arguments.output)
     return 0
 
 

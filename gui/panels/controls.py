@@ -70,7 +70,7 @@ class ControlsPanel:
         for widget in (self._volume, self._camera):
             widget.visible = False  # until there is something to choose
         self._button("Background", "Next background: dark, black, white (B)", player.next_background)
-        self._button("Reset view", "Reset the view (R)", reset)
+        self._button("Reset", "Reset the view (R)", reset, key="reset view")
 
     def _transport(self) -> Transport:
         """The current transport; replaced whenever something is opened."""
@@ -84,7 +84,7 @@ class ControlsPanel:
         button = gui.Button(text)
         button.tooltip = tooltip
         button.vertical_padding_em = 0.05
-        button.horizontal_padding_em = 0.55
+        button.horizontal_padding_em = 0.42
         button.background_color = color(RAISED)
         button.set_on_clicked(lambda: self._did(action))
         self._add(key or text.lower(), button)

@@ -99,6 +99,25 @@ class RunSettings(Settings):
     preview_seconds: float = Field(default=20.0, ge=0)
     """Minimum interval between preview images during training, in seconds. 0: no previews."""
 
+    executor: Annotated[Literal["local", "ray"], Heading("Several machines")] = "local"
+    """Where groups run. local: in this process. ray: as tasks of a Ray cluster, which needs the extra cluster; all
+    nodes must see the take and the footage under the same paths."""
+
+    address: str = Field(default="local", min_length=1)
+    """The Ray cluster: HOST:PORT of its head node from a node of the cluster, ray://HOST:10001 from outside, auto for
+    the cluster that runs on this machine, or local to start one on this machine for this run."""
+
+    gpus_per_group: float | None = Field(default=None, ge=0, le=16)
+    """GPUs that a group takes on a Ray cluster; 0.5: two groups share one. null: 1 if the cluster has GPUs and device
+    is not cpu, else 0."""
+
+    memory_per_group: float | None = Field(default=None, gt=0, le=4096)
+    """Memory in GB that a group takes on a Ray cluster, so that fewer run at once on small nodes. null: estimated from
+    the images. It is raised when a node runs out of memory."""
+
+    retries: int = Field(default=3, ge=0, le=100)
+    """How often a group is started again on a Ray cluster after its worker was lost."""
+
     @field_validator("device")
     @classmethod
     def _known_device(cls, value: str) -> str:

@@ -143,6 +143,35 @@ class Metrics(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
+class GroupState(Event):
+    """Where a group is in a run on several machines.
+
+    Attributes:
+        group: number of the group, counted from 0.
+        state: "queued", "running", "retried" (queued again), "done" or "failed".
+        node: name of the node that it runs on, or ran on last; "" while it was on none.
+        gpu: the GPUs that it uses there ("0"); "" for none.
+        attempt: 1 at first.
+        frames_done, frames: finished frames of the group, and all.
+        psnr: of its training views, in dB, if known.
+        seconds_per_frame: mean over the frames that this attempt has trained, if any.
+        message: why it was retried or failed.
+    """
+
+    kind: ClassVar[str] = "group"
+    group: int
+    state: str
+    node: str = ""
+    gpu: str = ""
+    attempt: int = 1
+    frames_done: int = 0
+    frames: int = 0
+    psnr: float | None = None
+    seconds_per_frame: float | None = None
+    message: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Preview(Event):
     """A preview image.
 
@@ -218,14 +247,25 @@ class RunFinished(Notice):
 
 
 AnyEvent: TypeAlias = (
-    RunStarted | StageStarted | Progress | Metrics | Preview | Log | Warned | StageFinished | StageFailed | RunFinished
+    RunStarted
+    | StageStarted
+    | Progress
+    | Metrics
+    | GroupState
+    | Preview
+    | Log
+    | Warned
+    | StageFinished
+    | StageFailed
+    | RunFinished
 )
 Emit: TypeAlias = Callable[[Event], None]
 
 _KINDS: dict[str, type[Event]] = {
     cls.kind: cls
     for cls in (
-        RunStarted, StageStarted, Progress, Metrics, Preview, Log, Warned, StageFinished, StageFailed, RunFinished
+        RunStarted, StageStarted, Progress, Metrics, GroupState, Preview, Log, Warned, StageFinished, StageFailed,
+        RunFinished,
     )
 }  # fmt: skip
 

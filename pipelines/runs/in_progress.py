@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import socket
 from dataclasses import dataclass, replace
 
 from pipelines.events import Event, Progress, RunStarted, StageStarted, parse_event
@@ -17,6 +18,7 @@ class Running:
     Attributes:
         pid: of its process.
         command: as recorded in the lock, for example "v3studio run".
+        host: name of its machine; None for this one.
         stage: the stage that is running; None before the first, and for commands without stages.
         reason: why the stage runs, for example "bake.qp changed from 22 to 30".
         progress: the last progress event of the stage; None if there is none yet.
@@ -24,6 +26,7 @@ class Running:
 
     pid: int | None
     command: str
+    host: str | None = None
     stage: str | None = None
     reason: str = ""
     progress: Progress | None = None
@@ -35,7 +38,9 @@ def running(take: Take) -> Running | None:
     if holder is None:
         return None
     pid = holder.get("pid")
-    found = Running(pid if isinstance(pid, int) else None, str(holder.get("command", "v3studio")))
+    host = holder.get("host")
+    elsewhere = str(host) if host not in (None, socket.gethostname()) else None
+    found = Running(pid if isinstance(pid, int) else None, str(holder.get("command", "v3studio")), elsewhere)
     begun = started = progress = None
     with contextlib.suppress(OSError), take.log.open(encoding="utf-8", errors="replace") as log:
         for line in log:  # the log of a long run has megabytes, of which few lines matter

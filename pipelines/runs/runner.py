@@ -6,7 +6,7 @@ import contextlib
 import os
 import time
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from pipelines.config import Config
 from pipelines.events import (
@@ -25,10 +25,11 @@ from pipelines.events.cancellation import Cancellation, stop_on_signals
 from pipelines.events.work_clock import counting_pauses
 from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, write_record
 from pipelines.runs.work import limit_threads
-from pipelines.stages import STAGES, stage_named
-from pipelines.stages.base import Context, Stage, StageReporter
+from pipelines.stages import GROUP_STAGES, STAGES, stage_named
+from pipelines.stages.base import Context, Executor, Stage, StageReporter
 from pipelines.stages.time_left import Countdown
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
+from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.migration import migrate
 from pipelines.takes.records import write_failure
@@ -91,7 +92,11 @@ def run(
     with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _INTERRUPTED)):
         started = clock()
         try:
-            with disk_errors(take.root), take.locked(command):
+            with (
+                disk_errors(take.root),
+                take.locked(command),
+                cancelled_on_request(take, cancellation.cancel),
+            ):
                 migrate(take)
                 report = Logged(emit, take)
                 _run_locked(Context(take, config, report, cancellation, clock), names, force, started)
@@ -141,11 +146,32 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
             version=program_version(),
         )
     )
-    if {"train", "bake", "evaluate"} & set(todo) and context.config.run.device not in ("auto", "cpu"):
+    here = context.config.run.executor == "local"
+    if here and {"train", "bake", "evaluate"} & set(todo) and context.config.run.device not in ("auto", "cpu"):
         _ = context.device  # report a missing GPU before hours of work
     if "evaluate" in todo:
         _ = context.lpips  # likewise LPIPS weights that cannot be loaded
     limit_threads(context.threads)
+    with _executor(context, todo) as context.executor:
+        _run_stages(context, todo, force, run_started)
+    if "evaluate" in names and "evaluate" not in todo:
+        _update_marks(context)
+
+
+@contextlib.contextmanager
+def _executor(context: Context, todo: list[str]) -> Iterator[Executor | None]:
+    """What runs groups elsewhere, connected before anything is done; None if they run in this process."""
+    if context.config.run.executor == "local" or not {stage.name for stage in GROUP_STAGES} & set(todo):
+        yield None
+        return
+    from pipelines.runs.cluster.connection import connected
+    from pipelines.runs.cluster.executor import RayExecutor
+
+    with connected(context.config.run.address, context.threads) as ray:
+        yield RayExecutor(ray)
+
+
+def _run_stages(context: Context, todo: list[str], force: bool, run_started: float) -> None:
     weights = {name: stage_named(name).weight for name in todo}
     reporter: StageReporter | None = None
     countdown, earlier = Countdown(), 0.0
@@ -161,8 +187,6 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
         reporter = StageReporter(name, context, weights[name], later, before, reached, earlier, countdown)
         _run_stage(stage, context, reporter, "forced" if force and now.state == DONE else now.reason, force)
         earlier += weights[name]
-    if "evaluate" in names and "evaluate" not in todo:
-        _update_marks(context)
 
 
 def _update_marks(context: Context) -> None:

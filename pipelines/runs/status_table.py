@@ -38,7 +38,7 @@ def print_status(take: Take, config: Config) -> None:
     if now is not None:
         total = None if now.progress is None else now.progress.total_seconds_left
         left = "" if total is None else f", about {duration(total)} left"
-        process = "" if now.pid is None else f"process {now.pid}, "
+        process = "" if now.pid is None else f"process {now.pid}{f' on {now.host}' if now.host else ''}, "
         screen.print(f"run in progress: {process}{now.command}{left}", markup=False)
 
 

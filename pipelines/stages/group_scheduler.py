@@ -33,7 +33,8 @@ def groups_at_once(context: Context) -> int:
     asked, groups = context.config.run.groups_at_once, len(context.groups)
     if asked is not None:
         return min(asked, groups)
-    if context.device != "cpu":
+    # a run on other machines may need a GPU that this one has not
+    if context.config.run.device.startswith("cuda") or context.device != "cpu":
         return 1
     memory = psutil.virtual_memory().total // 2
     return max(1, min(groups, context.threads, _MOST, memory // memory_of_group(context)))

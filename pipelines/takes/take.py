@@ -259,6 +259,11 @@ class Take:
         return self.private / "previews"
 
     @property
+    def cancel_request(self) -> Path:
+        """cancel: exists while the run in progress is asked to stop."""
+        return self.private / "cancel"
+
+    @property
     def log(self) -> Path:
         """events.jsonl: events of the last run, one JSON object per line."""
         return self.private / "events.jsonl"

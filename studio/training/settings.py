@@ -86,8 +86,8 @@ class TrainSettings(Settings):
     0.14 for exact mattes and 0.33 for those from clean plates."""
 
     refine_moved_below: Annotated[float, _LATER] = Field(default=0.66, gt=0)
-    """For auto in later frames: above this distance, in pixels, the motion was not found. The given mattes are then kept
-    until fine-tuning has brought the splats closer."""
+    """For auto in later frames: above this distance, in pixels, the motion was not found. The given mattes are then
+    kept until fine-tuning has brought the splats closer."""
 
     refine_every: int = Field(default=100, ge=1)
     """Steps after which the mattes are refined again."""

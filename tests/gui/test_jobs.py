@@ -12,10 +12,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from gui.presenters.run.jobs import Job, LogFollower
+from gui.presenters.run.jobs import Job
 from gui.presenters.run.run_state import CURVE_POINTS, Curve, RunState
 from gui.presenters.run.workspace import Workspace
 from pipelines.events import Log, Metrics, Progress, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
+from pipelines.events.log_follower import LogFollower
 from pipelines.takes.take import Take
 from tests.support.waiting import wait_until
 

@@ -104,6 +104,8 @@ def test_nothing_overlaps_and_nothing_is_cut_off(
     _check_frames(state, width, height)
     for key in ("truth", "trained", "decoded", "side by side", "wipe", "difference", "background", "reset view"):
         assert key in state["widgets"], key
+    if width >= 1000:
+        window.wait_for("one line of controls", lambda s: s["widgets"]["start"][1] == s["widgets"]["reset view"][1])
     window.key("space")
     window.wait_for("paused", lambda s: not s["playing"])
     window.click("difference")

@@ -5,19 +5,22 @@ The state is read from the take on disk, so that runs started in a terminal show
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from gui.presenters.run.jobs import Job, LogFollower, is_paused, pause_process, stop_process
+from gui.presenters.run.jobs import Job, is_paused, pause_process, stop_process
 from gui.presenters.run.run_state import RunState
 from gui.presenters.stages.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from gui.presenters.worker import LatestWorker
 from pipelines.config import Config, load_config
 from pipelines.config.loading import COMMAND_LINE
+from pipelines.events.log_follower import LogFollower
 from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import disk_errors
+from pipelines.takes.cancel_request import request_cancel
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
@@ -245,7 +248,11 @@ class Workspace:
             self.cancelling = True
         elif self.holder is not None:
             pid = self.pid
-            if pid is not None and stop_process(pid):
+            if self._elsewhere:
+                assert self.take is not None
+                request_cancel(self.take)
+                self.cancelling = True
+            elif pid is not None and stop_process(pid):
                 self.cancelling = True
             else:
                 self.message = f"Cannot stop the run (process {pid}) from here. Stop it where it was started."
@@ -256,10 +263,19 @@ class Workspace:
         pid = self.pid
         if pid is None:
             return
+        if self._elsewhere:
+            self.message = f"The run is on another machine ({self.holder and self.holder.get('host')}); pause it there."
+            return
         if pause_process(pid, not self.paused):
             self.paused = not self.paused  # takes effect with a delay; `_look` reads the actual state
         else:
             self.message = f"Cannot pause the run (process {pid}) from here. Pause it where it was started."
+
+    @property
+    def _elsewhere(self) -> bool:
+        """The run in progress is on another machine, which shares the take's folder."""
+        host = self.holder.get("host") if self.holder is not None else None
+        return self.job is None and host not in (None, socket.gethostname())
 
     @property
     def pid(self) -> int | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height
+from gui.presenters.drawing.lanes import draw_lanes
 from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, RAISED, SECOND
 from gui.presenters.drawing.plots import curve
 from gui.presenters.drawing.splats import draw
@@ -38,7 +39,8 @@ class TrainView(StageView):
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         frames = len(take.trained_files()[0]) if take is not None else 0
-        return (take, frames, preview, points, run.stage, run.outcome, self.em)
+        lanes = tuple(run.lanes.values())
+        return (take, frames, preview, points, run.stage, run.outcome, lanes, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -55,28 +57,34 @@ class TrainView(StageView):
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
             curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0%", "100%"), newest)
-        self._pictures(canvas, share)
+        lanes = list(run.lanes.values())
+        if lanes:
+            wide = 0.5 * (canvas.width - 3 * em)
+            draw_lanes(canvas, (em, share, wide, canvas.height - share - em), lanes, em)
+        self._pictures(canvas, share, 0.5 * canvas.width if lanes else 0.0)
         return canvas.pixels
 
-    def _pictures(self, canvas: Canvas, top: float) -> None:
+    def _pictures(self, canvas: Canvas, top: float, left: float) -> None:
+        """The newest render beside its footage, right of `left`."""
         em, small = self.em, round(0.85 * self.em)
         height = canvas.height - top - 1.2 * em - line_height(small)
-        width = (canvas.width - 3 * em) / 2
+        whole = canvas.width - left
+        width = (whole - 3 * em) / 2
         try:
             words, render, truth = self._newest()
         except StudioError as error:
-            canvas.text(em, top + em, str(error), small, DIM, width=canvas.width - 2 * em)
+            canvas.text(left + em, top + em, str(error), small, DIM, width=whole - 2 * em)
             return
-        canvas.text(em, top, words, small, DIM, width=canvas.width - 2 * em)
+        canvas.text(left + em, top, words, small, DIM, width=whole - 2 * em)
         y = top + line_height(small)
         for number, (name, picture) in enumerate((("footage", truth), ("trained", render))):
-            x = em + number * (width + em)
+            x = left + em + number * (width + em)
             if picture is None:
                 canvas.rect(x, y, width, height, RAISED)
                 canvas.text(x + em, y + em, "footage cannot be read", small, DIM)
                 continue
-            left, upper, _, _ = canvas.fit_image(x, y, width, height, picture)
-            label(canvas, left + 6, upper + 6, name, size=round(0.88 * self.em))
+            edge, upper, _, _ = canvas.fit_image(x, y, width, height, picture)
+            label(canvas, edge + 6, upper + 6, name, size=round(0.88 * self.em))
 
     def _newest(self) -> tuple[str, np.ndarray, np.ndarray | None]:
         """Caption, latest render from a held-out camera, and the camera's footage."""

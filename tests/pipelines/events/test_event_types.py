@@ -16,6 +16,7 @@ EXAMPLES = [
     events.StageStarted(stage="train", reason="never finished"),
     Progress(stage="train", fraction=0.5, seconds_left=3.0, label="group 1", figures={"loss": 0.1, "splats": 7}),
     Metrics(stage="train", values={"psnr": 31.0}, group=0, frame=3),
+    events.GroupState(stage="train", group=3, state="running", node="node1", frames=20, psnr=27.5),
     events.Preview(stage="train", path="/t/x.png", caption="frame 3", camera="cam05", iteration=500),
     events.Log(stage="train", message="hello"),
     events.Warned(stage="train", message="grün", code="training.slow", fields={"setting": "capture.scale"}),
@@ -44,8 +45,8 @@ def test_numbers_that_json_lacks_become_null_and_numpy_numbers_plain():
 
 
 def test_fields_of_a_later_version_are_passed_over():
-    values = {**json.loads(EXAMPLES[5].to_json()), "color": "red"}
-    assert parse_event(json.dumps(values)) == EXAMPLES[5]
+    values = {**json.loads(EXAMPLES[6].to_json()), "color": "red"}
+    assert parse_event(json.dumps(values)) == EXAMPLES[6]
 
 
 @pytest.mark.parametrize(
@@ -61,7 +62,7 @@ def test_a_path_that_is_not_utf8_survives_in_a_line_that_is():
     assert parse_event(event.to_json().encode("utf-8").decode("utf-8")) == event
 
 
-HELLO = EXAMPLES[5]
+HELLO = EXAMPLES[6]
 LINE = HELLO.to_json()
 
 

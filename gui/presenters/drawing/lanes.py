@@ -1,0 +1,65 @@
+"""Draws the groups of a run on several machines as lanes: where each is, how far, and how well."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection
+from itertools import pairwise
+
+from gui.presenters.drawing.canvas import Canvas, line_height
+from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, RAISED, RGB, TEXT
+from pipelines.events import GroupState
+
+_ORDER = ("failed", "running", "retried", "queued", "done")
+_COLORS: dict[str, RGB] = {"failed": BAD, "running": ACCENT, "retried": FAIR, "queued": DIM, "done": GOOD}
+
+
+def draw_lanes(
+    canvas: Canvas, area: tuple[float, float, float, float], lanes: Collection[GroupState], em: float
+) -> None:
+    """Draw one row per group, those that fit; the last row counts the others.
+
+    Args:
+        canvas: to draw on.
+        area: x, y, width and height in pixels.
+        lanes: the latest state of each group, in any order.
+        em: font size.
+    """
+    x, y, width, height = area
+    small = round(0.85 * em)
+    row = line_height(small) + 0.5 * em
+    counts = Counter(lane.state for lane in lanes)
+    head = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
+    canvas.text(x, y, f"Groups: {head}", small, DIM, width=width)
+    y, height = y + row, height - row
+    ordered = sorted(lanes, key=lambda lane: (_ORDER.index(lane.state) if lane.state in _ORDER else 0, lane.group))
+    fit = max(0, int(height // row))
+    shown = ordered if len(ordered) <= fit else ordered[: max(0, fit - 1)]
+    for lane in shown:
+        _lane(canvas, x, y, width, lane, em, small)
+        y += row
+    if len(shown) < len(ordered) and fit:
+        canvas.text(x, y, f"and {len(ordered) - len(shown)} more", small, DIM, width=width)
+
+
+def _lane(canvas: Canvas, x: float, y: float, width: float, lane: GroupState, em: float, small: int) -> None:
+    color = _COLORS.get(lane.state, DIM)
+    columns = [0.0, 0.16, 0.30, 0.52, 0.72, 0.86, 1.0]
+    at = [x + share * width for share in columns]
+    room = [after - before - 0.5 * em for before, after in pairwise(at)]
+    again = f" ({lane.attempt}.)" if lane.attempt > 1 else ""
+    canvas.text(at[0], y, f"group {lane.group}", small, TEXT, width=room[0])
+    canvas.text(at[1], y, f"{lane.state}{again}", small, color, width=room[1])
+    node = f"{lane.node}, GPU {lane.gpu}" if lane.gpu else lane.node
+    canvas.text(at[2], y, node, small, DIM, width=room[2])
+    bar = 0.5 * em
+    top = y + 0.5 * (line_height(small) - bar)
+    canvas.rect(at[3], top, room[3], bar, RAISED)
+    canvas.rect(at[3], top, room[3] * min(1.0, lane.frames_done / max(1, lane.frames)), bar, color)
+    if lane.state in ("retried", "failed") and lane.message:
+        canvas.text(at[4], y, lane.message, small, color, width=room[4] + room[5])
+        return
+    if lane.psnr is not None:
+        canvas.text(at[4], y, f"{lane.psnr:.1f} dB", small, TEXT, width=room[4])
+    if lane.seconds_per_frame is not None:
+        canvas.text(at[5], y, f"{lane.seconds_per_frame:.1f} s/frame", small, TEXT, width=room[5])

@@ -1,0 +1,143 @@
+"""The connection to a Ray cluster, with what can go wrong as one sentence each."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from studio.errors import StudioError
+
+NAMESPACE = "v3studio"
+CONNECT_SECONDS = 5.0
+"""How long the head node may take to accept a connection."""
+
+_EXTRA = "Install the extra: pip install 'v3studio[cluster]'."
+
+
+def load_ray(address: str = "local") -> Any:
+    """The package, with token authentication on and usage statistics off unless the environment says otherwise.
+
+    Without a network address, it uses the loopback interface only.
+
+    Raises:
+        StudioError: it is not installed (`cluster.no_ray`).
+    """
+    os.environ.setdefault("RAY_AUTH_MODE", "token")  # read when the package is imported
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if address == "local" or re.match(r"(ray://)?(127\.|localhost:|\[?::1)", address):
+        # not only for Windows: otherwise Ray replaces loopback addresses by the machine's address in the network
+        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "1")  # tasks without a GPU see none
+    try:
+        import ray
+    except ImportError:
+        raise StudioError(
+            "cluster.no_ray", "run.executor is ray, but Ray is not installed", fix=_EXTRA, setting="run.executor"
+        ) from None
+    return ray
+
+
+@contextmanager
+def connected(address: str, cpus: int) -> Iterator[Any]:
+    """Connect to a cluster; at the end everything that was started through the connection is stopped.
+
+    Args:
+        address: `run.address`.
+        cpus: for "local", CPUs of the cluster that is started.
+
+    Yields:
+        the package `ray`.
+
+    Raises:
+        StudioError: Ray is not installed (`cluster.no_ray`), nothing answers (`cluster.unreachable`), the token is
+            wrong or missing (`cluster.token`), or the cluster has another version of Python or Ray (`cluster.version`).
+    """
+    ray = load_ray(address)
+    if ray.is_initialized():  # in a process that already uses the cluster
+        yield ray
+        return
+    _check_port(address)
+    options: dict[str, Any] = {"namespace": NAMESPACE, "log_to_driver": False, "configure_logging": False}
+    if address == "local":
+        options |= {"num_cpus": cpus, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
+    try:
+        with _authentication_errors(address):
+            ray.init(address=address, **options)
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise _refused(address, error) from None
+    try:
+        yield ray
+    finally:
+        with contextlib.suppress(Exception):  # the cluster may be gone
+            ray.shutdown()
+
+
+def _check_port(address: str) -> None:
+    """Ray itself waits half a minute for a head node that is not there."""
+    found = re.fullmatch(r"(?:ray://)?\[?([^\]/]+?)\]?:([0-9]{1,5})", address)
+    if address in ("local", "auto"):
+        return
+    if found is None:
+        raise StudioError(
+            "cluster.address",
+            f"'{address}' is not the address of a cluster",
+            value=address,
+            fix="Example: ray://head:10001.",
+            setting="run.address",
+        )
+    try:
+        socket.create_connection((found[1], int(found[2])), timeout=CONNECT_SECONDS).close()
+    except (OSError, OverflowError) as error:
+        raise _unreachable(address, getattr(error, "strerror", None) or str(error)) from None
+
+
+def _unreachable(address: str, reason: str) -> StudioError:
+    return StudioError(
+        "cluster.unreachable",
+        f"no Ray cluster answers at {address} ({reason})",
+        value=address,
+        fix="Check run.address, and that the head node is running.",
+        setting="run.address",
+    )
+
+
+@contextmanager
+def _authentication_errors(address: str) -> Iterator[None]:
+    from ray.exceptions import AuthenticationError
+
+    try:
+        yield
+    except AuthenticationError:
+        raise _wrong_token(address) from None
+
+
+def _wrong_token(address: str) -> StudioError:
+    return StudioError(
+        "cluster.token",
+        f"the cluster at {address} does not accept the token",
+        value=address,
+        fix="Set RAY_AUTH_TOKEN_PATH to the cluster's token file, or copy it to ~/.ray/auth_token.",
+        setting="run.address",
+    )
+
+
+def _refused(address: str, error: Exception) -> StudioError:
+    text = " ".join(str(error).split())
+    if re.search(r"token|unauthenticated|authenticat", text, re.IGNORECASE):
+        return _wrong_token(address)
+    if "ersion" in text and "Ray" in text and "Python" in text:
+        found = re.findall(r"(?:Ray|Python): ([0-9][0-9A-Za-z.]*)", text)
+        told = f" ({', '.join(found)})" if found else ""
+        return StudioError(
+            "cluster.version",
+            f"the cluster at {address} has other versions of Ray or Python than this machine{told}",
+            value=address,
+            fix="Install the same versions on all machines.",
+            setting="run.address",
+        )
+    return _unreachable(address, text[:300])

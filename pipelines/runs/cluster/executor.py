@@ -1,0 +1,363 @@
+"""Runs groups as tasks of a Ray cluster and reports them as a local run does.
+
+A task does what `v3studio work` does. Lost workers and nodes that cannot do a task are the executor's business, not
+Ray's: so it can say what happened, and choose where a group runs next.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pipelines.events import Metrics, Preview, Progress, Warned, parse_event
+from pipelines.runs.cluster.lanes import Lanes
+from pipelines.runs.cluster.nodes import Nodes, Wanted
+from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
+from pipelines.runs.work import cpus_of_group
+from pipelines.stages.base import Context, GroupStage, StageReporter
+from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
+from pipelines.takes.groups import Group
+from studio.errors import Message, StudioError
+
+_WAIT = 0.3
+"""Seconds between two looks at the cluster, and before a cancelled run notices it."""
+
+_AHEAD = 8
+"""Tasks queued in Ray beyond those that fit, so that nodes never wait and a growing cluster sees the demand."""
+
+_VISIBLE_SECONDS = 20.0
+"""How long files that another node wrote may take to appear: network file systems cache folders."""
+
+_PROGRAM_BYTES = 1 << 30
+"""Memory of a worker process without images."""
+
+
+class Mailbox:
+    """Actor on the node of the run that collects the events of all tasks."""
+
+    def __init__(self) -> None:
+        self._letters: list[tuple[str, int, int, tuple[str, ...]]] = []
+
+    def started(self, group: int, attempt: int, node: str, gpu: str) -> None:
+        """A task has begun on a node."""
+        self._letters.append(("started", group, attempt, (node, gpu)))
+
+    def put(self, group: int, attempt: int, line: str) -> None:
+        """An event of a task, as JSON."""
+        self._letters.append(("event", group, attempt, (line,)))
+
+    def take(self) -> list[tuple[str, int, int, tuple[str, ...]]]:
+        """What arrived since the last call."""
+        letters, self._letters = self._letters, []
+        return letters
+
+
+@dataclass
+class _Job:
+    """A group on its way.
+
+    Attributes:
+        group: the group.
+        key: its `GroupStage.group_key`.
+        cpus: that it takes.
+        attempt: 1 at first.
+        lost: how often its worker was lost.
+        node: id of the node that it runs on.
+    """
+
+    group: Group
+    key: str
+    cpus: int
+    attempt: int = 1
+    lost: int = 0
+    node: str = ""
+
+
+@dataclass
+class RayExecutor:
+    """See `pipelines.stages.base.Executor`.
+
+    Attributes:
+        ray: the package, connected.
+        nodes: of the cluster.
+        memory_floor: bytes that each task asks for at least, raised when a node ran out of memory.
+    """
+
+    ray: Any
+    nodes: Nodes = field(init=False)
+    memory_floor: float = 0.0
+    _mailbox: Any = None
+
+    def __post_init__(self) -> None:
+        self.nodes = Nodes(self.ray)
+
+    @property
+    def mailbox(self) -> Any:
+        """The actor `Mailbox`, started on first access; Ray ends it with the connection."""
+        if self._mailbox is None:
+            here = self.nodes.on(self.ray.get_runtime_context().get_node_id())
+            self._mailbox = self.ray.remote(Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
+        return self._mailbox
+
+    def run(
+        self,
+        stage: GroupStage,
+        context: Context,
+        groups: Sequence[Group],
+        reporter: StageReporter,
+        finished: Callable[[Group], None] = lambda group: None,
+    ) -> None:
+        """See `pipelines.stages.base.Executor.run`."""
+        _Run(self, stage, context, reporter, finished).go(groups)
+
+
+class _Run:
+    """One stage on the cluster."""
+
+    def __init__(
+        self,
+        executor: RayExecutor,
+        stage: GroupStage,
+        context: Context,
+        reporter: StageReporter,
+        finished: Callable[[Group], None],
+    ) -> None:
+        self._executor, self._ray, self._nodes = executor, executor.ray, executor.nodes
+        self._stage, self._context, self._reporter, self._finished = stage, context, reporter, finished
+        self._queue: deque[_Job] = deque()
+        self._running: dict[Any, _Job] = {}
+        self._warned: set[str] = set()
+        self._lanes = Lanes(stage.name, context.emit)
+        self._figures: dict[str, Any] = {}
+
+    def go(self, groups: Sequence[Group]) -> None:
+        """Run the groups; see `RayExecutor.run`."""
+        ray = self._ray
+        for group in groups:
+            cpus = cpus_of_group(self._stage.name, self._context, group.index)
+            self._queue.append(_Job(group, self._stage.group_key(self._context, group), cpus))
+            self._lanes.queued(group)
+        self._task = ray.remote(_task)
+        try:
+            while self._queue or self._running:
+                self._context.cancellation.check()
+                self._submit()
+                done, _ = ray.wait(list(self._running), timeout=_WAIT, fetch_local=False)
+                self._read_mail()
+                for reference in done:
+                    self._end(self._running.pop(reference), reference)
+                self._tell()
+            self._read_mail()
+        finally:
+            self._cancel_all()
+
+    def _submit(self) -> None:
+        while self._queue:
+            job = self._queue[0]
+            wanted = self._wanted(job)
+            if len(self._running) >= self._nodes.fitting(wanted) + _AHEAD:
+                return
+            options: dict[str, Any] = {
+                "num_cpus": wanted.cpus,
+                "num_gpus": wanted.gpus,
+                "memory": wanted.memory,
+                "max_retries": 0,
+            }
+            if self._nodes.excluded:
+                options["label_selector"] = {"ray.io/node-id": f"!in({','.join(sorted(self._nodes.excluded))})"}
+            self._queue.popleft()
+            task = GroupTask(
+                take=str(self._context.take.root),
+                footage=str(self._context.config.capture.root),
+                stage=self._stage.name,
+                group=job.group.index,
+                attempt=job.attempt,
+                key=job.key,
+                settings=self._settings(),
+                version=versions()[0],
+                python=versions()[1],
+            )
+            self._running[self._task.options(**options).remote(task, self._executor.mailbox)] = job
+
+    def _settings(self) -> tuple[tuple[str, Any], ...]:
+        """What a node must not choose itself: the bytes of training depend on the number of threads."""
+        context = self._context
+        device = context.config.run.device
+        return (
+            ("run.threads", context.threads),
+            ("run.groups_at_once", groups_at_once(context)),
+            ("run.device", "cuda" if device.startswith("cuda") else device),  # Ray says which one
+            ("run.preview_seconds", context.config.run.preview_seconds),
+        )
+
+    def _wanted(self, job: _Job) -> Wanted:
+        settings = self._context.config.run
+        memory = (settings.memory_per_group or 0.0) * 1e9
+        if not memory:
+            memory = _PROGRAM_BYTES
+            if self._stage.name == "train" and settings.device in ("auto", "cpu"):
+                memory += memory_of_group(self._context)
+        gpus = settings.gpus_per_group
+        if gpus is None:
+            gpus = 1.0 if settings.device != "cpu" and self._nodes.most("GPU") > 0 else 0.0
+        return Wanted(
+            cpus=min(job.cpus, max(1, int(self._nodes.most("CPU")))),
+            gpus=0.0 if self._stage.name == "initialize" else gpus,
+            memory=int(min(max(memory, self._executor.memory_floor), self._nodes.most("memory") or memory)),
+        )
+
+    def _read_mail(self) -> None:
+        for kind, group, attempt, content in self._ray.get(self._executor.mailbox.take.remote()):
+            job = next(
+                (one for one in self._running.values() if (one.group.index, one.attempt) == (group, attempt)), None
+            )
+            if job is None:  # of an attempt that was given up, or of an earlier stage
+                continue
+            if kind == "started":
+                job.node = content[0]
+                self._lanes.running(job.group, self._nodes.name(job.node), content[1], job.attempt)
+            else:
+                self._forward(job, parse_event(content[0]))
+
+    def _forward(self, job: _Job, event: Any) -> None:
+        if isinstance(event, Progress):
+            self._lanes.progress(job.group, event)
+            self._figures = dict(event.figures)
+        elif isinstance(event, Metrics):
+            self._lanes.metrics(job.group, event)
+            self._context.emit(event)
+        elif isinstance(event, Preview):
+            self._context.emit(event)
+        elif isinstance(event, Warned) and event.message not in self._warned:
+            self._warned.add(event.message)  # every group says what a local run says once
+            self._context.emit(event)
+
+    def _tell(self) -> None:
+        self._reporter.progress(self._lanes.fraction, self._lanes.label, **self._figures)
+
+    def _end(self, job: _Job, reference: Any) -> None:
+        from ray.exceptions import OutOfMemoryError, RayError, RayTaskError, TaskUnschedulableError
+
+        try:
+            problem = self._ray.get(reference)
+        except TaskUnschedulableError:
+            raise StudioError(
+                "cluster.no_node",
+                f"no node of the cluster can run group {job.group.index}",
+                fix="Check that all nodes see the take and the footage, and that they are large enough.",
+                group=job.group.index,
+            ) from None
+        except RayTaskError as error:
+            raise StudioError(
+                "cluster.task_failed",
+                f"group {job.group.index} failed on {self._nodes.name(job.node)}: {_last_line(error)}",
+                fix="Check that all nodes have the same version of V3 Studio.",
+                group=job.group.index,
+                node=self._nodes.name(job.node),
+            ) from None
+        except OutOfMemoryError:
+            self._out_of_memory(job)
+        except RayError as error:
+            self._lost(job, type(error).__name__)
+        else:
+            if problem is None:
+                self._arrived(job)
+            else:
+                self._refused(job, problem)
+
+    def _arrived(self, job: _Job) -> None:
+        until = time.monotonic() + _VISIBLE_SECONDS
+        while not self._stage.group_done(self._context, job.group):
+            self._context.cancellation.check()
+            if time.monotonic() > until:
+                raise StudioError(
+                    "cluster.result_missing",
+                    f"group {job.group.index} was finished on {self._nodes.name(job.node)}, but its files are not "
+                    "here, or the take has changed meanwhile",
+                    file=self._context.take.root,
+                    fix="Use a folder that all nodes share, and do not change settings or footage during a run.",
+                    group=job.group.index,
+                )
+            time.sleep(0.2)
+        self._lanes.done(job.group)
+        self._finished(job.group)
+
+    def _refused(self, job: _Job, message: Message) -> None:
+        if message.code == NOT_VISIBLE and job.node:
+            self._nodes.excluded.add(job.node)
+            if self._nodes.usable():
+                self._warn(message)
+                self._again(job, message.problem)
+                return
+        self._lanes.failed(job.group, str(message))
+        raise StudioError(
+            message.code, message.problem, file=message.file, value=message.value, fix=message.fix, **message.fields
+        )
+
+    def _lost(self, job: _Job, reason: str) -> None:
+        job.lost += 1
+        name = self._nodes.name(job.node)
+        told = f"group {job.group.index}: its worker{f' on {name}' if job.node else ''} was lost ({reason})"
+        if job.lost > self._context.config.run.retries:
+            self._lanes.failed(job.group, told)
+            raise StudioError(
+                "cluster.worker_lost",
+                f"{told}, for the {job.lost}. time",
+                fix="See the logs of Ray on that node; run.retries allows more attempts.",
+                group=job.group.index,
+                setting="run.retries",
+            )
+        self._warn(Message("cluster.worker_lost", f"{told}; it is started again", fields={"group": job.group.index}))
+        self._again(job, told)
+
+    def _out_of_memory(self, job: _Job) -> None:
+        beside = sum(one.node == job.node for one in self._running.values()) + 1
+        share = self._nodes.memory(job.node) / max(1, beside // 2)
+        self._executor.memory_floor = max(2 * self._wanted(job).memory, share)
+        if beside == 1:
+            self._lost(job, "out of memory")
+            return
+        name = self._nodes.name(job.node)
+        self._warn(
+            Message(
+                "cluster.out_of_memory",
+                f"{name} ran out of memory with {beside} groups; fewer run at once on a node from now on",
+                fix="Set run.memory_per_group to what a group takes.",
+                fields={"group": job.group.index, "setting": "run.memory_per_group"},
+            )
+        )
+        self._again(job, f"{name} ran out of memory")
+
+    def _again(self, job: _Job, reason: str) -> None:
+        job.attempt += 1
+        job.node = ""
+        self._queue.appendleft(job)
+        self._lanes.retried(job.group, job.attempt, reason)
+
+    def _warn(self, message: Message) -> None:
+        if str(message) not in self._warned:
+            self._warned.add(str(message))
+            self._reporter.warn(message)
+
+    def _cancel_all(self) -> None:
+        from ray.exceptions import RayError
+
+        for reference in self._running:
+            try:
+                self._ray.cancel(reference, force=True)
+            except (RayError, ConnectionError, RuntimeError):
+                continue
+
+
+def _task(task: GroupTask, mailbox: Any) -> Message | None:
+    import ray
+
+    return run_task(task, mailbox, ray.get_runtime_context().get_node_id())
+
+
+def _last_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return (lines or [type(error).__name__])[-1][:300]

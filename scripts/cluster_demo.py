@@ -1,0 +1,82 @@
+"""Runs the sample capture on a Ray cluster of two nodes on this machine, kills one of them in the middle of training,
+and compares the result with that of a local run.
+
+    python scripts/cluster_demo.py TAKE --compare DEMO_TAKE [settings]
+
+TAKE is the take to make. DEMO_TAKE is one that `make demo` made with the same settings. The exit code is 1 if a trained
+frame, a file of the stream or evaluation.json differs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from pipelines.events import GroupState, Metrics, Warned, read_line  # noqa: E402
+from tests.support.two_nodes import SETTINGS, two_nodes  # noqa: E402
+
+
+def run(take: Path, settings: list[str]) -> None:
+    """Run the take and kill the second node when it has trained a frame."""
+    nodes: dict[int, str] = {}
+    killed = False
+    with two_nodes(max(1, (os.cpu_count() or 2) // 2)) as cluster:
+        print(f"A cluster of two nodes is running at {cluster.address}.")
+        command = [sys.executable, "-m", "pipelines.cli", "run", "sample_configs/quickstart.yaml", "--take", str(take)]
+        command += ["--json", "--run.executor", "ray", "--run.address", cluster.address, *settings]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, **SETTINGS})
+        assert process.stdout is not None
+        for line in process.stdout:
+            event, _ = read_line(line)
+            if isinstance(event, GroupState):
+                nodes[event.group] = event.node
+                print(f"{event.stage}: group {event.group} {event.state} {event.node}", flush=True)
+            elif isinstance(event, Warned):
+                print(f"warning: {event.message}", flush=True)
+            elif isinstance(event, Metrics) and event.stage == "train" and not killed and len(set(nodes.values())) > 1:
+                print("Killing the second node.", flush=True)
+                cluster.kill_second()
+                killed = True
+        if process.wait():
+            raise SystemExit("The run failed.")
+    if not killed:
+        raise SystemExit("The run ended before the second node could be killed.")
+
+
+def differences(take: Path, other: Path) -> list[str]:
+    """Names of the files whose bytes differ."""
+    found = [
+        {
+            path.relative_to(root): path.read_bytes()
+            for pattern in ("train/*/frame_*.safetensors", "stream/**/*", "evaluation.json")
+            for path in root.glob(pattern)
+            if path.is_file()
+        }
+        for root in (take, other)
+    ]
+    print(f"Comparing {len(found[0])} files with {other}.")
+    return sorted(str(name) for name in found[0].keys() | found[1].keys() if found[0].get(name) != found[1].get(name))
+
+
+def main() -> int:
+    """Run and compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("take", type=Path)
+    parser.add_argument("--compare", type=Path, required=True, help="take of a local run")
+    arguments, settings = parser.parse_known_args()
+    shutil.rmtree(arguments.take, ignore_errors=True)
+    run(arguments.take.absolute(), settings)
+    wrong = differences(arguments.take, arguments.compare)
+    print("\n".join(f"differs: {name}" for name in wrong) or "All bytes are equal.")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,288 @@
+"""What the executor does when workers are lost, nodes are unfit or a run is cancelled, on a Ray that does as told."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pipelines.config import Config
+from pipelines.events import GroupState, Progress, Warned
+from pipelines.events.cancellation import Cancellation
+from pipelines.runs.cluster import executor as module
+from pipelines.runs.cluster.executor import RayExecutor
+from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
+from pipelines.stages.base import StageReporter
+from pipelines.takes.groups import cut_into_groups
+from studio.errors import Cancelled, Message, StudioError
+from tests.support.errors import refuses
+
+exceptions = pytest.importorskip("ray.exceptions", reason="Ray is not installed (extra cluster)")
+GB = 1 << 30
+Outcome = Message | Exception | None
+
+
+class Reference:
+    def __init__(self, task: GroupTask, node: str) -> None:
+        self.task, self.node = task, node
+
+
+class FakeRay:
+    """One task at a time: `behave` says what becomes of it."""
+
+    def __init__(self, behave: Callable[[GroupTask, str], Outcome], nodes: int = 2, cpus: int = 1) -> None:
+        self.behave = behave
+        self.ids = [f"{number + 1}" * 56 for number in range(nodes)]  # as long as those of Ray
+        self._cpus = cpus
+        self.asked: list[dict[str, Any]] = []
+        self.cancelled: list[Any] = []
+
+    def nodes(self) -> list[dict[str, Any]]:
+        resources = {"CPU": self._cpus, "memory": 8.0 * GB}
+        return [
+            {"NodeID": key, "Alive": True, "NodeManagerHostname": f"node{key[0]}", "Resources": resources}
+            for key in self.ids
+        ]
+
+    def get_runtime_context(self) -> Any:
+        return SimpleNamespace(get_node_id=lambda: self.ids[0])
+
+    def remote(self, what: Any) -> Any:
+        if isinstance(what, type):
+            actor = what()
+
+            class Method:
+                def __init__(self, name: str) -> None:
+                    self.remote = lambda *arguments: (getattr(actor, name)(*arguments),)
+
+            handle = type("Handle", (), {"__getattr__": lambda _, name: Method(name)})()
+            return SimpleNamespace(options=lambda **_: SimpleNamespace(remote=lambda: handle))
+
+        def options(**given: Any) -> Any:
+            def submit(task: GroupTask, mailbox: Any) -> Any:
+                self.asked.append(given)
+                excluded = given.get("label_selector", {}).get("ray.io/node-id", "")
+                node = next(key for key in self.ids if key not in excluded)
+                mailbox.started.remote(task.group, task.attempt, node, "")
+                return Reference(task, node)
+
+            return SimpleNamespace(remote=submit)
+
+        return SimpleNamespace(options=options)
+
+    def wait(self, references: list[Any], timeout: float, fetch_local: bool) -> tuple[list[Any], list[Any]]:
+        return references[:1], references[1:]
+
+    def get(self, reference: Any) -> Any:
+        if isinstance(reference, tuple):
+            return reference[0]
+        outcome = self.behave(reference.task, reference.node)
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    def cancel(self, reference: Any, force: bool) -> None:
+        assert force
+        self.cancelled.append(reference.task.group)
+
+
+class Bake:
+    """A stage whose groups are done as soon as their task has returned."""
+
+    name = "bake"
+
+    def __init__(self) -> None:
+        self.there = True
+
+    def group_key(self, context: Any, group: Any) -> str:
+        return f"key {group.index}"
+
+    def group_done(self, context: Any, group: Any) -> bool:
+        return self.there
+
+
+class Run:
+    """A run of three groups; see `go`."""
+
+    def __init__(
+        self, behave: Callable[[GroupTask, str], Outcome], nodes: int = 2, cpus: int = 1, retries: int = 1
+    ) -> None:
+        self.ray, self.retries = FakeRay(behave, nodes, cpus), retries
+        self.events: list[Any] = []
+        self.stage, self.cancellation = Bake(), Cancellation()
+        self.finished: list[int] = []
+
+    def go(self) -> None:
+        groups = cut_into_groups(range(6), 2)
+        context: Any = SimpleNamespace(
+            take=SimpleNamespace(root=Path("/take")),
+            config=Config.model_validate(
+                {"capture": {"root": "/footage"}, "run": {"groups_at_once": 1, "retries": self.retries}}
+            ),
+            threads=1,
+            groups=groups,
+            cancellation=self.cancellation,
+            emit=self.events.append,
+            clock=itertools.count().__next__,
+        )
+        executor = RayExecutor(self.ray)
+        executor.run(
+            self.stage, context, groups, StageReporter("bake", context), lambda group: self.finished.append(group.index)
+        )
+
+    def warnings(self) -> list[str]:
+        return [event.code for event in self.events if isinstance(event, Warned)]
+
+    def states(self, group: int) -> list[str]:
+        return [event.state for event in self.events if isinstance(event, GroupState) and event.group == group]
+
+
+def test_groups_are_queued_run_and_done():
+    run = Run(lambda task, node: None)
+    run.go()
+    assert run.finished == [0, 1, 2]
+    assert [run.states(group) for group in range(3)] == [["queued", "running", "done"]] * 3
+    assert [event.fraction for event in run.events if isinstance(event, Progress)][-1] == 1.0
+    assert {given["num_cpus"] for given in run.ray.asked} == {1}
+    assert run.warnings() == []
+
+
+def test_a_lost_worker_is_replaced():
+    lost = []
+
+    def behave(task: GroupTask, node: str) -> Outcome:
+        if task.group == 1 and task.attempt == 1:
+            lost.append(node)
+            return exceptions.WorkerCrashedError()
+        return None
+
+    run = Run(behave)
+    run.go()
+    assert lost
+    assert sorted(run.finished) == [0, 1, 2]
+    assert run.states(1) == ["queued", "running", "retried", "running", "done"]
+    assert run.warnings() == ["cluster.worker_lost"]
+
+
+def test_a_group_that_loses_every_worker_ends_the_run():
+    run = Run(lambda task, node: exceptions.WorkerCrashedError() if task.group == 0 else None)
+    with refuses("cluster.worker_lost", group=0):
+        run.go()
+    assert run.states(0) == ["queued", "running", "retried", "running", "failed"]
+    run = Run(run.ray.behave, retries=0)
+    with refuses("cluster.worker_lost", group=0):
+        run.go()
+    assert run.ray.cancelled == [1, 2], "the others do not go on"
+
+
+def test_a_node_that_does_not_see_the_footage_gets_nothing_more():
+    def behave(task: GroupTask, node: str) -> Outcome:
+        return Message(NOT_VISIBLE, "node1 cannot see the footage", "/footage") if node[0] == "1" else None
+
+    run = Run(behave)
+    run.go()
+    assert sorted(run.finished) == [0, 1, 2]
+    assert run.warnings() == [NOT_VISIBLE]
+    assert run.ray.asked[-1]["label_selector"] == {"ray.io/node-id": f"!in({run.ray.ids[0]})"}
+    with refuses(NOT_VISIBLE, file="/footage"):
+        Run(behave, nodes=1).go()
+
+
+def test_out_of_memory_means_fewer_groups_on_a_node():
+    def behave(task: GroupTask, node: str) -> Outcome:
+        return exceptions.OutOfMemoryError("full") if (task.group, task.attempt) == (0, 1) else None
+
+    run = Run(behave, nodes=1, cpus=4)
+    run.go()
+    assert sorted(run.finished) == [0, 1, 2]
+    assert run.warnings() == ["cluster.out_of_memory"]
+    assert [given["memory"] for given in run.ray.asked] == [GB, GB, GB, 8 * GB]
+
+
+def test_what_a_task_refuses_ends_the_run():
+    problem = Message("cluster.version", "node1 has V3 Studio 0.1", fields={"node": "node1"})
+    run = Run(lambda task, node: problem if task.group == 0 else None)
+    with refuses("cluster.version", node="node1"):
+        run.go()
+
+
+def test_files_that_do_not_arrive_are_told(monkeypatch):
+    monkeypatch.setattr(module, "_VISIBLE_SECONDS", 0.0)
+    run = Run(lambda task, node: None)
+    run.stage.there = False
+    with refuses("cluster.result_missing", group=0):
+        run.go()
+
+
+def test_cancelling_cancels_every_task():
+    def behave(task: GroupTask, node: str) -> Outcome:
+        run.cancellation.cancel()
+        return None
+
+    run = Run(behave)
+    with pytest.raises(Cancelled):
+        run.go()
+    assert run.ray.cancelled == [1, 2]
+
+
+def sent(**changes: Any) -> GroupTask:
+    here = versions()
+    values: dict[str, Any] = {
+        "take": "/no/take", "footage": "/no/footage", "stage": "train", "group": 0, "attempt": 1, "key": "",
+        "settings": (), "version": here[0], "python": here[1],
+    }  # fmt: skip
+    return GroupTask(**values | changes)
+
+
+def test_a_node_says_what_it_lacks(tmp_path):
+    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
+    other = run_task(sent(version="0.0.1"), mailbox, "")
+    assert other is not None
+    assert other.code == "cluster.version"
+    assert "but the run was started with 0.0.1" in other.problem
+    blind = run_task(sent(), mailbox, "")
+    assert blind is not None
+    assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/take/take.json")
+    (tmp_path / "take.json").touch()
+    blind = run_task(sent(take=str(tmp_path)), mailbox, "")
+    assert blind is not None
+    assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/footage")
+
+
+@pytest.fixture
+def _environment(monkeypatch):
+    for name in ("RAY_AUTH_MODE", "RAY_USAGE_STATS_ENABLED", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"):
+        monkeypatch.setenv(name, "0")
+
+
+@pytest.mark.usefixtures("_environment")
+def test_a_cluster_that_cannot_be_reached_is_one_sentence(project, here, monkeypatch):
+    arguments = ("run", project / "ball.yaml", "--take", project / "take", "--run.executor", "ray")
+    done = here(*arguments, "--run.address", "127.0.0.1:9")
+    assert done.returncode == 1
+    assert "error: no Ray cluster answers at 127.0.0.1:9 (Connection refused). Check run.address" in done.stderr
+    done = here(*arguments, "--run.address", "somewhere")
+    assert "'somewhere' is not the address of a cluster. Example: ray://head:10001." in done.stderr
+    monkeypatch.setitem(__import__("sys").modules, "ray", None)
+    done = here(*arguments)
+    assert done.returncode == 1
+    assert "Ray is not installed. Install the extra: pip install 'v3studio[cluster]'." in done.stderr
+
+
+def test_errors_of_ray_have_codes():
+    from pipelines.runs.cluster.connection import _refused
+
+    version = RuntimeError(
+        "Version mismatch: The cluster was started with: Ray: 2.60.0 Python: 3.11.7 This process was started with: "
+        "Ray: 2.60.0 Python: 3.12.1"
+    )
+    found: list[StudioError] = [
+        _refused("ray://head:10001", error)
+        for error in (version, RuntimeError("InvalidAuthToken: Unauthenticated"), ConnectionError("timed out"))
+    ]
+    assert [error.message.code for error in found] == ["cluster.version", "cluster.token", "cluster.unreachable"]
+    assert "(2.60.0, 3.11.7, 2.60.0, 3.12.1)" in str(found[0])

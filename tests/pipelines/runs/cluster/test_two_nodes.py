@@ -1,0 +1,63 @@
+"""A run on a Ray cluster of two nodes, one of which is killed: the take of a local run."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from pipelines.events import GroupState, StageFinished, Warned, read_line
+from tests.support.tiny_capture import environment
+from tests.support.two_nodes import SETTINGS, two_nodes
+
+pytest.importorskip("ray", reason="Ray is not installed (extra cluster)")
+
+
+def results(take) -> dict[str, bytes]:
+    files = [
+        path
+        for folder in ("initialize", "train", "stream")
+        for path in (take / folder).rglob("*")
+        if path.is_file() and path.name != "group.json"  # which tells how long it took
+    ]
+    return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}
+
+
+@pytest.mark.timeout(1200)
+def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(finished, project):
+    take = project / "take"
+    with two_nodes() as cluster:
+        command = [sys.executable, "-m", "pipelines.cli", "run", project / "ball.yaml", "--take", take, "--json"]
+        command += ["--run.executor", "ray", "--run.address", cluster.address]
+        with (project / "errors").open("w") as errors:
+            process = subprocess.Popen(
+                list(map(str, command)),
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                env={**os.environ, **environment(), **SETTINGS},
+            )
+        events = []
+        assert process.stdout is not None
+        for line in process.stdout:
+            event, _ = read_line(line)
+            events.append(event)
+            running = [
+                e.node for e in events if isinstance(e, GroupState) and (e.stage, e.state) == ("train", "running")
+            ]
+            if len(running) == 2 and not any(isinstance(e, Warned) for e in events):
+                cluster.kill_second()
+                break
+        events += [event for event, _ in map(read_line, process.stdout) if event is not None]
+        assert process.wait() == 0, (project / "errors").read_text()
+    assert len(set(running)) == 2, "the two groups were trained on both nodes"
+    lost = [event for event in events if isinstance(event, Warned)]
+    assert [event.code for event in lost] == ["cluster.worker_lost"]
+    retried = [e for e in events if isinstance(e, GroupState) and e.state == "retried"]
+    assert [event.group for event in retried] == [lost[0].fields["group"]]
+    assert [e.stage for e in events if isinstance(e, StageFinished)] == [
+        "calibrate", "initialize", "train", "bake", "evaluate"
+    ]  # fmt: skip
+    assert results(take) == results(finished / "take")

@@ -1,0 +1,93 @@
+"""A Ray cluster of two nodes on this machine, on the loopback interface, with token authentication."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+SETTINGS: Mapping[str, str] = {
+    "RAY_AUTH_MODE": "token",
+    "RAY_AUTH_TOKEN": "0123456789abcdef" * 2,
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # loopback only
+    "RAY_prestart_worker_first_driver": "0",
+    "RAY_enable_worker_prestart": "0",
+    "RAY_worker_niceness": "0",  # as a local run; by default, tasks have to wait for everything else
+}
+"""Environment of the cluster and of its drivers."""
+
+_PROGRAM = """
+import sys
+from ray.cluster_utils import Cluster
+cpus = int(sys.argv[1])
+cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": cpus, "include_dashboard": False})
+second = cluster.add_node(num_cpus=cpus)
+print("ready", cluster.address, flush=True)
+for line in sys.stdin:
+    if line.strip() == "kill":
+        cluster.remove_node(second, allow_graceful=False)
+        print("killed", flush=True)
+    else:
+        break
+cluster.shutdown()
+"""
+
+
+class TwoNodes:
+    """The cluster; in a process of its own, since Ray reads its environment once.
+
+    Attributes:
+        address: of the head node.
+    """
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+        self.address = self._answer("ready")
+
+    def kill_second(self) -> None:
+        """Kill all processes of the second node, as when its power fails."""
+        self._say("kill")
+        self._answer("killed")
+
+    def close(self) -> None:
+        """Stop the cluster."""
+        if self._process.poll() is None:
+            self._say("end")
+        self._process.communicate()
+
+    def _say(self, word: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{word}\n")
+        self._process.stdin.flush()
+
+    def _answer(self, word: str) -> str:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.startswith(word):
+                return line.removeprefix(word).strip()
+        raise AssertionError("the cluster ended")
+
+
+@contextmanager
+def two_nodes(cpus: int = 1) -> Iterator[TwoNodes]:
+    """Start a cluster with `cpus` CPUs on each of its two nodes."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", _PROGRAM, str(cpus)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, **SETTINGS},
+    )
+    try:
+        nodes: Any = TwoNodes(process)
+        yield nodes
+        nodes.close()
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.communicate()
