@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipelines.share.page import player_page, preview_tags
+from pipelines.share.page import first_files, player_page, preview_tags
 from pipelines.share.player_files import PlayerFiles, hashed_name
 from pipelines.share.poster import draw_poster
 from pipelines.share.results import PageText
@@ -26,5 +26,7 @@ def page_files(stream: StreamToShare, words: PageText, player: PlayerFiles, mani
     poster = draw_poster(stream)
     name = hashed_name("poster.jpg", poster.data)
     script = f'<script type="module" src="{player.script_name}"></script>'
-    page = player_page(player.page, script, manifest, words, name, preview_tags(words, name, poster.size))
+    first = first_files(stream.manifest_bytes)
+    tags = preview_tags(words, name, poster.size)
+    page = player_page(player.page, script, manifest, words, name, tags, first=first)
     return {name: poster.data, **player.hashed, PAGE_NAME: page.encode()}

@@ -9,6 +9,7 @@ from html import escape
 
 from pipelines.share.results import PageText
 from pipelines.version import program_version
+from studio.bounded_text import parse_json
 from studio.errors import StudioError
 
 GENERATOR = "V3 Studio share 1"
@@ -18,6 +19,7 @@ _INTRO = "v3-intro"
 _SCRIPT = '<script type="module" src="v3-player.js"></script>'
 _TITLE = "<title>V3 Player</title>"
 _HEAD = "<!-- v3:head -->"
+_HASHED = re.compile(r"files/[0-9a-f]{32}\.[a-z0-9]{1,8}")
 _PLAYER = re.compile(r"<!-- v3:player -->.*?<!-- /v3:player -->", re.DOTALL)
 
 
@@ -29,6 +31,7 @@ def player_page(
     poster: str | None = None,
     head: Sequence[str] = (),
     link: str | None = None,
+    first: Sequence[str] = (),
 ) -> str:
     """The built page, filled in.
 
@@ -40,6 +43,7 @@ def player_page(
         poster: address of the picture to show until the first frame is drawn.
         head: further elements of the page's head, HTML.
         link: address relative to the page that links to it begin with; None for its own.
+        first: files of the stream with which playback begins (`first_files`).
 
     Raises:
         StudioError: `share.unknown_player`, the page is from another version of the player.
@@ -56,7 +60,7 @@ def player_page(
         script = f'<script type="application/json" id="{_INTRO}">{_in_json(text.intro)}</script>\n{script}'
     attributes = [f'{name}="{escape(value)}"' for name, value in values.items() if value]
     if not stream.startswith("#"):
-        head = [_early_manifest(stream), *head]
+        head = [_early_files(stream, first), *head]
     element = f"<v3-player {' '.join(attributes)} page autoplay loop></v3-player>"
     page = built.replace(_TITLE, f"<title>{escape(text.title or 'V3 Player')}</title>")
     page = page.replace(_HEAD, "\n".join([f'<meta name="generator" content="{GENERATOR} {program_version()}">', *head]))
@@ -95,14 +99,45 @@ def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> l
     return tags
 
 
-def _early_manifest(stream: str) -> str:
-    """Element that fetches the manifest while the player's script is loading; the player takes the response, and the
-    worker fetches the manifest itself where there is none. A preload link would not revalidate what is in the cache."""
+def first_files(manifest: bytes) -> list[str]:
+    """Paths of the files with which a player begins: the first group in the rendition of the lowest bandwidth.
+
+    None for streams before version 3, whose files must be revalidated, and for what is not a manifest: the player
+    reports what is damaged.
+    """
+    try:
+        values = parse_json(manifest)
+        renditions = values["groups"][0]["renditions"]
+        rates = {one["id"]: one["bandwidth"] for one in values["renditions"]}
+        lowest = min(renditions, key=lambda one: rates[one["id"]])
+        paths = [lowest[name]["path"] for name in ("side", "video")]
+    except (ValueError, KeyError, IndexError, TypeError, RecursionError):
+        return []
+    return paths if all(isinstance(path, str) and _HASHED.fullmatch(path) for path in paths) else []
+
+
+def _early_files(stream: str, first: Sequence[str]) -> str:
+    """Element that fetches the manifest and the files with which playback begins, and asks for the graphics adapter,
+    while the player's script is loading; the player takes what arrives, and asks for the rest itself. Preload links
+    would not revalidate the manifest, and are not for workers. Links to another time or stream begin with other files.
+    """
+    folder = stream[: stream.rfind("/") + 1]
     address = _in_json(json.dumps(stream))
-    return (
-        f"<script>window.v3Manifest = {{ address: {address}, "
-        f'response: fetch({address}, {{ cache: "no-cache" }}).catch(() => null) }};</script>'
-    )
+    addresses = _in_json(json.dumps({path: folder + path for path in first}))
+    return f"""<script>
+{{
+  const get = (address, cache) => fetch(address, {{ cache }}).catch(() => null);
+  const query = new URLSearchParams(location.search);
+  const files = Object.entries(query.has("t") || query.has("src") ? {{}} : {addresses});
+  window.v3Early = {{
+    address: {address},
+    response: get({address}, "no-cache"),
+    files: Object.fromEntries(files.map(([path, address]) => [path, get(address, "default")])),
+  }};
+  if (navigator.gpu && query.get("renderer") !== "webgl2")
+    window.v3Adapter = navigator.gpu.requestAdapter({{ powerPreference: "high-performance" }}).catch(() => null);
+}}
+</script>"""
 
 
 def _in_json(text: str) -> str:

@@ -250,17 +250,20 @@ def usable_range(header: bytes) -> bool:
 
 def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, text: PageText, link: str | None) -> str:
     """The player's page for a stream beside it, with what a review adds to it."""
-    from pipelines.share.page import player_page
+    from pipelines.share.page import first_files, player_page
     from pipelines.share.stream_files import name_of
 
     title = text.title or name_of(stream)
+    first: list[str] = []
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         # the player reports what is damaged
-        own = parse_json((stream / MANIFEST_NAME).read_bytes())["metadata"]["title"]
+        manifest = (stream / MANIFEST_NAME).read_bytes()
+        first = first_files(manifest)
+        own = parse_json(manifest)["metadata"]["title"]
         title = own if text.title is None and isinstance(own, str) and own.strip() else title
     names = [player.script_name, *([player.review_name] if review else [])]
     script = "\n".join(f'<script type="module" src="{player_path}{name}"></script>' for name in names)
-    return player_page(player.page, script, MANIFEST_NAME, replace(text, title=title), link=link)
+    return player_page(player.page, script, MANIFEST_NAME, replace(text, title=title), link=link, first=first)
 
 
 def _list_page(streams: dict[str, Path]) -> str:

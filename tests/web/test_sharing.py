@@ -18,6 +18,7 @@ from driver import Page, psnr
 from pipelines.share import PageText, share_folder, share_single_file
 from pipelines.share.certificates import make_certificate
 from pipelines.share.listening import listen
+from pipelines.share.page import first_files
 from pipelines.share.player_files import read_player
 from pipelines.share.served_streams import find_streams
 from pipelines.share.web_app import build_app
@@ -106,11 +107,15 @@ def head(page: Page) -> tuple[str, str]:
     return found.locator(".title").inner_text(), found.locator(".credits").inner_text()
 
 
-def fetched_once(requests: list[str], manifest: str) -> None:
-    """The page fetches the manifest before its worker starts, and nobody fetches it again."""
-    assert requests.count(manifest) == 1, requests
+def fetched_once(requests: list[str], manifest: str, stream: Path) -> None:
+    """The page fetches the manifest and the first group before its worker starts, and nobody fetches them again."""
+    first = first_files((stream / "manifest.json").read_bytes())
+    assert len(first) == 2
     worker = next(number for number, request in enumerate(requests) if request.startswith("blob:"))
-    assert requests.index(manifest) < worker
+    for file in ("manifest.json", *first):
+        address = manifest.replace("manifest.json", file)
+        assert requests.count(address) == 1, requests
+        assert requests.index(address) < worker
     # requests of the worker are listed, too
     assert any(request.endswith(".mp4") for request in requests[worker:]), requests
 
@@ -121,7 +126,7 @@ def test_the_served_page_plays(baked, open_address):
         page = open_address(address, requests)
         plays_right(page, baked())
         assert head(page) == ("Test figure", "")
-        fetched_once(requests, f"{address}/manifest.json")
+        fetched_once(requests, f"{address}/manifest.json", baked())
         assert page.handle.title() == "Test figure"
 
 
@@ -154,7 +159,7 @@ def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_addr
         assert again.state["frame"] == 6
         assert not again.state["playing"]
     assert all(request.startswith((f"{address}/some/where", "blob:", "data:")) for request in requests), requests
-    fetched_once(requests, f"{address}/some/where%20%C3%A9/stream/manifest.json")
+    fetched_once(requests, f"{address}/some/where%20%C3%A9/stream/manifest.json", baked())
 
 
 def test_a_single_file_plays_from_the_disk(baked, open_address, tmp_path):

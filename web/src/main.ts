@@ -1,6 +1,7 @@
 /** Defines `<v3-player>`; on the player's own page, also applies URL parameters and handles messages of an embedding page. */
 
 import { runBenchmark } from "./ui/benchmark_page.ts";
+import { startWorker } from "./player/player.ts";
 import { V3PlayerElement } from "./ui/element.ts";
 import { listen } from "./ui/embedding.ts";
 import { parseTime, parseView } from "./ui/link.ts";
@@ -11,6 +12,7 @@ export { Player } from "./player/player.ts";
 if (customElements.get("v3-player") === undefined) {
   // URL parameters apply before the element starts.
   const page = document.querySelector<V3PlayerElement>("v3-player[page]");
+  if (page !== null) startWorker();
   const query = new URLSearchParams(location.search);
   for (const name of ["src", "background", "decoder", "renderer"] as const) {
     const value = query.get(name);

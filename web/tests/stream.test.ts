@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
+import zlib from "node:zlib";
 import { RateRule } from "../src/player/rate_rule.ts";
 import { crc32 } from "../src/stream/crc32.ts";
 import {
@@ -21,6 +22,7 @@ import { MotionTables } from "../src/stream/motion.ts";
 import { planePositions, planesLayout } from "../src/stream/planes.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
 import { DepthSorter } from "../src/stream/sort.ts";
+import { warmUp } from "../src/stream/warm_up.ts";
 import { linkTo, parseTime, parseView } from "../src/ui/link.ts";
 import { inDisplayOrder, packetsNeeded } from "../src/worker/order.ts";
 
@@ -129,6 +131,39 @@ void test("a damaged side file is refused, whatever byte is wrong", async () => 
   await assert.rejects(inflate(bytes("motion.bin"), motion.side.rawBytes - 1), /more than/);
   await assert.rejects(inflate(bytes("motion.bin"), motion.side.rawBytes + 1), /not/);
   await assert.rejects(inflate(bytes("motion.bin").slice(9), motion.side.rawBytes), /./);
+});
+
+void test("a side file that decompresses to far more than it says is not decompressed", async () => {
+  const bomb = new Uint8Array(zlib.deflateRawSync(new Uint8Array(8 << 20)));
+  await assert.rejects(inflate(bomb, 1000), /more than 1000/);
+});
+
+void test("warming up reads what it has made up, for as long as it is wanted", async () => {
+  let rounds = 0;
+  await warmUp(() => ++rounds <= 3);
+  assert.equal(rounds, 4);
+});
+
+void test("tables are right whichever groups came before", async () => {
+  const [motion, read] = await side();
+  const { tile, columns } = motion;
+  const bigger = { ...motion, tile: tile + 5 };
+  const wider = { ...motion, columns: columns + 1 };
+  const luma = bytes("motion.luma").subarray(0, tile * columns * tile * motion.rows);
+  const positions = (tables: MotionTables): Float32Array => {
+    const out = new Float32Array(3 * motion.splats);
+    tables.positions(0, luma, tables.blocks(0), out);
+    return out;
+  };
+  const before = positions(new MotionTables(motion, read));
+  for (const other of [bigger, wider]) {
+    const tables = new MotionTables(other, read);
+    assert.deepEqual(tables.pixels, tilePixels(other.tile, motion.splats));
+    const rest = read.cells.subarray(0, 3 * 100);
+    const fewer = { ...read, cells: rest, labels: read.labels.subarray(0, 100), classes: read.classes.subarray(0, 100) };
+    assert.deepEqual(new MotionTables({ ...other, splats: 100 }, fewer).pixels, tilePixels(other.tile, 100));
+  }
+  assert.deepEqual(positions(new MotionTables(motion, read)), before);
 });
 
 void test("all that is drawn is finite, whatever numbers the manifest has", async () => {
@@ -278,6 +313,10 @@ void test("manifests of version 3 out of bounds are refused", () => {
 
 void test("CRC-32 is that of zlib, and of the luma that Python decodes", () => {
   assert.equal(crc32(new TextEncoder().encode("123456789")), 0xcbf43926);
+  for (let length = 0; length < 70; length++) {
+    const data = Uint8Array.from({ length }, (_, i) => (i * i * 37 + length) & 255);
+    assert.equal(crc32(data), zlib.crc32(data));
+  }
   const [, manifest] = ladder();
   const [group] = manifest.groups[0];
   assert.ok(group.profile === "motion");

@@ -19,6 +19,7 @@ import torch
 
 from pipelines.share import PageText, share_folder, share_single_file, share_size, single_file
 from pipelines.share.intro import read_intro
+from pipelines.share.page import first_files
 from studio.cameras import Camera
 from studio.errors import Cancelled
 from studio.export.camera_path import Key, write_path_keys
@@ -332,6 +333,20 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     assert here("share", stream, "--out", stream).returncode == 1
 
 
+def test_files_with_which_playback_begins_are_those_of_version_3_only(tmp_path):
+    # Others must be revalidated; what the manifest of version 3 names could end the script element, or be elsewhere.
+    assert first_files(b"{") == first_files(b"[]") == first_files(b'{"groups": [{"renditions": []}]}') == []
+    two = bake_numbered(tmp_path / "two", (2,), 12.0, settings=BakeSettings(stream_version=2, preset="ultrafast"))
+    assert first_files((two / "manifest.json").read_bytes()) == []
+    three = bake_numbered(tmp_path / "three", (2,), 12.0, settings=BakeSettings(stream_version=3, preset="ultrafast"))
+    manifest = (three / "manifest.json").read_text()
+    side, video = first_files(manifest.encode())
+    assert (three / side).is_file()
+    assert (three / video).is_file()
+    for wrong in ("https://example.org/a.mp4", "</script>.mp4", "../other.mp4"):
+        assert first_files(manifest.replace(video, wrong).encode()) == []
+
+
 def test_a_stream_of_version_3_is_shared_with_all_its_renditions(tmp_path: Path) -> None:
     settings = BakeSettings(stream_version=3, preset="ultrafast", ladder=(Rung(qp=10), Rung(qp=40)))
     source = bake_numbered(tmp_path / "ladder", (2, 3), 12.0, settings=settings)
@@ -340,6 +355,12 @@ def test_a_stream_of_version_3_is_shared_with_all_its_renditions(tmp_path: Path)
     single = share_single_file(str(source), tmp_path / "one.html")
     embedded = {script["data-v3-file"] for script in Page(single.path).named("script") if "data-v3-file" in script}
     assert embedded == set(content(source))
+    early, _ = Page(tmp_path / "site" / "index.html").texts[1:]
+    manifest = json.loads((source / "manifest.json").read_bytes())
+    best, coarse = manifest["groups"][0]["renditions"]
+    for name in ("side", "video"):
+        assert f'"{coarse[name]["path"]}": "stream/{coarse[name]["path"]}"' in early[1]
+        assert best[name]["path"] not in early[1] or best[name] == coarse[name]
     size = share_size(str(source))
     assert size.stream_bytes == single.stream_bytes == sum(map(len, content(source).values()))
     assert size.frames == 5

@@ -7,6 +7,8 @@ export interface Renderer {
   readonly name: "WebGL2" | "WebGPU";
   /** Whether the GPU sorts the splats for each drawing; if not, pictures come with an order. */
   readonly sorts: boolean;
+  /** Whether the CPU draws, since there is no GPU. */
+  readonly software: boolean;
   /** Maximum texture size in pixels. */
   readonly maxTexture: number;
   /** Whether the GPU is still working on the last drawing; more drawings would only queue up. */

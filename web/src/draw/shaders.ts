@@ -153,13 +153,17 @@ vec3 harmonics(vec3 d) {
 }`;
 };
 
+/** Channels of a picture. */
+export function channelCount(profile: "motion" | "planes", shDegree: number): number {
+  // In the profile planes, each position coordinate has two planes.
+  return (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;
+}
+
 /**
  * The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
  * blue and opacity (half floats); 1 if the splat is visible.
  */
 export function projectFragment(profile: "motion" | "planes", shDegree: number, escapes: boolean): string {
-  // In the profile planes, each position coordinate has two planes.
-  const channelCount = (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;
   return `${HEAD}
 layout(location = 0) out uvec4 first;
 layout(location = 1) out uvec4 second;
@@ -168,7 +172,7 @@ uniform vec3 translation, eye;
 uniform vec4 lens; // fx, fy, cx, cy
 uniform vec4 limits; // minimum and maximum x / z, then y / z
 uniform vec2 size;
-${channels(channelCount, escapes)}
+${channels(channelCount(profile, shDegree), escapes)}
 ${profile === "motion" ? MOTION(shDegree) : PLANES(shDegree)}
 
 void main() {

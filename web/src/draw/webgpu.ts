@@ -1,5 +1,6 @@
 /** The WebGPU renderer: it dequantizes, projects, sorts and draws without returning to the page. */
 
+import { takeEarlyAdapter } from "../player/early_files.ts";
 import { StreamError } from "../stream/errors.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
@@ -28,7 +29,7 @@ export async function requestWebGPU(software: boolean): Promise<GPUDevice> {
   const gpu = (navigator as Partial<Navigator>).gpu;
   if (gpu === undefined) throw new StreamError("this browser does not support it on this page");
   const late = new Promise<null>((resolve) => setTimeout(resolve, PATIENCE, null));
-  const adapter = await Promise.race([gpu.requestAdapter({ powerPreference: "high-performance" }), late]);
+  const adapter = await Promise.race([takeEarlyAdapter() ?? gpu.requestAdapter({ powerPreference: "high-performance" }), late]);
   if (adapter === null) throw new StreamError("there is no suitable graphics driver");
   if (adapter.info.isFallbackAdapter && !software) throw new StreamError("there is no GPU, only software");
   const names = ["maxTextureDimension2D", "maxBufferSize", "maxStorageBufferBindingSize"] as const;
@@ -54,6 +55,7 @@ interface Tile {
 export class WebGPURenderer implements Renderer {
   readonly name = "WebGPU";
   readonly sorts = true;
+  readonly software: boolean;
   readonly maxTexture: number;
   gpuTimes: GpuTimes | null = null;
   visible: number | null = null;
@@ -97,6 +99,8 @@ export class WebGPURenderer implements Renderer {
     if (context === null) throw new StreamError("the browser cannot draw to the page with it");
     this.device = device;
     this.context = context;
+    // Older browsers do not tell.
+    this.software = (device as Partial<GPUDevice>).adapterInfo?.isFallbackAdapter ?? false;
     this.tell = tell;
     this.maxTexture = device.limits.maxTextureDimension2D;
     this.format = navigator.gpu.getPreferredCanvasFormat();

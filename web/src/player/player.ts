@@ -11,7 +11,7 @@ import { messageOf, StreamError } from "../stream/errors.ts";
 import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
-import { takeEarlyManifest } from "./early_manifest.ts";
+import { takeEarlyFiles } from "./early_files.ts";
 import { Resolution } from "./resolution.ts";
 import { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
@@ -60,6 +60,22 @@ export interface PlayerEvents {
 
 type Handler<T> = (value: T) => void;
 
+let workerAddress: string | null = null;
+let spare: Worker | null = null;
+
+/** Starts a worker for the next player: it starts while the page prepares the rest. */
+export function startWorker(): void {
+  workerAddress ??= URL.createObjectURL(new Blob([workerSource], { type: "text/javascript" }));
+  spare ??= new Worker(workerAddress);
+}
+
+function takeWorker(): Worker {
+  startWorker();
+  const worker = spare!;
+  spare = null;
+  return worker;
+}
+
 export type RendererChoice = "auto" | "webgl2" | "webgpu";
 
 export interface PlayerOptions {
@@ -93,8 +109,6 @@ export class Player {
   readonly leftOut = new Map<number, string>();
   /** Null until it is chosen. */
   private renderer: Renderer | null = null;
-  /** Waits for the renderer: what to open. */
-  private opening: (() => void) | null = null;
   private readonly worker: Worker;
   private readonly videos: VideoReader;
   private readonly resolution = new Resolution();
@@ -141,11 +155,8 @@ export class Player {
     const choice = options.renderer ?? "auto";
     if (choice !== "webgl2" && (choice === "webgpu" || "gpu" in navigator)) void this.startWebGPU(choice === "webgpu");
     else this.renderer = this.webgl2();
-    const address = URL.createObjectURL(new Blob([workerSource], { type: "text/javascript" }));
-    this.worker = new Worker(address);
-    this.stop.signal.addEventListener("abort", () => {
-      URL.revokeObjectURL(address);
-    });
+    this.worker = takeWorker();
+    this.tellDevice();
     this.videos = new VideoReader((message, transfer) => {
       this.post(message, transfer);
     });
@@ -234,8 +245,14 @@ export class Player {
     } catch (error) {
       this.leaveWebGPU(messageOf(error), used);
     }
-    this.opening?.();
-    this.opening = null;
+    this.tellDevice();
+  }
+
+  /** The worker opens streams once it knows what can be drawn. Without a renderer, which was reported, it never does. */
+  private tellDevice(): void {
+    if (this.renderer === null) return;
+    this.resolution.software = this.renderer.software;
+    this.post({ type: "device", maxTexture: this.renderer.maxTexture });
   }
 
   /** Changes to WebGL2, on a new canvas if WebGPU has used it: a canvas can be used with one graphics API only. */
@@ -285,17 +302,10 @@ export class Player {
     this.fetchedGroups = [];
     this.sound.clear();
     const url = new URL(address, document.baseURI).href;
-    const manifest = files === null && archive === null ? takeEarlyManifest(url) : null;
-    const open = (): void => {
-      if (this.renderer === null) return; // there is none, which was reported
-      const { maxTexture } = this.renderer;
-      const path = this.options.path ?? "auto";
-      const sent = manifest === null ? [] : [manifest];
-      this.post({ type: "open", url, files, archive, manifest, maxTexture, path, loop: this.loop_ }, sent);
-      this.tellPlaying();
-    };
-    if (this.renderer === null) this.opening = open;
-    else open();
+    const early = files === null && archive === null ? takeEarlyFiles(url) : null;
+    const path = this.options.path ?? "auto";
+    this.post({ type: "open", url, files, archive, early, path, loop: this.loop_ }, early === null ? [] : [early.port]);
+    this.tellPlaying();
   }
 
   private tellPlaying(): void {
@@ -554,13 +564,14 @@ export class Player {
 
   private opened(info: StreamInfo): void {
     this.info = info;
-    this.renderer?.prepare(info.profile, info.shDegree);
     this.camera.frame(info.box, info.camera, info.up);
     if (info.background !== null) this.background_ = info.background;
     this.resolution.budget = 1000 / Math.min(60, Math.max(30, info.fps));
     this.dirty = true;
     this.emit("opened", info);
     if (this.requested === null) this.request(Math.floor(this.position), true);
+    // The driver compiles while the first picture is fetched and decoded.
+    this.renderer?.prepare(info.profile, info.shDegree);
   }
 
   private request(frame: number, seek: boolean, lap = 0): void {

@@ -8,10 +8,14 @@ const PATIENCE = 500;
 const HOPE = 0.8;
 /** Maximum initial number of pixels, while the speed of the device is unknown. */
 const FIRST_PIXELS = 2.1e6;
+/** The same without a GPU. */
+const FIRST_PIXELS_IN_SOFTWARE = 1.5e5;
 
 export class Resolution {
   /** Time budget of a drawing in milliseconds. */
   budget = 1000 / 30;
+  /** Whether the CPU draws. */
+  software = false;
   private step = 0;
   private begun = false;
   private readonly times: number[] = [];
@@ -21,7 +25,8 @@ export class Resolution {
   scale(width: number, height: number): number {
     if (!this.begun) {
       this.begun = true;
-      while (width * height * STEPS[this.step] ** 2 > FIRST_PIXELS && this.step + 1 < STEPS.length) this.step++;
+      const most = this.software ? FIRST_PIXELS_IN_SOFTWARE : FIRST_PIXELS;
+      while (width * height * STEPS[this.step] ** 2 > most && this.step + 1 < STEPS.length) this.step++;
     }
     return STEPS[this.step];
   }

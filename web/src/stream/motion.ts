@@ -11,6 +11,32 @@ export const BLOCK_FLOATS = 4 * BLOCK_TEXELS;
 
 const f = Math.fround;
 
+/** Where the splats of a group lie; most groups of a stream have pictures of the same size. */
+interface Places {
+  readonly tile: number;
+  readonly columns: number;
+  /** Pixel of each splat within a tile: row * tile + column. */
+  readonly pixels: Uint32Array<ArrayBuffer>;
+  /** Distance of each splat's value from the first one of its tile in the picture. */
+  readonly offsets: Uint32Array<ArrayBuffer>;
+}
+
+/** The last ones, the newest first: a stream in renditions has several sizes. */
+const places: Places[] = [];
+const MAX_PLACES = 4;
+
+function placesOf({ tile, columns, splats }: MotionGroup): Places {
+  const at = places.findIndex((one) => one.tile === tile && one.columns === columns && one.pixels.length >= splats);
+  const found =
+    at >= 0
+      ? places.splice(at, 1)[0]
+      : // For all pixels, so that it also serves groups with more splats.
+        { tile, columns, pixels: tilePixels(tile, tile ** 2), offsets: tilePixels(tile, tile ** 2, tile * columns) };
+  places.unshift(found);
+  places.length = Math.min(places.length, MAX_PLACES);
+  return found;
+}
+
 /** Data shared by all frames of a group. */
 export class MotionTables {
   readonly group: MotionGroup;
@@ -19,42 +45,58 @@ export class MotionTables {
   readonly pixels: Uint32Array<ArrayBuffer>;
   /** (B, 3) mean cell of each block, rounded down. */
   readonly centers: Float64Array;
-  private readonly keyframe: Float32Array;
-  private readonly local: Float32Array;
   private readonly offsets: Uint32Array;
+  private forPositions: { readonly keyframe: Float32Array; readonly local: Float32Array } | null = null;
 
   constructor(group: MotionGroup, side: SideFile) {
     this.group = group;
     this.side = side;
-    const { splats, positions, blocks } = group;
-    this.pixels = tilePixels(group.tile, splats);
-    const width = group.columns * group.tile;
-    this.offsets = new Uint32Array(splats);
-    for (let i = 0; i < splats; i++) {
-      const pixel = this.pixels[i];
-      const row = Math.floor(pixel / group.tile);
-      this.offsets[i] = row * width + pixel - row * group.tile;
-    }
-    this.centers = new Float64Array(3 * blocks.count);
+    const { splats, blocks } = group;
+    const { cells, labels } = side;
+    const { pixels, offsets } = placesOf(group);
+    this.pixels = pixels.subarray(0, splats);
+    this.offsets = offsets.subarray(0, splats);
+    // The loops create no objects and call no functions for each splat: see side_file.ts.
+    const centers = (this.centers = new Float64Array(3 * blocks.count));
     const members = new Uint32Array(blocks.count);
-    for (let i = 0; i < splats; i++) {
-      const b = side.labels[i];
-      members[b]++;
-      for (let k = 0; k < 3; k++) this.centers[3 * b + k] += side.cells[3 * i + k];
+    for (let i = 0, p = 0; i < splats; i++, p += 3) {
+      const label = labels[i];
+      const to = 3 * label;
+      members[label]++;
+      centers[to] += cells[p];
+      centers[to + 1] += cells[p + 1];
+      centers[to + 2] += cells[p + 2];
     }
     for (let b = 0; b < blocks.count; b++)
-      for (let k = 0; k < 3; k++)
-        this.centers[3 * b + k] = Math.floor(this.centers[3 * b + k] / Math.max(members[b], 1));
+      for (let k = 3 * b; k < 3 * b + 3; k++) centers[k] = Math.floor(centers[k] / Math.max(members[b], 1));
+  }
+
+  /** Computes what `positions` needs for all frames; not needed where the GPU sorts. */
+  preparePositions(): { readonly keyframe: Float32Array; readonly local: Float32Array } {
+    if (this.forPositions !== null) return this.forPositions;
+    const { splats, positions, blocks } = this.group;
+    const { cells, labels } = this.side;
+    const { centers } = this;
     // Rounded to float32 exactly where the Python decoder rounds, so that positions match bit for bit.
-    this.keyframe = new Float32Array(3 * splats);
-    this.local = new Float32Array(3 * splats);
-    const ratio = positions.step / blocks.radius;
-    for (let i = 0; i < splats; i++)
-      for (let k = 0; k < 3; k++) {
-        const cell = side.cells[3 * i + k];
-        this.keyframe[3 * i + k] = positions.min[k] + (cell + 0.5) * positions.step;
-        this.local[3 * i + k] = (cell - this.centers[3 * side.labels[i] + k]) * ratio;
-      }
+    const keyframe = new Float32Array(3 * splats);
+    const local = new Float32Array(3 * splats);
+    const { step } = positions;
+    const ratio = step / blocks.radius;
+    const [minX, minY, minZ] = positions.min;
+    for (let i = 0, p = 0; i < splats; i++, p += 3) {
+      const x = cells[p];
+      const y = cells[p + 1];
+      const z = cells[p + 2];
+      const from = 3 * labels[i];
+      keyframe[p] = minX + (x + 0.5) * step;
+      keyframe[p + 1] = minY + (y + 0.5) * step;
+      keyframe[p + 2] = minZ + (z + 0.5) * step;
+      local[p] = (x - centers[from]) * ratio;
+      local[p + 1] = (y - centers[from + 1]) * ratio;
+      local[p + 2] = (z - centers[from + 2]) * ratio;
+    }
+    this.forPositions = { keyframe, local };
+    return this.forPositions;
   }
 
   /**
@@ -63,12 +105,14 @@ export class MotionTables {
    */
   statics(): Uint32Array<ArrayBuffer> {
     const { cells, labels, classes } = this.side;
-    const texels = new Uint32Array(4 * this.group.tile ** 2);
-    for (let i = 0; i < this.group.splats; i++) {
-      const at = 4 * this.pixels[i];
-      texels[at] = cells[3 * i] | (cells[3 * i + 1] << 16);
-      texels[at + 1] = cells[3 * i + 2] | (classes[i] << 16);
-      texels[at + 2] = labels[i]!;
+    const { pixels } = this;
+    const { splats, tile } = this.group;
+    const texels = new Uint32Array(4 * tile ** 2);
+    for (let i = 0, p = 0; i < splats; i++, p += 3) {
+      const at = 4 * pixels[i];
+      texels[at] = cells[p] | (cells[p + 1] << 16);
+      texels[at + 1] = cells[p + 2] | (classes[i] << 16);
+      texels[at + 2] = labels[i];
       texels[at + 3] = i + 1;
     }
     return texels;
@@ -78,19 +122,27 @@ export class MotionTables {
   blocks(index: number): Float32Array<ArrayBuffer> {
     const { count, step, rotationStep } = this.group.blocks;
     const { motions, turns } = this.side;
+    const { centers } = this;
     const table = new Float32Array(BLOCK_FLOATS * count);
     for (let b = 0; b < count; b++) {
       const to = BLOCK_FLOATS * b;
-      for (let k = 0; k < 3; k++) table[to + 4 * k + 3] = this.centers[3 * b + k]!;
+      table[to + 3] = centers[3 * b];
+      table[to + 7] = centers[3 * b + 1];
+      table[to + 11] = centers[3 * b + 2];
       table[to + 16] = 1;
       if (index === 0) continue;
+      const from = (index - 1) * 12 * count + b;
       for (let j = 0; j < 4; j++)
-        for (let k = 0; k < 3; k++)
-          table[to + 4 * j + k] = motions[((index - 1) * 12 + 3 * j + k) * count + b] * step;
-      const turn = [0, 1, 2].map((k) => turns[((index - 1) * 3 + k) * count + b] * rotationStep);
-      const square = turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2;
+        for (let k = 0; k < 3; k++) table[to + 4 * j + k] = motions[from + (3 * j + k) * count] * step;
+      const turn = (index - 1) * 3 * count + b;
+      const x = turns[turn] * rotationStep;
+      const y = turns[turn + count] * rotationStep;
+      const z = turns[turn + 2 * count] * rotationStep;
+      const square = x * x + y * y + z * z;
       table[to + 16] = (1 - square) / (1 + square);
-      for (let k = 0; k < 3; k++) table[to + 17 + k] = (2 * turn[k]) / (1 + square);
+      table[to + 17] = (2 * x) / (1 + square);
+      table[to + 18] = (2 * y) / (1 + square);
+      table[to + 19] = (2 * z) / (1 + square);
     }
     return table;
   }
@@ -119,7 +171,8 @@ export class MotionTables {
   positions(index: number, luma: Uint8Array, table: Float32Array, out: Float32Array): void {
     const { splats, channels, tile, columns } = this.group;
     const { labels, classes, escapes } = this.side;
-    const { keyframe, local, offsets } = this;
+    const { offsets } = this;
+    const { keyframe, local } = this.preparePositions();
     const width = columns * tile;
     const first = [0, 1, 2].map((c) => Math.floor(c / columns) * tile * width + (c % columns) * tile);
     const [fx, fy, fz] = [first[0], first[1], first[2]];
@@ -131,14 +184,15 @@ export class MotionTables {
       const base = f(offset - 128 * step);
       for (let code = 0; code < 256; code++) values[256 * c + code] = f(f(code * f(step)) + base);
     }
+    // A stored value is rounded to float32, and a float32 times a power of two is one.
     if (index === 0)
       for (let i = 0; i < splats; i++) {
         const at = offsets[i];
         const gain = gains[classes[i]];
         const to = 3 * i;
-        out[to] = f(keyframe[to] + f(values[luma[fx + at]] * gain));
-        out[to + 1] = f(keyframe[to + 1] + f(values[256 + luma[fy + at]] * gain));
-        out[to + 2] = f(keyframe[to + 2] + f(values[512 + luma[fz + at]] * gain));
+        out[to] = keyframe[to] + values[luma[fx + at]] * gain;
+        out[to + 1] = keyframe[to + 1] + values[256 + luma[fy + at]] * gain;
+        out[to + 2] = keyframe[to + 2] + values[512 + luma[fz + at]] * gain;
       }
     else
       for (let i = 0; i < splats; i++) {
@@ -146,13 +200,15 @@ export class MotionTables {
         const gain = gains[classes[i]];
         const to = 3 * i;
         const b = BLOCK_FLOATS * labels[i];
-        const [u, v, w] = [local[to], local[to + 1], local[to + 2]];
+        const u = local[to];
+        const v = local[to + 1];
+        const w = local[to + 2];
         const x = f(f(f(table[b + 12] + f(u * table[b])) + f(v * table[b + 4])) + f(w * table[b + 8]));
         const y = f(f(f(table[b + 13] + f(u * table[b + 1])) + f(v * table[b + 5])) + f(w * table[b + 9]));
         const z = f(f(f(table[b + 14] + f(u * table[b + 2])) + f(v * table[b + 6])) + f(w * table[b + 10]));
-        out[to] = f(f(keyframe[to] + x) + f(values[luma[fx + at]] * gain));
-        out[to + 1] = f(f(keyframe[to + 1] + y) + f(values[256 + luma[fy + at]] * gain));
-        out[to + 2] = f(f(keyframe[to + 2] + z) + f(values[512 + luma[fz + at]] * gain));
+        out[to] = f(keyframe[to] + x) + values[luma[fx + at]] * gain;
+        out[to + 1] = f(keyframe[to + 1] + y) + values[256 + luma[fy + at]] * gain;
+        out[to + 2] = f(keyframe[to + 2] + z) + values[512 + luma[fz + at]] * gain;
       }
     for (let e = escapes.starts[index]; e < escapes.starts[index + 1]; e++) {
       const c = escapes.channel[e];

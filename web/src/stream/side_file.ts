@@ -65,65 +65,111 @@ class Cursor {
   }
 }
 
-/** Cells of the octree's last level in Morton order, each repeated once per splat in it: (splats, 3). */
-function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
-  const wrong = "the octree's cells do not match the number of splats";
-  // Coordinates of the level's occupied cells, one array per axis; two sets, swapped at each level.
-  let [x, y, z] = [new Uint16Array(splats), new Uint16Array(splats), new Uint16Array(splats)];
-  let [nextX, nextY, nextZ] = [new Uint16Array(splats), new Uint16Array(splats), new Uint16Array(splats)];
-  let count = 1;
-  for (let level = 0; level < bits; level++) {
-    const occupancy = cursor.take(count);
-    let filled = 0;
-    for (let i = 0; i < count; i++) {
-      const children = occupancy[i];
-      if (children === 0) throw new StreamError(wrong);
-      const [px, py, pz] = [x[i] << 1, y[i] << 1, z[i] << 1];
-      // Most cells have a single child: only the bits that are set are visited, lowest first.
-      for (let left: number = children; left !== 0; left &= left - 1) {
-        if (filled === splats) throw new StreamError(wrong);
-        const c = 31 - Math.clz32(left & -left);
-        nextX[filled] = px | (c & 1);
-        nextY[filled] = py | ((c >> 1) & 1);
-        nextZ[filled] = pz | (c >> 2);
+/** Coordinates of an octree level's occupied cells, one array per axis. */
+class Level {
+  x = new Uint16Array(0);
+  y = new Uint16Array(0);
+  z = new Uint16Array(0);
+
+  reserve(count: number): void {
+    if (this.x.length >= count) return;
+    this.x = new Uint16Array(count);
+    this.y = new Uint16Array(count);
+    this.z = new Uint16Array(count);
+  }
+}
+
+/** A level and the next one, swapped at each level; kept for the next group. */
+const levels: readonly [Level, Level] = [new Level(), new Level()];
+
+const WRONG_CELLS = "the octree's cells do not match the number of splats";
+
+/**
+ * The children of a level's first cells; returns their number.
+ *
+ * The loops of this file run once a group, most of the time before the browser has compiled them: they create no objects
+ * and call no functions for each splat.
+ */
+function subdivide(from: Level, occupancy: Uint8Array, to: Level, most: number): number {
+  const { x, y, z } = from;
+  const { x: toX, y: toY, z: toZ } = to;
+  let filled = 0;
+  for (let i = 0; i < occupancy.length; i++) {
+    const children = occupancy[i];
+    const px = x[i] << 1;
+    const py = y[i] << 1;
+    const pz = z[i] << 1;
+    // Most cells have a single child.
+    if (children !== 0 && (children & (children - 1)) === 0) {
+      if (filled === most) throw new StreamError(WRONG_CELLS);
+      const c = 31 - Math.clz32(children);
+      toX[filled] = px | (c & 1);
+      toY[filled] = py | ((c >> 1) & 1);
+      toZ[filled] = pz | (c >> 2);
+      filled++;
+      continue;
+    }
+    if (children === 0) throw new StreamError(WRONG_CELLS);
+    for (let c = 0; c < 8; c++)
+      if (((children >> c) & 1) !== 0) {
+        if (filled === most) throw new StreamError(WRONG_CELLS);
+        toX[filled] = px | (c & 1);
+        toY[filled] = py | ((c >> 1) & 1);
+        toZ[filled] = pz | (c >> 2);
         filled++;
       }
-    }
-    [x, y, z, nextX, nextY, nextZ] = [nextX, nextY, nextZ, x, y, z];
-    count = filled;
   }
+  return filled;
+}
+
+/** Cells of the octree's last level in Morton order, each repeated once per splat in it: (splats, 3). */
+function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
+  let [from, to] = levels;
+  from.reserve(splats);
+  to.reserve(splats);
+  from.x[0] = from.y[0] = from.z[0] = 0;
+  let count = 1;
+  for (let level = 0; level < bits; level++) {
+    count = subdivide(from, cursor.take(count), to, splats);
+    [from, to] = [to, from];
+  }
+  const { x, y, z } = from;
   const shared = cursor.numbers(count, 4);
   const cells = new Uint16Array(3 * splats);
-  let splat = 0;
+  let at = 0;
   for (let i = 0; i < count; i++) {
     const copies = shared[i] + 1;
-    if (copies < 1 || copies > splats - splat) throw new StreamError("the octree's points do not match the number of splats");
-    for (let k = 0; k < copies; k++, splat++) {
-      cells[3 * splat] = x[i]!;
-      cells[3 * splat + 1] = y[i]!;
-      cells[3 * splat + 2] = z[i]!;
+    if (copies < 1 || 3 * copies > cells.length - at)
+      throw new StreamError("the octree's points do not match the number of splats");
+    for (const end = at + 3 * copies; at < end; at += 3) {
+      cells[at] = x[i];
+      cells[at + 1] = y[i];
+      cells[at + 2] = z[i];
     }
   }
-  if (splat !== splats) throw new StreamError("the octree's points do not match the number of splats");
+  if (at !== cells.length) throw new StreamError("the octree's points do not match the number of splats");
   return cells;
 }
 
 /** Undoes second differences over frames, with `rows` numbers per frame. */
 function integrate(differences: Int32Array, frames: number, rows: number): Float64Array {
-  const values = new Float64Array(differences.length);
-  for (let t = 0; t < frames; t++)
-    for (let i = 0; i < rows; i++) {
-      const at = t * rows + i;
-      const before = t > 0 ? values[at - rows] : 0;
-      const earlier = t > 1 ? values[at - 2 * rows] : 0;
-      values[at] = differences[at] + 2 * before - earlier;
-    }
+  const values = new Float64Array(differences);
+  for (let at = rows; at < 2 * rows && at < frames * rows; at++) values[at] += 2 * values[at - rows];
+  for (let at = 2 * rows; at < frames * rows; at++) values[at] += 2 * values[at - rows] - values[at - 2 * rows];
   return values;
 }
 
-/** Cumulative sums of differences, checked to be in the range 0 to `limit` - 1. */
-function accumulate(differences: Int32Array, limit: number, what: string): Uint32Array {
-  const values = new Uint32Array(differences.length);
+/** Whether a value is greater than `limit`, or less than -`limit`. */
+function exceeds(values: Float64Array | Uint8Array, limit: number): boolean {
+  for (let i = 0; i < values.length; i++) {
+    const value = values[i];
+    if (value > limit || value < -limit) return true;
+  }
+  return false;
+}
+
+/** Cumulative sums of differences into `values`, checked to be in the range 0 to `limit` - 1. */
+function accumulate<T extends Uint16Array | Uint32Array>(differences: Int32Array, values: T, limit: number, what: string): T {
   let sum = 0;
   for (let i = 0; i < differences.length; i++) {
     sum += differences[i];
@@ -144,24 +190,27 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   const blocks = group.blocks.count;
   const moved = group.frameCount - 1;
   const cells = readOctree(cursor, group.positions.bits, splats);
-  const labels = new Uint16Array(
-    accumulate(cursor.numbers(splats, 2), blocks, "a splat belongs to a block that does not exist"),
+  const labels = accumulate(
+    cursor.numbers(splats, 2),
+    new Uint16Array(splats),
+    blocks,
+    "a splat belongs to a block that does not exist",
   );
   const classes = cursor.take(splats).slice();
-  if (classes.some((value) => value > MAX_CLASS)) throw new StreamError(`a splat has a class above ${MAX_CLASS}`);
+  if (exceeds(classes, MAX_CLASS)) throw new StreamError(`a splat has a class above ${MAX_CLASS}`);
   const motions = integrate(cursor.numbers(moved * 12 * blocks, 4), moved, 12 * blocks);
-  if (motions.some((value) => Math.abs(value) * group.blocks.step > MAX_MOVE))
+  if (exceeds(motions, MAX_MOVE / group.blocks.step))
     throw new StreamError(`a block moves farther than ${MAX_MOVE}`);
   const turns = integrate(cursor.numbers(moved * 3 * blocks, 4), moved, 3 * blocks);
-  if (turns.some((value) => Math.abs(value) * group.blocks.rotationStep > MAX_MOVE))
+  if (exceeds(turns, MAX_MOVE / group.blocks.rotationStep))
     throw new StreamError(`the rotation of a block exceeds ${MAX_MOVE}`);
   const count = cursor.numbers(1, 4)[0];
   if (count < 0 || count > cursor.left) throw new StreamError(`the number of escapes is ${count}`);
   const outside = "an escape is outside the group";
   const channel = cursor.take(count);
-  if (channel.some((value) => value >= group.channels.length)) throw new StreamError(outside);
-  const splat = accumulate(cursor.numbers(count, 4), splats, outside);
-  const frame = accumulate(cursor.numbers(count, 4), group.frameCount, outside);
+  if (exceeds(channel, group.channels.length - 1)) throw new StreamError(outside);
+  const splat = accumulate(cursor.numbers(count, 4), new Uint32Array(count), splats, outside);
+  const frame = accumulate(cursor.numbers(count, 4), new Uint32Array(count), group.frameCount, outside);
   const beyond = cursor.numbers(count, 4);
   if (cursor.left > 0) throw new StreamError(`${cursor.left} bytes are left over`);
   checkValues(group, channel, beyond);
@@ -201,6 +250,15 @@ function byFrame(
   return sorted;
 }
 
+/** Bytes that are decompressed at a time: they become at most a thousand times as many. */
+const SLICE = 16_384;
+
+/** Writes to a stream as fast as it is read. A Blob would be another way, through the browser's process. */
+async function feed(writer: WritableStreamDefaultWriter<BufferSource>, data: Uint8Array<ArrayBuffer>): Promise<void> {
+  for (let at = 0; at < data.length; at += SLICE) await writer.write(data.subarray(at, at + SLICE));
+  await writer.close();
+}
+
 /**
  * Decompresses a raw deflate stream, never storing more than `size` bytes of output.
  *
@@ -209,7 +267,10 @@ function byFrame(
 export async function inflate(data: Uint8Array<ArrayBuffer>, size: number): Promise<Uint8Array<ArrayBuffer>> {
   const out = new Uint8Array(size);
   let filled = 0;
-  const reader = new Blob([data]).stream().pipeThrough(new DecompressionStream("deflate-raw")).getReader();
+  const { readable, writable } = new DecompressionStream("deflate-raw");
+  const reader = readable.getReader();
+  // The reader receives its errors.
+  feed(writable.getWriter(), data).catch(() => undefined);
   try {
     for (;;) {
       const { done, value } = await reader.read();

@@ -2,6 +2,7 @@
 
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { HASHED } from "../stream/manifest.ts";
+import type { EarlyFiles } from "./early_files.ts";
 
 const ATTEMPTS = 10;
 const FIRST_WAIT = 400;
@@ -15,6 +16,8 @@ export interface Source {
   read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
   /** Fetches a file of unknown size, at most `limit` bytes. */
   readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
+  /** Milliseconds that a file took which was on its way before it was read; 0 for others. */
+  early?(path: string): number;
 }
 
 /** Called with received bytes and milliseconds, to estimate the bandwidth. */
@@ -25,19 +28,39 @@ export class HttpSource implements Source {
   private readonly received: Received;
   private readonly trouble: (message: string) => void;
 
-  constructor(base: string, received: Received, trouble: (message: string) => void) {
+  private readonly earlyFiles: EarlyFiles | null;
+  private readonly earlyTimes = new Map<string, number>();
+
+  /** @param earlyFiles - what the page has begun to fetch */
+  constructor(
+    base: string,
+    received: Received,
+    trouble: (message: string) => void,
+    earlyFiles: EarlyFiles | null = null,
+  ) {
+    this.earlyFiles = earlyFiles;
     this.base = base;
     this.received = received;
     this.trouble = trouble;
   }
 
   async read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
+    const early = (await this.earlyFiles?.take(path)) ?? null;
+    if (early?.data.length === bytes) {
+      this.earlyTimes.set(path, early.milliseconds);
+      this.received(bytes, early.milliseconds);
+      return early.data;
+    }
     const out = new Uint8Array(bytes);
     const state = { filled: 0, tag: null as string | null };
     return this.tryAgain(path, signal, async () => {
       await this.fill(path, out, state, signal);
       return out;
     });
+  }
+
+  early(path: string): number {
+    return this.earlyTimes.get(path) ?? 0;
   }
 
   async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {

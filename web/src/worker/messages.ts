@@ -1,6 +1,7 @@
 /** Messages between the page and the worker. */
 
 import type { Camera, Vector } from "../stream/manifest.ts";
+import type { EarlyPort } from "../player/early_files.ts";
 import type { EmbeddedFiles } from "./embedded.ts";
 
 /** A splat's depth is axis · (x, y, z, 1). */
@@ -17,12 +18,13 @@ export type ToWorker =
       readonly files: EmbeddedFiles | null;
       /** A stream in one file (`.v3s`) on this computer, else null. */
       readonly archive: File | null;
-      /** Where the manifest's bytes arrive, or null if it cannot be fetched; null if the page does not fetch it. */
-      readonly manifest: MessagePort | null;
-      readonly maxTexture: number;
+      /** Where files arrive that the page has begun to fetch; null if there are none. */
+      readonly early: EarlyPort | null;
       readonly path: DecodePath | "auto";
       readonly loop: boolean;
     }
+  /** There is a renderer; the stream is not opened before. */
+  | { readonly type: "device"; readonly maxTexture: number }
   /** Decode a frame and sort it along the axis, if there is one. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis | null; readonly seek: boolean }
   /** Sort one of the last two decoded frames along another axis. `request` is returned with the order. */

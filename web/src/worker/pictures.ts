@@ -139,7 +139,10 @@ export class WebCodecsPictures implements PictureSource {
         this.copying = this.copying.then(() => this.take(frame, index, decode, run));
       },
       error: (error) => {
-        if (run === this.run) this.fail(new PathFailed(`${this.name} cannot be decoded: ${error.message}.`));
+        if (run !== this.run) return;
+        const { codec } = this.config;
+        const why = `This browser cannot decode this video (${codec}, ${this.size.join("x")}).`;
+        this.fail(new PathFailed(error.name === "NotSupportedError" ? why : `${this.name} cannot be decoded: ${error.message}.`));
       },
     });
     decoder.configure(this.config);

@@ -2,6 +2,7 @@
 
 import { NEAR } from "../draw/renderer.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
+import type { EarlyPort } from "../player/early_files.ts";
 import { RateRule } from "../player/rate_rule.ts";
 import { GroupTable } from "../stream/group_table.ts";
 import {
@@ -20,9 +21,11 @@ import { MotionTables } from "../stream/motion.ts";
 import { planePositions, planesLayout, planeUnits } from "../stream/planes.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
 import { DepthSorter } from "../stream/sort.ts";
+import { warmUp } from "../stream/warm_up.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
 import { CheckedPictures } from "./checked_pictures.ts";
 import { demux } from "./demux.ts";
+import { EARLY_MANIFEST, EarlyFiles } from "./early_files.ts";
 import { type EmbeddedFiles, EmbeddedSource } from "./embedded.ts";
 import { HttpSource, sha256, type Source } from "./http.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo } from "./messages.ts";
@@ -43,15 +46,6 @@ const needsWebCodecs = ({ codec }: Manifest): string =>
  */
 function videoMayBeExact({ profile, codec, version }: Manifest): boolean {
   return profile === "motion" && (codec === "h264" || version >= 3);
-}
-
-function nextMessage(port: MessagePort): Promise<ArrayBuffer | null> {
-  return new Promise((resolve) => {
-    port.onmessage = ({ data }: MessageEvent<ArrayBuffer | null>) => {
-      port.close();
-      resolve(data);
-    };
-  });
 }
 
 /** Seconds between two reads of a live stream's manifest; in between, about the duration of a group. */
@@ -90,7 +84,7 @@ export class Session {
   private path: DecodePath;
   private readonly mayChangePath: boolean;
   private loop: boolean;
-  private readonly maxTexture: number;
+  private readonly maxTexture: Promise<number>;
   private bandwidth = 0;
   private received = 0;
   private wanted: { frame: number; axis: DepthAxis | null; seek: boolean } | null = null;
@@ -103,8 +97,10 @@ export class Session {
    */
   private readonly decoded: Decoded[] = [];
   private setupSent = -1;
+  /** Whether positions and order are computed here, not by the GPU. */
+  private sorts = true;
 
-  constructor(post: Post, channel: VideoChannel, path: DecodePath | "auto", maxTexture: number, loop: boolean) {
+  constructor(post: Post, channel: VideoChannel, path: DecodePath | "auto", maxTexture: Promise<number>, loop: boolean) {
     this.post = post;
     this.channel = channel;
     this.maxTexture = maxTexture;
@@ -118,9 +114,9 @@ export class Session {
    *
    * @param files - the stream's, if the page holds them
    * @param archive - a stream in one file, if it is on this computer
-   * @param early - where the manifest's bytes arrive, if the page fetches it
+   * @param port - where files arrive that the page has begun to fetch, if there are any
    */
-  async open(url: string, files: EmbeddedFiles | null, archive: File | null, early: MessagePort | null): Promise<void> {
+  async open(url: string, files: EmbeddedFiles | null, archive: File | null, port: EarlyPort | null): Promise<void> {
     const address = new URL(url);
     const remote = files === null && archive === null;
     const packed = remote && /\.v3s$/i.test(address.pathname);
@@ -128,15 +124,18 @@ export class Session {
       address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
     const last = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
     const name = remote && !packed ? last : MANIFEST_NAME;
+    const early = port === null ? null : new EarlyFiles(port);
     let source: Source;
     if (files !== null) source = new EmbeddedSource(files);
     else if (archive !== null) source = new ArchiveSource(rangesOf(archive), archive.name);
     else {
-      const http = this.httpSource(address.href);
+      const http = this.httpSource(address.href, early);
       source = packed ? new ArchiveSource((...range) => http.readRange(last, ...range), last) : http;
     }
     const { manifest, checked } = await this.readManifest(source, name, early);
-    this.checkDevice(manifest);
+    const maxTexture = await this.maxTexture;
+    this.closing.signal.throwIfAborted();
+    checkDevice(manifest, maxTexture);
     if (this.path === "video") {
       if (manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
       if (!videoMayBeExact(manifest)) throw new StreamError(needsWebCodecs(manifest));
@@ -151,7 +150,7 @@ export class Session {
       rates,
       ids: manifest.renditions.map(({ id }) => id),
       fps: manifest.fps,
-      fits: (group: Group): boolean => Math.max(...pictureSize(group)) <= this.maxTexture,
+      fits: (group: Group): boolean => Math.max(...pictureSize(group)) <= maxTexture,
     };
     this.store = new GroupStore(
       table,
@@ -180,12 +179,12 @@ export class Session {
   private async readManifest(
     source: Source,
     name: string,
-    early: MessagePort | null = null,
+    early: EarlyFiles | null = null,
   ): Promise<{ manifest: Manifest; checked: boolean }> {
-    const given = early === null ? null : await nextMessage(early);
+    const given = (await early?.take(EARLY_MANIFEST))?.data ?? null;
     const { signal } = this.closing;
     const usable = given !== null && given.byteLength <= MAX_MANIFEST_BYTES;
-    const data = usable ? new Uint8Array(given) : await source.readAll(name, MAX_MANIFEST_BYTES, signal);
+    const data = usable ? given : await source.readAll(name, MAX_MANIFEST_BYTES, signal);
     signal.throwIfAborted();
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
@@ -313,7 +312,7 @@ export class Session {
     };
   }
 
-  private httpSource(address: string): HttpSource {
+  private httpSource(address: string, early: EarlyFiles | null): HttpSource {
     return new HttpSource(
       address,
       (bytes, milliseconds) => {
@@ -322,6 +321,7 @@ export class Session {
       (message) => {
         this.post({ type: "trouble", message });
       },
+      early,
     );
   }
 
@@ -352,6 +352,7 @@ export class Session {
   /** Decodes a frame, and sorts it if there is an axis; a later call replaces one that has not started. */
   present(frame: number, axis: DepthAxis | null, seek: boolean): void {
     this.wanted = { frame, axis, seek };
+    this.sorts = axis !== null;
     if (seek) this.interrupt?.();
     if (!this.running) void this.run();
   }
@@ -585,8 +586,14 @@ export class Session {
     );
   }
 
+  private warm = false;
+
   private async read(index: number): Promise<Prepared> {
-    const { group, files } = await this.store!.get(index);
+    let waiting = true;
+    const getting = this.store!.get(index).finally(() => (waiting = false));
+    if (!this.warm && this.manifest!.profile === "motion") void warmUp(() => waiting);
+    this.warm = true;
+    const { group, files } = await getting;
     const began = performance.now();
     if (group.profile === "planes") {
       const pictures = new PlanesPictures(
@@ -596,15 +603,19 @@ export class Session {
       );
       return { group, tables: null, pictures, milliseconds: performance.now() - began };
     }
-    let tables: MotionTables;
+    // While this thread reads the side file, others decompress and decode.
+    const inflating = inflate(files.get(group.side.path)!, group.side.rawBytes);
+    inflating.catch(() => undefined);
+    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frameCount);
+    if (this.path !== "video") pictures.warm();
     try {
-      const raw = await inflate(files.get(group.side.path)!, group.side.rawBytes);
-      tables = new MotionTables(group, parseSideFile(raw, group));
+      const tables = new MotionTables(group, parseSideFile(await inflating, group));
+      if (this.sorts) tables.preparePositions();
+      return { group, tables, pictures, milliseconds: performance.now() - began };
     } catch (error) {
+      pictures.close();
       throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
     }
-    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frameCount);
-    return { group, tables, pictures, milliseconds: performance.now() - began };
   }
 
   private async openVideo(
@@ -634,9 +645,6 @@ export class Session {
       optimizeForLatency: true,
       hardwareAcceleration: this.path === "webcodecs" ? "no-preference" : "prefer-software",
     };
-    const support = await VideoDecoder.isConfigSupported(config).catch(() => ({ supported: false }));
-    if (support.supported !== true)
-      throw new PathFailed(`This browser cannot decode this ${codec} video (${config.codec}, ${size[0]}x${size[1]}).`);
     return new WebCodecsPictures(config, demuxed.packets, size, path, this.pool);
   }
 
@@ -655,16 +663,6 @@ export class Session {
     if (this.told.has(group)) return;
     this.told.add(group);
     this.post({ type: "left-out", group, message });
-  }
-
-  private checkDevice(manifest: Manifest): void {
-    for (const renditions of manifest.groups) {
-      const sizes = renditions.map(pictureSize);
-      if (sizes.every((size) => Math.max(...size) > this.maxTexture))
-        throw new StreamError(
-          `This stream's pictures are ${sizes[0].join("x")}, but this device's GPU supports at most ${this.maxTexture} pixels on a side.`,
-        );
-    }
   }
 
   private async readPage(source: Source, page: PageEntry, manifest: Manifest): Promise<Group[][]> {
@@ -702,4 +700,15 @@ function replacedError(): StreamError {
 function pictureSize(group: Group): [number, number] {
   const { tile, columns, rows } = group.profile === "motion" ? group : planesLayout(group);
   return [columns * tile, rows * tile];
+}
+
+/** @throws StreamError - all renditions of a group are too large for this device */
+function checkDevice(manifest: Manifest, maxTexture: number): void {
+  for (const renditions of manifest.groups) {
+    const sizes = renditions.map(pictureSize);
+    if (sizes.every((size) => Math.max(...size) > maxTexture))
+      throw new StreamError(
+        `This stream's pictures are ${sizes[0].join("x")}, but this device's GPU supports at most ${maxTexture} pixels on a side.`,
+      );
+  }
 }

@@ -172,7 +172,8 @@ export class GroupStore {
       }),
     );
     group.files.forEach((file, i) => files.set(file.path, contents[i]));
-    this.choice.rule?.fetched(group.bytes, (performance.now() - began) / 1000);
+    const early = group.files.map(({ path }) => this.source.early?.(path) ?? 0);
+    this.choice.rule?.fetched(group.bytes, Math.max(performance.now() - began, ...early) / 1000);
     const fetched = { group, files };
     this.bytes += group.bytes - (this.files.get(index)?.group.bytes ?? 0);
     this.files.set(index, fetched);
