@@ -14,6 +14,7 @@ from gui.panels.modes import ModesPanel
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
 from gui.presenters.marks import Marks
+from gui.presenters.notices import Notices
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import Exports
@@ -32,11 +33,13 @@ class Shell(Protocol):
     player: PlayerPresenter
     views: StageViews
     exports: Exports
+    notices: Notices
     serving: Serving
     marks: Marks
     opening: str
     pictures: int
     wants_close: bool
+    numbers: list[int | None]
     dialogs: Dialogs
     layout: Layout
     viewport: Viewport

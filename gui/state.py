@@ -37,6 +37,8 @@ class WindowState:
         settled: whether the newest picture shows what was last requested.
         pictures: number of pictures shown so far.
         handed_over: pictures per second.
+        notice: text of the notice in the status line; "" if there is none.
+        numbers: the frame that the picture, the figures and the timeline show; None for what shows none.
         exporting: progress of the export or share; "" if none is running.
         serving: URL at which the take is served; "" if it is not.
         marks: notes by frame number, as text.
@@ -73,6 +75,8 @@ class WindowState:
     settled: bool
     pictures: int
     handed_over: int
+    notice: str
+    numbers: list[int | None]
     exporting: str
     serving: str
     marks: dict[str, str]
@@ -114,6 +118,8 @@ class WindowState:
             settled=window.views.settled,
             pictures=window.pictures,
             handed_over=round(player.rate),
+            notice=window.notices.text,
+            numbers=window.numbers,
             exporting=window.exports.words,
             serving=window.serving.address,
             marks={str(frame): note for frame, note in sorted(window.marks.notes.items())},

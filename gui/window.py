@@ -13,15 +13,16 @@ from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
-from gui.panels.picture import plain_label
+from gui.panels.picture import color, plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
 from gui.platform.closing import CloseRequests
 from gui.platform.redraw import Redraws
-from gui.presenters.drawing.palette import DIM, GROUND, PANEL, TEXT
+from gui.presenters.drawing.palette import BAD, DIM, GROUND, PANEL, TEXT
 from gui.presenters.evaluation import Evaluation, EvaluationFile
 from gui.presenters.loading import load
 from gui.presenters.marks import Marks
+from gui.presenters.notices import Notices
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.rate import Rate
 from gui.presenters.playback.sources import Opened
@@ -69,6 +70,7 @@ class MainWindow:
         self.views = StageViews(self.workspace, self.player, MeshPicture)
         self.exports, self.serving = Exports(), Serving()
         self.evaluation, self.marks = Evaluation(), Marks(None)
+        self.notices = Notices()
         self.opening = ""
         self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
         self._evaluation_file = EvaluationFile()
@@ -77,6 +79,8 @@ class MainWindow:
         self._redraws = Redraws()
         self._log = StateLog(log)
         self.pictures = 0
+        self.numbers: list[int | None] = [None, None, None]
+        self._status_bad = False
         self.drawn = Rate()
         self.close_requests = CloseRequests()
         self.wants_close = False
@@ -107,6 +111,9 @@ class MainWindow:
         self.inspector = InspectorPanel(em, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
+        self._pictures = (
+            self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
+        )  # fmt: skip
         self.layout: Layout = Layout(
             Panels(
                 self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
@@ -130,16 +137,24 @@ class MainWindow:
 
     def open(self, path: str) -> None:
         """Open a take, a stream or a URL; bad input is reported in the window."""
-        self.opening = path
-        self.player.message = f"Opening {path} ..."
+        self.opening = self.workspace.opening = path
+        if self.player.opened is None:
+            self.player.message = f"Opening {path} ..."
+        else:
+            self.notices.tell(f"Opening {path} ...")
         self._opener.ask(path)
         self.changed()
 
     def _opened(self, path: str, found: Loaded) -> None:
-        self.opening = ""
+        self.opening = self.workspace.opening = ""
         if isinstance(found, str):
-            self.player.message = found
+            # over what is open, a message would stay although it plays
+            if self.player.opened is None:
+                self.player.message = found
+            else:
+                self.notices.tell(found, bad=True)
             return
+        self.notices.clear()
         opened, _ = found
         self.player.adopt(*found)
         self.workspace.open(opened.take)
@@ -226,6 +241,8 @@ class MainWindow:
                 self.dialogs.enter()
                 self.changed()
             return True
+        if self.dialogs.key(event):
+            return True
         if event.type != gui.KeyEvent.Type.DOWN or self.dialogs.name:
             return False
         action = self.actions.for_key(event)
@@ -261,7 +278,7 @@ class MainWindow:
         if self.exports.poll():
             changed = True
             if self.exports.result:
-                self.dialogs.message(self.exports.title, self.exports.result)
+                self.notices.tell(self.exports.result, bad=self.exports.failed)
                 self.exports.result = ""
         changed |= self.actions.shares.poll()
         changed |= self.actions.points.poll()
@@ -271,7 +288,9 @@ class MainWindow:
             self.viewport.show(pixels)
             self.pictures += 1
             changed = True
-        if not self._redraws.pausing:  # changes between two draws are invisible
+        # decided once: everything that is drawn together is updated together
+        pausing = self._redraws.pausing
+        if not pausing:  # changes between two draws are invisible
             changed |= self.timeline.update()
             if not self.layout.fullscreen:
                 changed |= self._update_panels()
@@ -283,9 +302,16 @@ class MainWindow:
         self._log.write(self)
         if self._software:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
-        due = self._redraws.due()
+            if self.dialogs.focusing:
+                self._redraws.pause = 0.0
+        due = not pausing and self._redraws.due()
         if due:
+            shown = self.player.picture.frame if self.player.picture is not None and self.views.shows_player else None
+            self.numbers = [shown, self.inspector.frame, self.timeline.frame]
             self.drawn.hit()
+            unsettled = [picture.settle() for picture in self._pictures]
+            if any(unsettled):
+                self.changed()
             if self.dialogs.tick():
                 self.changed()
         self.ticks += 1
@@ -305,7 +331,10 @@ class MainWindow:
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn.value
         )
         status = self.player.status if stage_view is None else stage_view.status
-        words = [status, self.exports.words, self.serving.words]
+        words = [self.notices.text or status, self.exports.words, self.serving.words]
+        if self._status_bad != self.notices.bad:
+            self._status_bad = self.notices.bad
+            self.status.text_color = color(BAD if self._status_bad else TEXT if self.notices.text else DIM)
         return changed | self._set_text(self.status, "   ".join(filter(None, words)))
 
     def _read_evaluation(self) -> None:
@@ -316,7 +345,7 @@ class MainWindow:
         series = {name: self.evaluation.series(name, frames) for name in ("psnr_trained", "psnr_decoded", "bytes")}
         self.timeline.plots = plots_of(series, self.evaluation.mean)
         self._waveform = None
-        self.timeline.picture.widget.tooltip = self.evaluation.explanation
+        self.timeline.explanation = self.evaluation.explanation
 
     def _show_waveform(self) -> None:
         """Add the sound's row to the timeline once its waveform is known, or remove it."""

@@ -36,7 +36,7 @@ STAGE_HELP = {
     "evaluate": "measure the quality on held-out cameras and write the report",
 }
 GROUPS = {
-    "Make a stream from footage": ("run", "status", "attach", "config"),
+    "Make a stream from footage": ("run", "status", "attach", "queue", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
@@ -135,7 +135,19 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, attach, check, export, import_splats, play, publish, serve, share, work
+    from pipelines.commands import (
+        ablate,
+        attach,
+        check,
+        export,
+        import_splats,
+        play,
+        publish,
+        queue,
+        serve,
+        share,
+        work,
+    )
     from pipelines.version import program_version
 
     parser = _Parser(
@@ -179,6 +191,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     status.set_defaults(command=_status)
 
     attach.register(commands)
+    queue.register(commands)
     work.register(commands)
     check.register(commands)
     play.register(commands)

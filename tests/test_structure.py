@@ -89,6 +89,7 @@ PIPELINES = (
     "ablation",
     "share",
     "review",
+    "batch",
     "runs",
     "stages",
     "reports",

@@ -39,22 +39,40 @@ def commands_page() -> str:
     return "\n".join(lines)
 
 
-def _command(name: str, parser: argparse.ArgumentParser, summary: str) -> list[str]:
+def _command(name: str, parser: argparse.ArgumentParser, summary: str, level: int = 2) -> list[str]:
     description = parser.description or summary
     usage = parser.format_usage().removeprefix("usage: ").rstrip()
-    lines = [f"## {name} {{ #{name} }}", "", escaped(_sentence(description)), "", "```text", usage, "```", ""]
+    lines = [
+        f"{'#' * level} {name} {{ #{name.replace(' ', '-')} }}",
+        "",
+        escaped(_sentence(description)),
+        "",
+        "```text",
+        usage,
+        "```",
+        "",
+    ]
     formatter = parser._get_formatter()
-    rows = []
+    rows: list[tuple[str, str]] = []
+    nested: list[str] = []
     for action in parser._actions:
         if action.help is argparse.SUPPRESS or isinstance(action, argparse._HelpAction):
+            continue
+        if isinstance(action, argparse._SubParsersAction):
+            nested += [
+                part
+                for kind, one in action.choices.items()
+                for part in _command(f"{name} {kind}", one, one.description or "", level + 1)
+            ]
             continue
         said = formatter._expand_help(action) if action.help else ""
         choices = f" One of {', '.join(map(str, action.choices))}." if action.choices and not action.metavar else ""
         rows.append((_invocation(action), escaped(_sentence(said) + choices)))
-    lines += [*table(("Argument", "Meaning"), *rows), ""]
+    if rows:
+        lines += [*table(("Argument", "Meaning"), *rows), ""]
     if parser.epilog and not parser.epilog.startswith("settings:"):
         lines += ["```text", parser.epilog.rstrip(), "```", ""]
-    return lines
+    return lines + nested
 
 
 def _invocation(action: argparse.Action) -> str:

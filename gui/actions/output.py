@@ -71,13 +71,7 @@ class OutputActions:
         length = window.player.transport.frame_count / window.player.transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
 
-        def start(chosen: ExportRequest) -> None:
-            try:
-                window.exports.start(chosen)
-            except (StudioError, OSError) as error:
-                window.dialogs.message("Export", str(error))
-
-        ask_export(window.dialogs, request, sources, start)
+        ask_export(window.dialogs, request, sources, window.exports.start)
 
     def report(self) -> None:
         """Write the take's report, or update its marks."""

@@ -37,13 +37,7 @@ class ShareActions:
         assert isinstance(opened.path, Path)
         request = ShareRequest(form, str(opened.path), opened.title, opened.path.parent)
 
-        def start(chosen: ShareRequest) -> None:
-            try:
-                window.exports.share(chosen)
-            except (StudioError, OSError) as error:
-                window.dialogs.message("Share", str(error))
-
-        ask_share(window.dialogs, request, words, start)
+        ask_share(window.dialogs, request, words, window.exports.share)
 
     def serve(self) -> None:
         """Ask how, then serve; if the take is served already, show its address."""

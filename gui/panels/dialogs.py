@@ -8,7 +8,7 @@ from functools import partial
 from open3d.visualization import gui
 
 from gui.panels.picture import color
-from gui.platform.keyboard import send_tab
+from gui.platform.keyboard import BACKSPACE, END, HOME, KEYS, TAB, send_key, type_keys
 from gui.presenters.drawing.palette import ACCENT_DARK, DIM, RAISED
 
 TAB_DOWN, TAB_UP = 3, 5
@@ -38,13 +38,18 @@ class Dialogs:
         self.typing = False
         self._drawn: int | None = None
         self._confirm: int | None = None  # frames to draw until the dialog is confirmed
+        self._field: gui.TextEdit | None = None
+        self._before = ""
+        self._early: list[tuple[int, bool]] = []  # keys pressed before the field had the focus
+        self._early_enter = self._early_first = self._shift = False
         self._on_enter: Callable[[], None] | None = None
         self._on_escape: Callable[[], None] = self.close
 
     def close(self) -> None:
         """Close the open dialog, if any."""
-        self._on_enter = self._drawn = self._confirm = None
-        self.typing = False
+        self._on_enter = self._drawn = self._confirm = self._field = None
+        self.typing = self._early_enter = False
+        self._early = []
         if self.name:
             self._window.close_dialog()
         self.widgets, self.name = {}, ""
@@ -114,8 +119,25 @@ class Dialogs:
     def enter(self) -> None:
         """Handle the release of the Enter key (a field being edited consumes the press). Text typed just before reaches
         the field only when the window is drawn, so the dialog is confirmed a few frames later."""
-        if self._on_enter is not None and self._confirm is None:
+        if self._drawn is not None:
+            self._early_enter = True
+        elif self._on_enter is not None and self._confirm is None:
             self._confirm = FRAMES_BEFORE_ENTER
+
+    def key(self, event: gui.KeyEvent) -> bool:
+        """Keep a key that is pressed before the text field has the focus, to be typed once it has. Returns whether the
+        key is handled."""
+        down = event.type == gui.KeyEvent.Type.DOWN
+        if event.key in (gui.KeyName.LEFT_SHIFT, gui.KeyName.RIGHT_SHIFT):
+            self._shift = down
+            return False
+        if self._drawn is None:
+            return False
+        code = int(event.key)
+        keycode = BACKSPACE if event.key == gui.KeyName.BACKSPACE else KEYS.get(chr(code).lower() if code < 128 else "")
+        if down and keycode is not None and not self._early_enter:
+            self._early.append((keycode, self._shift))
+        return True
 
     def tick(self) -> bool:
         """Focus a new dialog's text field once it has been drawn, and confirm the dialog after Enter. Call at each
@@ -131,11 +153,31 @@ class Dialogs:
             return False
         self._drawn += 1
         if self._drawn == TAB_DOWN:
-            send_tab(True)
+            send_key(TAB, True)
         elif self._drawn == TAB_UP:
-            self.typing = send_tab(False)
+            send_key(TAB, False)
+        elif self._drawn > TAB_UP and not self._type_early(self._drawn - TAB_UP - 1):
             self._drawn = None
+            self.typing = True
+            if self._early_enter:
+                self._early_enter = False
+                self._confirm = FRAMES_BEFORE_ENTER
         return True
+
+    def _type_early(self, step: int) -> bool:
+        """Type the kept keys, in several draws; returns whether another one is needed. Keys that came after them may
+        have reached the field already, as its focus comes between two draws: the kept ones belong before these."""
+        if not self._early or self._field is None:
+            return False
+        if step == 0:
+            self._early_first = self._field.text_value != self._before
+        if self._early_first and step in (0, 2):
+            send_key(HOME if step == 0 else END, True)
+        if self._early_first and step in (1, 3):
+            send_key(HOME if step == 1 else END, False)
+        if step == 1:
+            type_keys(self._early)
+        return step < 3
 
     def escape(self) -> None:
         """Handle the Escape key: like Cancel or Close, if there is one."""
@@ -172,12 +214,21 @@ class Dialogs:
         parts: list[gui.Widget] = [
             self.label(text),
             edit,
-            self.label("Enter to confirm. Click or press Tab to edit."),
+            self.label("Enter to confirm."),
         ]
         buttons: list[Answer] = [(key, label, answer(action)) for key, label, action in answers]
         self.show(name, title, parts, buttons, 70, buttons[0][2])
         self.widgets["line"] = edit
-        self._drawn = 0
+        self.focus(edit)
+
+    def focus(self, field: gui.TextEdit) -> None:
+        """Give the first text field of the dialog the keyboard focus."""
+        self._field, self._before, self._drawn = field, field.text_value, 0
+
+    @property
+    def focusing(self) -> bool:
+        """Whether the text field is about to get the keyboard focus, for which the window must be drawn often."""
+        return self._drawn is not None
 
     def choose(
         self,

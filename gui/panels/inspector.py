@@ -23,7 +23,7 @@ from gui.presenters.run.inspector import (
 from gui.presenters.run.workspace import Workspace
 
 PAUSE = 0.25
-"""Minimum seconds between two updates of the figures."""
+"""Minimum seconds between two updates of the figures of the same frame."""
 
 
 class InspectorPanel:
@@ -32,6 +32,9 @@ class InspectorPanel:
     Args:
         em: font size, pixels.
         changed: called when the log is scrolled.
+
+    Attributes:
+        frame: the frame whose figures are shown; None before the first.
     """
 
     def __init__(self, em: float, changed: Callable[[], None]) -> None:
@@ -45,6 +48,8 @@ class InspectorPanel:
         self._lines: list[tuple[str, str]] = []
         self._lines_of: tuple[object, ...] = (None,)
         self._next = 0.0
+        self._of: object = None
+        self.frame: int | None = None
 
     @property
     def widgets(self) -> list[gui.Widget]:
@@ -68,9 +73,11 @@ class InspectorPanel:
     ) -> bool:
         """Redraw what has changed; return whether anything did."""
         changed = self._update_log(workspace)
-        if time.monotonic() < self._next:
+        of = (player.frame, player.what, player.mode, player.camera, stage)  # shown everywhere in the same draw
+        if time.monotonic() < self._next and of == self._of:
             return changed
-        self._next = time.monotonic() + PAUSE
+        self._next, self._of = time.monotonic() + PAUSE, of
+        self.frame = player.frame
         blocks = review_blocks(player, evaluation, marks, drawn_rate)
         if stage != "review" and workspace.take is not None:
             blocks = blocks[:1]

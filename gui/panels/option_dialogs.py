@@ -9,10 +9,13 @@ from typing import Any
 
 from open3d.visualization import gui
 
-from gui.panels.dialogs import Dialogs
+from gui.panels.dialogs import Dialogs, broken
 from gui.panels.folder_dialog import ask_path
+from gui.panels.picture import color
+from gui.presenters.drawing.palette import BAD
 from gui.presenters.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
 from gui.presenters.run.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportRequest
+from studio.errors import StudioError
 
 
 def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferences], None]) -> None:
@@ -37,7 +40,11 @@ def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferen
 
 
 def ask_export(
-    dialogs: Dialogs, request: ExportRequest, sources: Sequence[str], start: Callable[[ExportRequest], None]
+    dialogs: Dialogs,
+    request: ExportRequest,
+    sources: Sequence[str],
+    start: Callable[[ExportRequest], None],
+    error: str = "",
 ) -> None:
     """Ask for the source, the output path, and the options of a movie.
 
@@ -45,7 +52,8 @@ def ask_export(
         dialogs: shows it.
         request: the defaults; modified while the dialog is open.
         sources: "decoded" and "trained" as available; empty for a bare stream.
-        start: called by "Export" after the dialog has closed.
+        start: called by "Export". If it raises StudioError or OSError, the dialog says why and keeps what was typed.
+        error: why the export was refused.
     """
     dialogs.widgets = {}
     form = Form(dialogs, request)
@@ -73,8 +81,12 @@ def ask_export(
         ask_path(dialogs, "Output folder", Path(request.target).parent, "folder", done, again)
 
     def go() -> None:
-        dialogs.close()
-        start(request)
+        try:
+            start(request)
+        except (StudioError, OSError) as refused:
+            ask_export(dialogs, request, sources, start, str(refused))
+        else:
+            dialogs.close()
 
     target.text_value = request.target
     target.set_on_text_changed(request.set_target)
@@ -94,9 +106,18 @@ def ask_export(
         row,
         dialogs.label("Existing files are never overwritten."),
     ]
+    if error:
+        parts.append(refusal(dialogs, error))
     answers = [("save", "Export", go), ("close", "Cancel", dialogs.close)]
     dialogs.show("export", f"Export: {FORMATS[request.kind][0]}", parts, answers, 90, go)
     dialogs.widgets |= {**form.widgets, "line": target}
+
+
+def refusal(dialogs: Dialogs, error: str) -> gui.Label:
+    """Why a dialog could not be confirmed."""
+    label = dialogs.label(broken(error))
+    label.text_color = color(BAD)
+    return label
 
 
 class Form:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+from collections import OrderedDict
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +11,14 @@ from open3d.visualization import gui
 
 from gui.presenters.drawing.palette import GROUND, RGB
 
-_marks = itertools.count(1)
+KEPT_SIZES = 4
+"""Number of sizes whose images are kept for reuse."""
+
+DRAWS_BEFORE_EXACT = 2
+"""Draws of the window after which the texture of a new image exists."""
+
+_random = np.random.default_rng()
+"""Flips lowest bits, so that no two new images are equal. Never part of a result."""
 
 
 def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
@@ -34,8 +41,10 @@ def plain_label(text_color: RGB, ground: RGB) -> gui.Label:
 class PictureWidget:
     """An image widget that shows pictures pixel for pixel and forwards mouse events.
 
-    Open3D lets images with equal content share a texture, so that updating one would change the other; therefore each
-    starts with a unique placeholder.
+    Open3D keeps the texture of every image that it has drawn and finds it again by the content that the image had at
+    first, whatever it was updated to since. So an image that begins with the content of an earlier one would show what
+    that one showed last, and every new image stays in memory. Therefore each starts with content of its own, exact
+    pixels follow once it has been drawn (`settle`), and images are reused for pictures of the same size.
 
     Args:
         on_mouse: receives events with the position in the widget (x, y, pixels) and returns whether it handled them.
@@ -45,22 +54,43 @@ class PictureWidget:
         self.widget = gui.ImageWidget()
         self._on_mouse = on_mouse
         self._shape: tuple[int, ...] = ()
-        mark = next(_marks)
-        placeholder = np.full((16, 16, 3), GROUND, np.uint8)
-        placeholder.reshape(-1)[mark % placeholder.size] += 1
-        self.show(placeholder)
+        self._images: OrderedDict[tuple[int, ...], gui.UIImage] = OrderedDict()
+        self._exact: np.ndarray | None = None
+        self._draws = 0
+        self.show(np.full((16, 16, 3), GROUND, np.uint8))
         if on_mouse is not None:
             self.widget.set_on_mouse(self._mouse)
 
     def show(self, pixels: np.ndarray) -> None:
         """Show an image, stretched to the widget if their sizes differ."""
-        if pixels.shape == self._shape:
-            self.widget.update_image(as_image(pixels))
+        if self._exact is not None and pixels.shape == self._shape:
+            self._exact = pixels  # the texture does not exist yet
             return
-        self._shape = pixels.shape  # another size needs a new texture
-        ui_image = gui.UIImage(as_image(pixels))
-        ui_image.scaling = gui.UIImage.Scaling.ANY
-        self.widget.ui_image = ui_image
+        self._exact = None
+        if pixels.shape != self._shape:  # another size needs another texture
+            self._shape = pixels.shape
+            found = self._images.pop(pixels.shape, None)
+            if found is None:
+                found = gui.UIImage(as_image(pixels ^ _random.integers(0, 2, pixels.shape, np.uint8)))
+                found.scaling = gui.UIImage.Scaling.ANY
+                self._exact, self._draws = pixels, DRAWS_BEFORE_EXACT
+            self._images[pixels.shape] = found
+            while len(self._images) > KEPT_SIZES:
+                self._images.popitem(last=False)
+            self.widget.ui_image = found
+        if self._exact is None:
+            self.widget.update_image(as_image(pixels))
+
+    def settle(self) -> bool:
+        """Show the exact pixels of a picture of a new size. Call at each draw of the window; returns whether another
+        draw is needed."""
+        if self._exact is None:
+            return False
+        self._draws -= 1
+        if self._draws <= 0:
+            pixels, self._exact = self._exact, None
+            self.widget.update_image(as_image(pixels))
+        return True
 
     def place(self, x: float, y: float, width: float, height: float) -> None:
         """Set the widget's rectangle in window pixels."""

@@ -9,24 +9,28 @@ from open3d.visualization import gui
 
 from gui.panels.dialogs import Answer, Dialogs
 from gui.panels.folder_dialog import ask_path
-from gui.panels.option_dialogs import Form
+from gui.panels.option_dialogs import Form, refusal
 from gui.panels.picture import PictureWidget
 from gui.presenters.run.serving import Serving
 from gui.presenters.run.shares import FORMS, PHONES, PHONES_SERVE, ShareRequest
 from pipelines.share.qr_code import qr_pixels
+from studio.errors import StudioError
 
 QR_SIZE = 22
 """Largest width of the QR code, in font sizes."""
 
 
-def ask_share(dialogs: Dialogs, request: ShareRequest, size: str, start: Callable[[ShareRequest], None]) -> None:
+def ask_share(
+    dialogs: Dialogs, request: ShareRequest, size: str, start: Callable[[ShareRequest], None], error: str = ""
+) -> None:
     """Title, credits, license, output path.
 
     Args:
         dialogs: where it is shown.
         request: the defaults; modified while the dialog is open.
         size: what the share takes, a sentence.
-        start: called by "Share", after the dialog has closed.
+        start: called by "Share". If it raises StudioError or OSError, the dialog says why and keeps what was typed.
+        error: why sharing was refused.
     """
     dialogs.widgets = {}
     form = Form(dialogs, request)
@@ -50,8 +54,12 @@ def ask_share(dialogs: Dialogs, request: ShareRequest, size: str, start: Callabl
         ask_path(dialogs, "Output folder", Path(request.target).parent, "folder", done, again)
 
     def go() -> None:
-        dialogs.close()
-        start(request)
+        try:
+            start(request)
+        except (StudioError, OSError) as refused:
+            ask_share(dialogs, request, size, start, str(refused))
+        else:
+            dialogs.close()
 
     row = gui.Horiz(0.4 * dialogs.em)
     row.add_child(dialogs.label("Output"))
@@ -66,6 +74,8 @@ def ask_share(dialogs: Dialogs, request: ShareRequest, size: str, start: Callabl
         dialogs.label(PHONES[request.form]),
         dialogs.label("An earlier share is replaced; nothing else is overwritten."),
     ]
+    if error:
+        parts.append(refusal(dialogs, error))
     answers: list[Answer] = [("save", "Share", go), ("close", "Cancel", dialogs.close)]
     dialogs.show("share", f"Share: {FORMS[request.form][0]}", parts, answers, 90, go)
     dialogs.widgets |= {**form.widgets, "line": target}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -11,6 +12,9 @@ from gui.panels.picture import PictureWidget
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import Plot, TimelinePlots
 
+HOVER_SECONDS = 4.0
+"""Seconds that the values under the pointer stay: the toolkit does not report that the pointer has left."""
+
 
 class TimelinePanel:
     """Shows the playhead, groups, quality and size per frame, and marks.
@@ -19,13 +23,23 @@ class TimelinePanel:
         player: its transport is shown and controlled.
         em: font size, pixels.
         changed: called after each seek.
+
+    Attributes:
+        plots: the rows above the track.
+        marks: marked frames.
+        frame: the frame drawn as current; None for none.
+        explanation: what the plots show, the tooltip of their titles.
     """
 
     def __init__(self, player: PlayerPresenter, em: float, changed: Callable[[], None]) -> None:
         self._player = player
         self._em = em
         self._changed = changed
-        self._drawn: tuple[object, int | None] | None = None
+        self._drawn: tuple[object, int | None, int | None] | None = None
+        self.frame: int | None = None
+        self._hover: int | None = None
+        self._hover_until = 0.0
+        self.explanation = ""
         self._base: np.ndarray | None = None
         self._resume = False
         self._down = False
@@ -42,18 +56,29 @@ class TimelinePanel:
     def update(self) -> bool:
         """Redraw what has changed; return whether anything did."""
         transport = self._player.transport
-        frame = transport.frame if self._player.opened is not None else None
+        frame = self._player.frame if self._player.opened is not None else None
         below = (self.picture.size, transport.frame_count, transport.group_starts, id(self.plots), self.marks)
-        if (below, frame) == self._drawn:
+        if time.monotonic() > self._hover_until:
+            self._hover = None
+        hover = self._hover if frame is not None else None
+        if (below, frame, hover) == self._drawn:
             return False
         if self._base is None or self._drawn is None or self._drawn[0] != below:
             self._base = self.plots_view.base(self.plots, self.marks)
-        self._drawn = (below, frame)
-        self.picture.show(self.plots_view.with_head(self._base, frame, self.plots))
+        self._drawn = (below, frame, hover)
+        self.frame = frame
+        self.picture.show(self.plots_view.with_head(self._base, frame, self.plots, hover))
         return True
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
+        view = self.plots_view
+        if event.type in (kind.MOVE, kind.DRAG):
+            # the toolkit's tooltip appears at the pointer: over the titles only, where it covers no plot
+            self.picture.widget.tooltip = self.explanation if x < view.left else ""
+            self._hover = view.frame_at(x) if x >= view.left else None
+            self._hover_until = time.monotonic() + HOVER_SECONDS
+            self._changed()
         if self._player.opened is None or event.type not in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP):
             return False
         transport = self._player.transport
@@ -67,6 +92,6 @@ class TimelinePanel:
                 self._resume = transport.playing
                 transport.pause()
             if self._down:
-                transport.seek(self.plots_view.frame_at(x))
+                transport.seek(view.frame_at(x))
         self._changed()
         return True

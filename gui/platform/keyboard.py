@@ -1,6 +1,7 @@
 """Keyboard focus for a dialog's text field. The toolkit has no call for it, but Tab focuses the first field.
 
-So the window sends itself a Tab through X. Without X nothing happens, and the user has to click or press Tab.
+So the window sends itself a Tab through X, and again the keys that were pressed before the field had the focus. Without
+X nothing happens, and the user has to click or press Tab.
 """
 
 from __future__ import annotations
@@ -8,10 +9,21 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import os
+import time
+from collections.abc import Sequence
 from typing import Any
 
 _KEY_PRESS, _KEY_RELEASE = 2, 3
-_XK_TAB = 0xFF09
+_SHIFT = 1
+TAB, BACKSPACE, HOME, END = 23, 22, 110, 115
+"""X key codes, which name places on the keyboard: the same on all Linux systems, whatever the layout."""
+
+_ROWS = (
+    ("`", 49), ("1234567890-=", 10), ("qwertyuiop[]", 24), ("asdfghjkl;'", 38), ("\\", 51), ("zxcvbnm,./", 52),
+    (" ", 65),
+)  # fmt: skip
+KEYS = {letter: first + number for row, first in _ROWS for number, letter in enumerate(row)}
+"""X key code by the letter of a place on an American keyboard, which is how the toolkit names keys."""
 _IGNORE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda _display, _error: 0)
 
 
@@ -35,9 +47,23 @@ class _KeyEvent(ctypes.Structure):
     )
 
 
-def send_tab(down: bool) -> bool:
-    """Send a Tab press or release to this process's window; return whether the window was found. Press and release
-    must fall on different drawn frames."""
+def send_key(keycode: int, down: bool) -> bool:
+    """Press or release a key that is not a letter in this process's window; return whether the window was found. Press
+    and release must fall on different drawn frames."""
+    return _send([(keycode, down, False)])
+
+
+def type_keys(keys: Sequence[tuple[int, bool]]) -> bool:
+    """Press and release keys of letters in this process's window; return whether the window was found.
+
+    Args:
+        keys: X key code, and whether Shift is held.
+    """
+    return _send([(code, down, shift) for code, shift in keys for down in (True, False)])
+
+
+def _send(keys: Sequence[tuple[int, bool, bool]]) -> bool:
+    """Send key events: (X key code, whether it is pressed, whether Shift is held)."""
     name = ctypes.util.find_library("X11")
     if name is None:
         return False
@@ -56,10 +82,15 @@ def send_tab(down: bool) -> bool:
         window = _own_window(x11, handle, root)
         if window is None:
             return False
-        keycode = x11.XKeysymToKeycode(handle, ctypes.c_ulong(_XK_TAB)) & 0xFF
-        kind, mask = (_KEY_PRESS, 1) if down else (_KEY_RELEASE, 2)
-        event = _KeyEvent(type=kind, display=display, window=window, root=root, keycode=keycode, same_screen=1)
-        x11.XSendEvent(handle, ctypes.c_ulong(window), 1, ctypes.c_long(mask), ctypes.byref(event))
+        # the toolkit drops presses whose time is not after that of the same key's last one; X servers count like this
+        now = int(1000 * time.monotonic()) & 0xFFFFFFFF
+        for number, (keycode, down, shift) in enumerate(keys):
+            kind, mask = (_KEY_PRESS, 1) if down else (_KEY_RELEASE, 2)
+            event = _KeyEvent(
+                type=kind, display=display, window=window, root=root, keycode=keycode, same_screen=1,
+                time=now + number, state=_SHIFT if shift else 0,
+            )  # fmt: skip
+            x11.XSendEvent(handle, ctypes.c_ulong(window), 1, ctypes.c_long(mask), ctypes.byref(event))
     finally:
         x11.XSync(handle, 0)
         x11.XSetErrorHandler(ctypes.c_void_p(before))

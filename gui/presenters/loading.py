@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from gui.presenters.playback.sources import FrameSource, Opened, open_path
+from gui.presenters.playback.sources import FrameSource, Opened, open_path, reach_of
 from gui.presenters.playback.stream_source import LeftOut
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
@@ -26,6 +26,7 @@ def load(path: str | Path) -> tuple[Opened, Gaussians | None] | str:
         opened = open_path(path)
         try:
             first = _first_whole(opened.default) if opened.default is not None else None
+            opened.reach = reach_of(opened)
         except StudioError as error:
             if opened.take is None:
                 for source in opened.sources.values():

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Sequence
 
 from pipelines.config import Config
+from pipelines.events import RunStarted
+from pipelines.events.log_follower import LogFollower
 from pipelines.runs.launch import launch
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.settings_file import save_config
@@ -50,10 +53,11 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> st
 
         return start_on_head(config.run.address, words, str(take.private / _ERRORS))
     process = launch(words, take.private / _ERRORS)
+    log = LogFollower(take.log)
     while process.poll() is None:
-        holder = take.running()
-        if holder is not None and holder.get("pid") == process.pid:
-            return f"process {process.pid} on {holder.get('host')}"
+        # its first event comes after it has checked the settings and the footage
+        if any(isinstance(event, RunStarted) and event.pid == process.pid for event in log.poll()[1]):
+            return f"process {process.pid} on {socket.gethostname()}"
         time.sleep(0.1)
     if process.returncode == 0:  # everything was up to date
         return f"process {process.pid}, which has ended: everything is up to date"

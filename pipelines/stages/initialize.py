@@ -73,6 +73,8 @@ class InitializeStage:
 
     def run(self, context: Context, reporter: StageReporter) -> InitializeSummary:
         """Find groups, and sample points for groups that have none."""
+        for line in context.footage.calibrated.description.splitlines():
+            reporter.log(line)  # what was found, in particular what auto chose
         first = 0.0 if grouping.is_known(context.footage) else 0.3
         grouping.find_groups(context.footage, reporter.part("finding groups", 0.0, first))
         groups = context.groups

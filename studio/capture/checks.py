@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 from studio.capture.footage import Footage
-from studio.capture.mattes.matte_source import FullMatteSource
+from studio.capture.mattes.matte_source import FullMatteSource, MissingMatteSource
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
@@ -58,7 +58,8 @@ def check_footage(
     """
     frames = footage.frames if frames is None else frames
     total = len(frames) * len(footage.camera_names)
-    masked = not isinstance(footage.matte_source, FullMatteSource)
+    missing = footage.matte_source if isinstance(footage.matte_source, MissingMatteSource) else None
+    masked = missing is None and not isinstance(footage.matte_source, FullMatteSource)
     lock, stop = threading.Lock(), threading.Event()
     done = 0
 
@@ -101,7 +102,7 @@ def check_footage(
             stop.set()
             raise
     progress(total, total)
-    problems = list(footage.problems)
+    problems = [*footage.problems, *([missing.message] if missing is not None else [])]
     for camera, found in zip(footage.camera_names, results, strict=True):
         problems += list({str(message): message for message in found.errors}.values())[:_MOST_ERRORS]
         if found.empty:

@@ -25,6 +25,7 @@ class FrameSource(Protocol):
         width, height: size of every frame in pixels.
         has_alpha: whether frames have an alpha channel.
         fps: frames per second; None if the files do not specify it.
+        note: what is unusual about the files, as a clause; "" if nothing.
     """
 
     camera: str
@@ -33,6 +34,7 @@ class FrameSource(Protocol):
     height: int
     has_alpha: bool
     fps: float | None
+    note: str
 
     def read(self, frame: int) -> np.ndarray:
         """(H, W, 3) RGB or (H, W, 4) RGBA uint8.
@@ -66,6 +68,7 @@ class ImageSource:
         self.width, self.height = image_size(first)
         self.has_alpha = has_alpha(first)
         self.fps: float | None = None
+        self.note = ""
 
     def read(self, frame: int) -> np.ndarray:
         """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel if any.
@@ -122,6 +125,7 @@ class ShiftedSource:
         self.width, self.height = source.width, source.height
         self.has_alpha = source.has_alpha
         self.fps = source.fps
+        self.note = source.note
 
     def read(self, frame: int) -> np.ndarray:
         """See `FrameSource`."""
@@ -176,6 +180,7 @@ class VideoSource:
         self.width, self.height = self.reader.width, self.reader.height
         self.has_alpha = self.reader.has_alpha
         self.fps = self.reader.fps
+        self.note = self.reader.note
 
     def read(self, frame: int) -> np.ndarray:
         """See `FrameSource`."""

@@ -74,8 +74,9 @@ def open_footage(
     if strict and problems:
         raise _all_of(problems)
     rate, fps_note = _fps(spec, sources)
+    video_notes = _video_notes(sources)
     sound = find_sound(spec, sources, rate)
-    notes = [_found(spec, pattern, sources, frames), fps_note]
+    notes = [_found(spec, pattern, sources, frames), fps_note, video_notes]
     if sound is not None:
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     cache = ByteCache(_cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20)
@@ -233,6 +234,11 @@ def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[flo
             setting="capture.fps",
         )
     return float(rates[fastest]), ""
+
+
+def _video_notes(sources: Mapping[str, FrameSource]) -> str:
+    """What is unusual about the videos, one line per camera."""
+    return "\n".join(f"Camera '{camera}': {source.note}." for camera, source in sources.items() if source.note)
 
 
 def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:

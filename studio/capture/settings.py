@@ -47,8 +47,8 @@ class FileSettings(Settings):
     clean_plate: difference from images of the empty set. median_background: difference from the footage's median over
     time, for static cameras. chroma_key: a screen of one color. plain: the performer has already been cut out on plain
     white or black. model: a matting model. none: everything is foreground. auto: the first of alpha, files, clean_plate
-    and plain that fits the capture; otherwise median_background if there are at least 10 frames; otherwise none. See
-    docs/guides/mattes.md."""
+    and plain that fits the capture; otherwise median_background if there are at least 10 frames. If none fits, steps
+    that need masks stop. See docs/guides/mattes.md."""
 
     mask_files: str = "auto"
     """Pattern of the mask files; white is the performer. auto: search folders named mask, masks, matte, mattes or

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from studio.capture.frame_clock import frame_clock
 from studio.capture.media import open_media
 from studio.errors import StudioError
 
@@ -16,6 +17,7 @@ from studio.errors import StudioError
 # which is visible at silhouettes and reduces the color accuracy of 4:2:0 footage by about 1 dB.
 _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
+_EMPTY_PACKET = 8  # bytes
 _ENCODE_AGAIN = "Copy or encode the video again."
 
 
@@ -29,13 +31,16 @@ class VideoReader:
     Attributes:
         path: the file.
         width, height: in pixels, after the file's display rotation (multiples of 90 degrees).
-        frame_count: number of frames listed by the container.
-        fps: average frame rate in frames per second, or None.
+        frame_count: number of frames at a constant rate. A frame that the file skips or repeats without data is the one
+            before it.
+        fps: frame rate in frames per second, or None.
+        note: a sentence if frames are repeated; otherwise "".
         has_alpha: whether frames have an alpha channel.
 
     Raises:
         StudioError: `footage.video_missing`, `footage.video_unreadable` (truncated or not a video),
-            `footage.no_video_stream`, `footage.video_empty`, or the first frame cannot be decoded (see `read`).
+            `footage.no_video_stream`, `footage.video_empty`, `footage.variable_rate`, or the first frame cannot be
+            decoded (see `read`).
     """
 
     def __init__(self, path: Path, color_matrix: str = "auto") -> None:
@@ -50,6 +55,8 @@ class VideoReader:
         self._timestamps: list[int] | None = None  # sorted presentation times; None until a seek needs them
         self._keyframes: list[int] = []  # indices of keyframes
         self._seekable = True
+        self._shown: list[int] | None = None  # of each frame the index in the file, if they differ
+        self.note = ""
         with self._lock:
             self._open()
             stream: Any = self._stream
@@ -58,7 +65,15 @@ class VideoReader:
             listed = [entry for entry in entries if not entry.is_discard] if entries is not None else []
             # The index of an MP4 lists every frame; those of Matroska and other containers list only keyframes.
             whole = len(listed) > 1 and stream.frames > 0 and len(entries) == stream.frames
-            self.frame_count = len(listed) if whole else self._scan()
+            self._coded_count = len(listed) if whole else self._scan()
+            self.frame_count = self._coded_count
+            times = [entry.timestamp for entry in listed]
+            if whole:
+                self._without_empty([entry.size for entry in listed], times)
+            if self._shown is None:
+                self._at_constant_rate(sorted(times) if whole else None)
+            else:
+                self.frame_count = len(self._shown)
             if self.frame_count == 0:
                 self.close()
                 raise StudioError("footage.video_empty", "the video has no frames", file=self.path)
@@ -98,7 +113,7 @@ class VideoReader:
                 frame=index,
             )
         with self._lock:
-            frame = self._decode(index)
+            frame = self._decode(self._shown[index] if self._shown is not None else index)
             if (frame.width, frame.height) != self._coded:
                 raise StudioError(
                     "footage.size_changed",
@@ -155,6 +170,60 @@ class VideoReader:
         self._stream.codec_context.thread_count = 1
         self._frames = container.decode(self._stream)
         self._next = 0
+
+    def _without_empty(self, sizes: list[int], times: list[int]) -> None:
+        """Find packets that repeat the frame before them, as written by MPEG-4 encoders for dropped frames: decoders
+        return nothing for them, so the video would seem to be truncated.
+
+        Args:
+            sizes, times: size in bytes and time of each packet, as listed by the container.
+        """
+        import av
+
+        if min(sizes) > _EMPTY_PACKET or sorted(sizes)[len(sizes) // 2] <= 8 * _EMPTY_PACKET:
+            return
+        try:
+            with open_media(self.path) as container:
+                decoded = [(frame.pts, frame.key_frame) for frame in container.decode(container.streams.video[0])]
+        except (av.error.FFmpegError, OSError):
+            return  # reported when the frame is read
+        found = [time for time, _ in decoded if time is not None]
+        silent = {time for time, size in zip(times, sizes, strict=True) if size <= _EMPTY_PACKET}
+        missing = set(times) - set(found)
+        if not missing or not missing <= silent or len(set(found)) != len(decoded) or found != sorted(found):
+            return
+        self._timestamps, self._coded_count = found, len(found)
+        self._keyframes = [index for index, (_, key) in enumerate(decoded) if key]
+        self._shown = [max(0, bisect.bisect_right(found, time) - 1) for time in sorted(times)]
+        self.note = f"{len(missing)} dropped frames repeat the ones before them"
+
+    def _at_constant_rate(self, times: list[int] | None) -> None:
+        """Fill gaps in the presentation times.
+
+        Args:
+            times: decoding times, if the container lists them; None: use those of `_scan`.
+        """
+        if times is not None and frame_clock(times) is None:
+            return
+        if times is not None:
+            self._scan()
+        clock = frame_clock(self._timestamps or ())
+        if clock is None:
+            return
+        rate = 1 / (clock.interval * float(self._stream.time_base))
+        if clock.shown is None:
+            self.close()
+            raise StudioError(
+                "footage.variable_rate",
+                f"the frame rate varies too much to be made constant (usually {rate:.4g} fps)",
+                file=self.path,
+                value=rate,
+                fix=f"Convert the video: ffmpeg -i {self.path.name} -fps_mode cfr -r {rate:.4g} OUTPUT.",
+            )
+        self._shown, self.fps = clock.shown, rate
+        self.frame_count = len(clock.shown)
+        added = self.frame_count - len(set(clock.shown))
+        self.note = f"the frame rate is not constant; at {rate:.4g} fps, {added} frames repeat the ones before them"
 
     def _scan(self) -> int:
         """Read the exact presentation times of all packets without decoding; returns the frame count."""
@@ -223,12 +292,12 @@ class VideoReader:
             self.close()
             raise StudioError(
                 "footage.video_truncated",
-                f"the video ends after {at} of {self.frame_count} frames",
+                f"the video ends after {at} of {self._coded_count} frames",
                 file=self.path,
                 value=at,
                 fix=f"Copy it again, or set capture.stop to {at}.",
                 frame=at,
-                expected=self.frame_count,
+                expected=self._coded_count,
                 setting="capture.stop",
             ) from None
         except (av.error.FFmpegError, OSError, ValueError) as error:

@@ -11,6 +11,9 @@ from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, RAISED,
 from pipelines.events import GroupState
 
 _ORDER = ("failed", "running", "retried", "queued", "done")
+_HEADS = ("group", "state", "node", "frames", "PSNR", "s/frame")
+_COLUMNS = (0.0, 0.12, 0.34, 0.54, 0.69, 0.82, 1.0)
+"""Left edges of the columns and the right edge of the last, as shares of the width."""
 _COLORS: dict[str, RGB] = {"failed": BAD, "running": ACCENT, "retried": FAIR, "queued": DIM, "done": GOOD}
 
 
@@ -29,9 +32,12 @@ def draw_lanes(
     small = round(0.85 * em)
     row = line_height(small) + 0.5 * em
     counts = Counter(lane.state for lane in lanes)
-    head = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
-    canvas.text(x, y, f"Groups: {head}", small, DIM, width=width)
-    y, height = y + row, height - row
+    counted = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
+    canvas.text(x, y, f"Groups: {counted}", small, DIM, width=width)
+    y += row
+    for head, share in zip(_HEADS, _COLUMNS, strict=False):
+        canvas.text(x + share * width, y, head, small, DIM, width=0.18 * width)
+    y, height = y + row, height - 2 * row
     ordered = sorted(lanes, key=lambda lane: (_ORDER.index(lane.state) if lane.state in _ORDER else 0, lane.group))
     fit = max(0, int(height // row))
     shown = ordered if len(ordered) <= fit else ordered[: max(0, fit - 1)]
@@ -44,11 +50,10 @@ def draw_lanes(
 
 def _lane(canvas: Canvas, x: float, y: float, width: float, lane: GroupState, em: float, small: int) -> None:
     color = _COLORS.get(lane.state, DIM)
-    columns = [0.0, 0.16, 0.30, 0.52, 0.72, 0.86, 1.0]
-    at = [x + share * width for share in columns]
+    at = [x + share * width for share in _COLUMNS]
     room = [after - before - 0.5 * em for before, after in pairwise(at)]
     again = f" ({lane.attempt}.)" if lane.attempt > 1 else ""
-    canvas.text(at[0], y, f"group {lane.group}", small, TEXT, width=room[0])
+    canvas.text(at[0], y, str(lane.group), small, TEXT, width=room[0])
     canvas.text(at[1], y, f"{lane.state}{again}", small, color, width=room[1])
     node = f"{lane.node}, GPU {lane.gpu}" if lane.gpu else lane.node
     canvas.text(at[2], y, node, small, DIM, width=room[2])
@@ -60,6 +65,6 @@ def _lane(canvas: Canvas, x: float, y: float, width: float, lane: GroupState, em
         canvas.text(at[4], y, lane.message, small, color, width=room[4] + room[5])
         return
     if lane.psnr is not None:
-        canvas.text(at[4], y, f"{lane.psnr:.1f} dB", small, TEXT, width=room[4])
+        canvas.text(at[4], y, f"{lane.psnr:.1f}", small, TEXT, width=room[4])
     if lane.seconds_per_frame is not None:
-        canvas.text(at[5], y, f"{lane.seconds_per_frame:.1f} s/frame", small, TEXT, width=room[5])
+        canvas.text(at[5], y, f"{lane.seconds_per_frame:.1f}", small, TEXT, width=room[5])

@@ -43,6 +43,8 @@ class RenderRequest:
         wipe: position of the wipe, 0 to 1.
         context: the take, for footage; None for a bare stream.
         rig: the capture cameras, used if the footage cannot be opened.
+        points: (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so
+            that the narrow pictures contain the performer.
     """
 
     sources: dict[str, FrameSource]
@@ -58,6 +60,8 @@ class RenderRequest:
     wipe: float
     context: Context | None
     rig: Rig | None
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    home: OrbitCamera = field(default_factory=OrbitCamera)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,6 +72,11 @@ class RenderRequest:
             order = ("truth", "trained", "decoded") if self.camera else ("trained", "decoded")
             return tuple(name for name in order if name in self.sources or name == "truth")
         return (self.reference, self.what)
+
+    @property
+    def label(self) -> tuple[object, ...]:
+        """What it is a picture of, apart from frame and view: pictures with different labels must not be confused."""
+        return (self.mode, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
 
     def same_as(self, other: RenderRequest) -> bool:
         """Whether it results in the same picture."""
@@ -95,6 +104,7 @@ class Picture:
         mode: one of `compare.MODES`.
         box: rectangle of the (left) picture in the image; the wipe moves within it.
         camera: the capture camera; "" for the free view.
+        label: `RenderRequest.label`.
     """
 
     image: np.ndarray
@@ -106,6 +116,7 @@ class Picture:
     mode: str = "single"
     box: Box = field(default_factory=lambda: Box(0, 0, 1, 1))
     camera: str = ""
+    label: tuple[object, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +138,7 @@ class FrameRenderer:
 
     draw: DrawFn
     _kept: OrderedDict[tuple[object, ...], _Part] = field(default_factory=OrderedDict)
+    _reduced_of: tuple[object, float] = (None, 1.0)
 
     def __call__(self, request: RenderRequest) -> Picture:
         """Render the picture.
@@ -158,6 +170,7 @@ class FrameRenderer:
             request.mode,
             where[0],
             request.camera,
+            request.label,
         )
 
     def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
@@ -176,7 +189,7 @@ class FrameRenderer:
             else:
                 gaussians = source.gaussians(request.frame)
                 loaded = time.perf_counter()
-                camera = request.orbit.camera(box.width, box.height)
+                camera = request.orbit.camera(box.width, box.height, self._reduced(request, box))
                 if capture is not None:
                     camera = request.image_zoom.camera(capture, box.width, box.height)
                 image = self.draw(gaussians, camera, request.background)
@@ -188,6 +201,15 @@ class FrameRenderer:
         while len(self._kept) > KEPT_PICTURES:
             self._kept.popitem(last=False)
         return kept
+
+    def _reduced(self, request: RenderRequest, box: Box) -> float:
+        """Only the initial view decides, so that zooming in still enlarges."""
+        if request.mode != "side by side":
+            return 1.0
+        key = (id(request.points), request.home.key, box.width, box.height)
+        if key != self._reduced_of[0]:
+            self._reduced_of = key, request.home.widened(request.points, box.width, box.height)
+        return self._reduced_of[1]
 
     def forget(self) -> None:
         """Empty the cache: something else was opened, or files have changed."""

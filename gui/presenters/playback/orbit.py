@@ -135,9 +135,25 @@ class OrbitCamera:
         """This view moved closer (positive) or farther away by notches of the wheel."""
         return replace(self, distance=float(np.clip(self.distance * _ZOOM_STEP**notches, 1e-4, 1e6)))
 
-    def camera(self, width: int, height: int) -> Camera:
-        """The pinhole camera to render with: square pixels, principal point at the center."""
-        focal = 0.5 * height / math.tan(0.5 * self.fov)
+    def widened(self, points: np.ndarray, width: int, height: int) -> float:
+        """Factor, at most 1, by which a picture of this size must be reduced to contain all of the points from left to
+        right.
+
+        Args:
+            points: (N, 3) world coordinates; those behind the view are ignored.
+            width, height: size of the picture, pixels.
+        """
+        if len(points) == 0:
+            return 1.0
+        camera = self.camera(width, height)
+        pixels, depth = camera.project(points)
+        across = np.abs(pixels[depth > 1e-6, 0] - 0.5 * width)
+        return min(1.0, 0.5 * 0.85 * width / max(float(across.max(initial=0.0)), 1e-6))
+
+    def camera(self, width: int, height: int, reduced: float = 1.0) -> Camera:
+        """The pinhole camera to render with: square pixels, principal point at the center; `reduced` below 1 shows more
+        around it."""
+        focal = 0.5 * height / math.tan(0.5 * self.fov) * reduced
         K = np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
         pose = np.eye(4)
         pose[:3, :3] = self._axes()

@@ -15,7 +15,7 @@ from gui.presenters.playback.frame_renderer import DrawFn, FrameRenderer, Pictur
 from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.rate import Rate
-from gui.presenters.playback.sources import Opened, open_path, take_contents
+from gui.presenters.playback.sources import Opened, body_of, open_path, reach_of, take_contents, thinned
 from gui.presenters.playback.stream_audio import StreamAudio
 from gui.presenters.playback.stream_source import LeftOut, StreamSource
 from gui.presenters.playback.transport import Transport
@@ -40,6 +40,7 @@ class PlayerPresenter(Viewpoint):
     Attributes:
         filmed: frame numbers in the footage's files; empty if unknown.
         audio: the sound of the open stream; None if it has none.
+        on_screen: whether the viewport shows the player.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class PlayerPresenter(Viewpoint):
         self.transport = Transport(1, FALLBACK_FPS, now=now)
         self.picture: Picture | None = None
         self.notice = ""
+        self.on_screen = True
         self.audio: StreamAudio | None = None
         self._left_out: tuple[int, str] | None = None
 
@@ -105,6 +107,7 @@ class PlayerPresenter(Viewpoint):
             return False
         self._contents = contents
         was_empty = not self.opened.sources
+        opened.reach = reach_of(opened) if was_empty else self.opened.reach
         self._close_sources()
         self.opened = opened
         self._load_sound()
@@ -123,9 +126,8 @@ class PlayerPresenter(Viewpoint):
         self.home = OrbitCamera(up=self.opened.up)
         self._points = np.zeros((0, 3))
         if first is not None:
-            visible = first.means[first.opacities > 0.1]
-            points = (visible if len(visible) else first.means).detach().cpu().numpy()
-            self._points = points[:: max(len(points) // 4000, 1)].astype(np.float64)
+            points = body_of(first)
+            self._points = np.concatenate([thinned(points), self.opened.reach])
             self.home = OrbitCamera.around(points, self.opened.up)
             if self.opened.view is not None:
                 self.home = OrbitCamera.looking_through(self.opened.view, self.home.target, self.opened.up)
@@ -225,11 +227,8 @@ class PlayerPresenter(Viewpoint):
         """Request the current frame and return a new picture if there is one. Call at each tick; never blocks."""
         self._follow_sound()
         if self.opened is not None and self.source is not None:
-            request = RenderRequest(
-                self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
-                self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
-                self.opened.rig,
-            )  # fmt: skip
+            request = self._request()
+            assert request is not None
             if self._asked is None or not request.same_as(self._asked):
                 self._asked = request
                 self._worker.ask(request)
@@ -238,6 +237,38 @@ class PlayerPresenter(Viewpoint):
         if self._left_out is not None and (self.picture is None or not self.transport.playing):
             self.message = f"Frame {self._left_out[0]}: {self._left_out[1]}"
         return picture
+
+    def _request(self) -> RenderRequest | None:
+        """What is wanted now; None if there is nothing to show."""
+        if self.opened is None or self.source is None:
+            return None
+        return RenderRequest(
+            self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
+            self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
+            self.opened.rig, self._points, self.home,
+        )  # fmt: skip
+
+    @property
+    def label(self) -> object:
+        """What the wanted picture is a picture of, apart from frame and view; None if there is nothing to show."""
+        request = self._request()
+        return request.label if request is not None else None
+
+    @property
+    def current(self) -> bool:
+        """Whether the newest picture is one of what is wanted: the same sources, comparison and camera, and when
+        paused the same frame."""
+        request = self._request()
+        if self.picture is None or request is None or self.picture.label != request.label:
+            return False
+        return self.transport.playing or self.picture.frame == request.frame
+
+    @property
+    def frame(self) -> int:
+        """The frame that the window's numbers and plots refer to: during playback that of the newest picture."""
+        if self.on_screen and self.transport.playing and self.picture is not None and self.current:
+            return min(self.picture.frame, self.transport.last)
+        return self.transport.frame
 
     @property
     def left_out(self) -> list[str]:
@@ -261,6 +292,9 @@ class PlayerPresenter(Viewpoint):
             self.message = f"Frame {done.request.frame}: {what}"
             self.transport.pause()
             return None
+        wanted = self._request()
+        if wanted is not None and done.request.label != wanted.label:
+            return None  # the user has chosen something else meanwhile
         self.picture, self._left_out = done.result, None
         if self.message.startswith("Frame "):
             self.message = ""
@@ -289,14 +323,16 @@ class PlayerPresenter(Viewpoint):
         if self.picture is None or self.source is None:
             return ""
         picture = self.picture
-        what = LABELS[picture.source] if picture.mode == "single" else picture.mode
+        frame, current = self.frame, self.current
         parts = [
-            what,
-            f"frame {picture.frame} (0 to {self.transport.last})",
-            f"{picture.frame / self.transport.fps:.2f} s",
-            picture.camera or "free view",
+            LABELS[self.what] if self.mode == "single" else self.mode,
+            f"frame {frame} (0 to {self.transport.last})",
+            f"{frame / self.transport.fps:.2f} s",
+            self.camera or "free view",
         ]
-        if picture.splats:
+        if not current:
+            parts.append("drawing")
+        elif picture.splats:
             parts.append(f"{picture.splats:,} splats")
         count = len(self.left_out)
         if count:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,9 @@ from pipelines.takes.videos import FALLBACK_FPS
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+
+REACH_FRAMES = 6
+"""Number of trained frames from which `TrainedSource.reach` is known."""
 
 
 class FrameSource(Protocol):
@@ -54,6 +58,7 @@ class Opened:
         rig: the capture cameras; None if unknown.
         view: the initial camera; None if unknown.
         up: (3,) world up direction; z if no camera is known.
+        reach: (N, 3) points of the performer in frames spread over the take, world coordinates; none for a bare stream.
     """
 
     title: str
@@ -64,6 +69,7 @@ class Opened:
     up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     take: Take | None = None
     message: str = ""
+    reach: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def default(self) -> FrameSource | None:
@@ -110,9 +116,35 @@ class TrainedSource:
         """See `FrameSource`."""
         return self._load_ms.get(frame)
 
+    def reach(self) -> np.ndarray:
+        """(N, 3): where the performer is in frames spread over the take, world coordinates; damaged ones are left
+        out."""
+        found = [np.zeros((0, 3))]
+        for frame in sorted({round(x) for x in np.linspace(0, self.frame_count - 1, REACH_FRAMES)}):
+            with contextlib.suppress(StudioError):
+                found.append(thinned(body_of(read_frame(self._files[frame]))))
+        return np.concatenate(found)
+
     def close(self) -> None:
         """See `FrameSource`."""
         self._cache.clear()
+
+
+def reach_of(opened: Opened) -> np.ndarray:
+    """`Opened.reach`, from the trained frames. Reads files."""
+    trained = opened.sources.get("trained")
+    return trained.reach() if isinstance(trained, TrainedSource) else np.zeros((0, 3))
+
+
+def body_of(gaussians: Gaussians) -> np.ndarray:
+    """(N, 3): means of all splats that are not almost transparent; of all if there are none."""
+    visible = gaussians.means[gaussians.opacities > 0.1]
+    return np.asarray((visible if len(visible) else gaussians.means).detach().cpu().numpy())
+
+
+def thinned(points: np.ndarray, most: int = 4000) -> np.ndarray:
+    """(M, 3) float64: every n-th of (N, 3) points, so that about `most` are left."""
+    return points[:: max(len(points) // most, 1)].astype(np.float64)
 
 
 def open_path(place: Path | str) -> Opened:

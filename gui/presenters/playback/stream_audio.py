@@ -81,7 +81,7 @@ class StreamAudio:
                 stack.callback(measured.close)
                 peaks = peaks_of(measured, self.frame_count / self.fps, self._closed)
                 if peaks is not None:
-                    self.waveform = Waveform("Sound", (), SECOND, "", peaks)
+                    self.waveform = Waveform("Sound", (), SECOND, "", peaks=peaks)
                 self._closed.wait()
         except StudioError as error:
             self._error = f"{error} Playing without sound."

@@ -8,8 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, text_width
-from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAINT, LINE, PANEL, RAISED, RGB, SECOND, TEXT
+from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAINT, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from gui.presenters.playback.timeline import Timeline
+
+LEAST_SPAN = 2.0
+"""Least range of an axis that does not begin at zero, dB: smaller differences must not look large."""
 
 MARK_HEIGHT = 7
 GAP = 3
@@ -24,18 +27,26 @@ class Plot:
         values: one per frame; None if not measured.
         color: color of the curve.
         unit: shown after the numbers.
+        bars: whether values are bars that begin at zero; else a line on an axis with its own limits.
     """
 
     title: str
     values: Sequence[float | None]
     color: RGB
     unit: str
+    bars: bool = False
 
     @property
     def range(self) -> tuple[float, float] | None:
-        """Lowest and highest value; None if there are none."""
+        """Values at the lower and the upper end of the row; None if there are none."""
         known = [value for value in self.values if value is not None]
-        return (min(known), max(known)) if known else None
+        if not known:
+            return None
+        low, high = min(known), max(known)
+        if self.bars:
+            return 0.0, max(high, 1e-9) * 1.05
+        pad = max(0.1 * (high - low), 0.5 * (LEAST_SPAN - (high - low)))
+        return low - pad, high + pad
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +80,7 @@ def plots_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean
     return (
         Plot(f"PSNR trained, {mean}", evaluation_series.get("psnr_trained", []), SECOND, "dB"),
         Plot(f"PSNR decoded, {mean}", evaluation_series.get("psnr_decoded", []), ACCENT, "dB"),
-        Plot("KB per frame, group mean", kilobytes, SECOND, "KB"),
+        Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True),
     )
 
 
@@ -125,8 +136,17 @@ class TimelinePlots:
                 canvas.rect(middle - 2, self._track - GAP, 4, MARK_HEIGHT, BAD)
         return canvas.pixels
 
-    def with_head(self, base: np.ndarray, frame: int | None, plots: Sequence[Plot]) -> np.ndarray:
-        """A copy of `base` with the track, the playhead and the frame's values."""
+    def with_head(
+        self, base: np.ndarray, frame: int | None, plots: Sequence[Plot], hover: int | None = None
+    ) -> np.ndarray:
+        """A copy of `base` with the track, the playhead and the frame's values.
+
+        Args:
+            base: from `base`.
+            frame: the current frame; None for none.
+            plots: as for `base`.
+            hover: the frame under the pointer, whose values are shown beside it; None for none.
+        """
         canvas = Canvas(1, 1)
         canvas.pixels = base.copy()
         timeline = self.timeline
@@ -145,14 +165,40 @@ class TimelinePlots:
             if value is None:
                 continue
             size = self._size(height)
-            words = f"{value:.2f} {plot.unit}"
+            words = self._words(plot, frame)
             canvas.text(right, y + height / 2 - size * 0.62, words, size, TEXT, align="right")
-            self._bar(canvas, timeline, plot, frame, value, y, height, plot.color)
+            self._value(canvas, timeline, plot, frame, value, y, height, plot.color)
         first, last = timeline.span(frame)
         head = self.left + (first + last - 1) // 2
         below = canvas.pixels[GAP : self._track - GAP, head].astype(np.float32)
         canvas.pixels[GAP : self._track - GAP, head] = (below * 0.4 + np.array(ACCENT) * 0.6).astype(np.uint8)
+        if hover is not None:
+            self._hover(canvas, hover, plots)
         return canvas.pixels
+
+    def _hover(self, canvas: Canvas, frame: int, plots: Sequence[Plot]) -> None:
+        """A line at the frame under the pointer, with its number and values beside it."""
+        first, last = self.timeline.span(frame)
+        column = self.left + (first + last - 1) // 2
+        canvas.rect(column, GAP, 1, self.height - GAP, TEXT)
+        rows = [(self._words(plot, frame), y + height / 2) for plot, (y, height) in self._placed(plots)]
+        rows.append((f"frame {frame}", self._track + self.track_height / 2))
+        size = self._size(99)
+        for words, middle in rows:
+            if not words:
+                continue
+            width = text_width(words, size) + 10
+            left = column + 6 if column + 6 + width < canvas.width else column - 6 - width
+            canvas.rect(left, middle - 0.7 * size, width, 1.4 * size, GROUND)
+            canvas.text(left + 5, middle - 0.62 * size, words, size, TEXT)
+
+    def _placed(self, plots: Sequence[Plot]) -> list[tuple[Plot, tuple[int, int]]]:
+        return list(zip(plots, self._rows(len(plots)), strict=True))
+
+    @staticmethod
+    def _words(plot: Plot, frame: int) -> str:
+        value = plot.values[frame] if frame < len(plot.values) else None
+        return "" if value is None else f"{value:.2f} {plot.unit}"
 
     @property
     def _track(self) -> int:
@@ -166,7 +212,7 @@ class TimelinePlots:
     def _size(self, height: int) -> int:
         return max(min(round(0.78 * self.em), height - 1), 8)
 
-    def _bar(
+    def _value(
         self,
         canvas: Canvas,
         timeline: Timeline,
@@ -180,11 +226,10 @@ class TimelinePlots:
         limits = plot.range
         assert limits is not None
         low, high = limits
-        pad = max(0.12 * (high - low), 1e-3 * max(abs(high), 1e-3))
-        share = (value - low + pad) / (high - low + 2 * pad)
-        bar = max(round(share * (height - 2)), 1)
+        bar = max(round((value - low) / (high - low) * (height - 2)), 1)
         first, last = timeline.span(frame)
-        canvas.rect(self.left + first, y + height - 1 - bar, max(last - first - (last - first > 3), 1), bar, color)
+        thick = bar if plot.bars else min(2, bar)
+        canvas.rect(self.left + first, y + height - 1 - bar, max(last - first - (last - first > 3), 1), thick, color)
 
     def _plot(self, canvas: Canvas, timeline: Timeline, plot: Plot, y: int, height: int) -> None:
         size = self._size(height)
@@ -202,7 +247,19 @@ class TimelinePlots:
             return
         for index, value in enumerate(plot.values[: self.frame_count]):
             if value is not None:
-                self._bar(canvas, timeline, plot, index, value, y, height, _dimmed(plot.color))
+                self._value(canvas, timeline, plot, index, value, y, height, _dimmed(plot.color))
+        self._axis(canvas, plot.range, y, height)
+
+    def _axis(self, canvas: Canvas, limits: tuple[float, float], y: float, height: float) -> None:
+        """The values at the lower and the upper end of a row, at its right end."""
+        size = min(max(round(0.6 * self.em), 8), int(height / 2) - 1)
+        if size < 7:
+            return
+        right = canvas.width - 3
+        for value, top in ((limits[1], y), (limits[0], y + height - 1.25 * size)):
+            words = f"{value:.1f}" if value else "0"
+            canvas.rect(right - text_width(words, size) - 2, top, text_width(words, size) + 4, 1.25 * size, RAISED)
+            canvas.text(right, top, words, size, DIM, align="right")
 
     def _waveform(self, canvas: Canvas, plot: Waveform, y: int, height: int) -> None:
         if not len(plot.peaks):

@@ -38,7 +38,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     transport, picture = player.transport, player.picture
     if player.opened is None:
         return []
-    frame = transport.frame
+    frame = player.frame
     group = max(sum(1 for start in transport.group_starts if start <= frame) - 1, 0)
     blocks = [
         Block(
@@ -72,7 +72,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
         )
     )
     rows = []
-    if picture is not None:
+    if picture is not None and player.current:
         if picture.splats:
             rows.append(("splats", f"{picture.splats:,}"))
         source = player.source
@@ -91,7 +91,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
 
 def filmed_otherwise(player: PlayerPresenter) -> bool:
     """Whether the footage's frame number differs from the take's."""
-    frame = player.transport.frame
+    frame = player.frame
     return frame < len(player.filmed) and player.filmed[frame] != frame
 
 

@@ -61,7 +61,7 @@ class RunState:
         lines: the log, newest last: (kind, text), kind one of "", "warning", "error".
         curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
         previews: latest picture by camera.
-        lanes: latest state by group of the latest stage that ran on several machines.
+        lanes: latest state by stage and group, of stages that ran on several machines.
         changes: incremented with every event.
     """
 
@@ -76,7 +76,7 @@ class RunState:
     lines: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
     previews: dict[str, Preview] = field(default_factory=dict)
-    lanes: dict[int, GroupState] = field(default_factory=dict)
+    lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
     pid: int = 0
     started: float = 0.0
     changes: int = 0
@@ -104,6 +104,7 @@ class RunState:
             self._say(f"Run started: {todo}")
         elif isinstance(event, StageStarted):
             self.stage, self.progress = event.stage, None
+            self.lanes.pop(event.stage, None)
             self.failed.pop(event.stage, None)
             self._say(f"{event.stage}: {event.reason}")
         elif isinstance(event, Progress):
@@ -113,9 +114,7 @@ class RunState:
         elif isinstance(event, Metrics):
             self._metrics(event)
         elif isinstance(event, GroupState):
-            if any(lane.stage != event.stage for lane in self.lanes.values()):
-                self.lanes = {}
-            self.lanes[event.group] = event
+            self.lanes.setdefault(event.stage, {})[event.group] = event
             if event.state in ("retried", "failed"):
                 self._say(f"{event.stage}: group {event.group} {event.state}: {event.message}", "warning")
         elif isinstance(event, Preview):

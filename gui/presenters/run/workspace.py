@@ -38,6 +38,9 @@ class Workspace:
     Args:
         start_job: starts a job; tests replace it.
         now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        opening: name of what is being opened; "" if nothing is.
     """
 
     def __init__(
@@ -45,6 +48,7 @@ class Workspace:
     ) -> None:
         self._start_job, self._now = start_job, now
         self._worker: LatestWorker[Context, Assessment] = LatestWorker(assess, "v3studio assess")
+        self.opening = ""
         self._clear()
 
     def _clear(self) -> None:
@@ -80,6 +84,15 @@ class Workspace:
     def config(self) -> Config | None:
         """The take's settings; None if they cannot be read."""
         return self.context.config if self.context else None
+
+    @property
+    def without_settings(self) -> str:
+        """Why there are no settings: nothing is open yet, a bare stream is, or they cannot be read."""
+        if self.take is not None:
+            return f"The settings of this take cannot be read, so no footage can be shown.\n{self.message}"
+        if self.opening:
+            return f"Opening {self.opening} ..."
+        return "No take is open. A stream has no footage."
 
     def _read_config(self) -> None:
         assert self.take is not None

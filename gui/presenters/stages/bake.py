@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height
-from gui.presenters.drawing.palette import ACCENT, DIM, FAINT, GROUND, PANEL, RAISED, TEXT
+from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, PANEL, TEXT
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.qp_trial import TRIED_QPS, QpTrial
+from gui.presenters.stages.qp_chart import QpChart
+from gui.presenters.stages.qp_trial import QpTrial
 from gui.presenters.stages.stage_view import Size, StageView
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
@@ -87,20 +88,30 @@ def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
 
 
 class BakeView(StageView):
-    """See the module."""
+    """See the module.
+
+    Attributes:
+        trial: sizes and quality at other QPs.
+        points: where the chart of the trial shows each QP, pixels.
+    """
 
     modes = ("bytes", "try other QPs", "planes")
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
-        self._trial = QpTrial()
+        self.trial = QpTrial()
+        self.points: dict[int, tuple[float, float]] = {}
+        self._told = ""
 
     def state(self) -> Hashable:
-        """The stream on disk, the frame in mode "planes", the results of the QP trial."""
+        """The stream on disk, the frame in mode "planes", the results of the QP trial and the chosen QP."""
         take = self.workspace.take
         path = take.stream / "manifest.json" if take is not None else None
         stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
-        return (take, stamp, self.mode, self.frame if self.mode == "planes" else 0, self._trial.changes, self.em)
+        frame = self.frame if self.mode == "planes" else 0
+        config = self.workspace.config
+        qp = config.bake.qp if config is not None else 0
+        return (take, stamp, self.mode, frame, self.trial.changes, qp, self._told, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -110,7 +121,7 @@ class BakeView(StageView):
         if self.mode == "try other QPs":
             if config is None:
                 raise StudioError("take.no_settings", "the settings of this take cannot be read", file=take.config)
-            self._trial.start(self.workspace)
+            self.trial.start(self.workspace)
             return self._rates(size)
         if not (take.stream / "manifest.json").is_file():
             raise StudioError("take.not_baked", "no stream yet", fix="Run Bake.")
@@ -160,39 +171,21 @@ class BakeView(StageView):
         return canvas.pixels
 
     def _rates(self, size: Size) -> np.ndarray:
-        canvas, em = Canvas(*size, GROUND), self.em
-        normal = round(em)
-        step = line_height(normal) * 1.5
-        trial, config = self._trial, self.workspace.config
+        config = self.workspace.config
         assert config is not None
-        canvas.text(em, em, trial.words, normal, TEXT, width=size[0] - 2 * em)
-        small = round(0.85 * em)
-        note = "To use one, set qp on the left and run Bake."
-        canvas.text(em, em + step * 0.8, note, small, DIM, width=size[0] - 2 * em)
-        y = em + 3 * step
-        columns = (6 * em, 14 * em, 21 * em)
-        for words, place in zip(("QP", "KB per frame", "Mbit/s"), columns, strict=True):
-            canvas.text(place, y - step * 0.8, words, small, DIM, align="right")
-        results = dict(trial.results)
-        most = max(results.values(), default=1.0)
-        for qp in TRIED_QPS:
-            now = qp == config.bake.qp
-            if now:
-                canvas.rect(em, y - 0.2 * em, size[0] - 2 * em, step, RAISED)
-            canvas.text(columns[0], y, str(qp), normal, TEXT, align="right")
-            if qp in results:
-                size_kb = results[qp] / 1000
-                canvas.text(columns[1], y, f"{size_kb:.1f}", normal, TEXT, align="right")
-                canvas.text(columns[2], y, f"{results[qp] * trial.fps * 8 / 1e6:.2f}", normal, TEXT, align="right")
-                left, right = 23 * em, size[0] - 8 * em
-                if right > left:
-                    canvas.rect(left, y + 3, (right - left) * results[qp] / most, 0.8 * em, ACCENT)
-            else:
-                canvas.text(columns[1], y, "..." if trial.running else "", normal, FAINT, align="right")
-            if now:
-                canvas.text(size[0] - 1.5 * em, y, "current", normal, ACCENT, align="right")
-            y += step
-        return canvas.pixels
+        chart = QpChart(size, self.em, self.trial, config.bake.qp, self._told)
+        self.points = chart.points
+        return chart.canvas.pixels
+
+    def click(self, x: float, y: float) -> None:
+        """In "try other QPs", a click on a point of the curve makes its QP the setting."""
+        if self.mode != "try other QPs" or not self.points:
+            return
+        qp, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))
+        if math.hypot(left - x, top - y) > 1.5 * self.em:
+            return
+        refusal = self.workspace.change_setting("bake.qp", qp)
+        self._told = f"QP {qp} is set. Run Bake to use it." if refusal is None else str(refusal)
 
     def _planes(self, size: Size, reader: StreamReader) -> np.ndarray:
         import cv2
@@ -241,5 +234,5 @@ class BakeView(StageView):
 
     def close(self) -> bool:
         """See `StageView`."""
-        self._trial.stop()
+        self.trial.stop()
         return super().close()

@@ -33,14 +33,14 @@ class CaptureView(StageView):
     def state(self) -> Hashable:
         """The capture settings, the frame, the mode, the result of the check."""
         config = self.workspace.config
-        capture = config.capture if config is not None else None
+        capture = config.capture if config is not None else self.workspace.without_settings
         return (capture, self.frame, self.mode, self._check.words, tuple(self._check.problems), self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
         footage = self._open()
         if footage is None:
-            return sentence(size, "The settings of this take cannot be read, so no footage can be shown.", self.em)
+            return sentence(size, self.workspace.without_settings, self.em)
         problems = [*map(str, footage.problems), *self._check.problems]
         lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
         room = min(len(lines), 8)

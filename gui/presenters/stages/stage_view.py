@@ -8,13 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
-from gui.presenters.drawing.palette import DIM, GROUND
+from gui.presenters.drawing.palette import DIM, GROUND, TEXT
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.worker import LatestWorker
 from studio.errors import StudioError
 
 Size = tuple[int, int]
+_Request = tuple[Size, str, Hashable]
 
 
 class StageView:
@@ -39,10 +40,8 @@ class StageView:
         self.mode = self.modes[0] if self.modes else ""
         self.em = 16.0
         self.frame = 0
-        self._worker: LatestWorker[tuple[Size, Hashable], np.ndarray] = LatestWorker(
-            self._work, f"v3studio {type(self).__name__}"
-        )
-        self._asked: tuple[Size, Hashable] | None = None
+        self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._work, f"v3studio {type(self).__name__}")
+        self._asked: _Request | None = None
 
     def state(self) -> Hashable:
         """Everything that the picture depends on except its size; compared for equality."""
@@ -58,12 +57,12 @@ class StageView:
 
     def poll(self, size: Size) -> np.ndarray | None:
         """Return a new picture if there is one, and request one if anything has changed. Never blocks."""
-        request = (size, self.state())
+        request = (size, self.mode, self.state())
         if request != self._asked:
             self._asked = request
             self._worker.ask(request)
         done = self._worker.take()
-        if done is None:
+        if done is None or done.request[1] != self.mode:  # of a mode that was left meanwhile
             return None
         if done.result is not None:
             return done.result
@@ -74,14 +73,16 @@ class StageView:
     def show_again(self) -> None:
         """Request the picture again at the next poll, because the viewport has shown something else."""
         self._asked = None
+        self._worker.take()  # drawn before: out of date
 
     @property
     def settled(self) -> bool:
         """Whether the newest picture shows what was last requested."""
         return self._worker.idle
 
-    def _work(self, request: tuple[Size, Hashable]) -> np.ndarray:
-        return self.draw(*request)
+    def _work(self, request: _Request) -> np.ndarray:
+        size, _, state = request
+        return self.draw(size, state)
 
     # Gestures; ignored by default
 
@@ -139,6 +140,15 @@ class OrbitView(StageView):
     def reset(self) -> None:
         """Return to the initial view."""
         self.orbit = None
+
+
+def waiting(pixels: np.ndarray, words: str, em: float) -> np.ndarray:
+    """A dimmed copy of the picture on screen, for as long as it is not what was chosen, with a word why."""
+    canvas = Canvas(1, 1)
+    canvas.pixels = (0.3 * pixels + 0.7 * np.array(GROUND)).astype(np.uint8)
+    if words:
+        canvas.text(canvas.width / 2, canvas.height / 2 - 0.6 * em, words, round(em), TEXT, align="middle")
+    return canvas.pixels
 
 
 def sentence(size: Size, words: str, em: float) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from gui.presenters.stages.bake import BakeView
 from gui.presenters.stages.calibrate import CalibrateView
 from gui.presenters.stages.capture import CaptureView
 from gui.presenters.stages.initialize import InitializeView, Mesh
-from gui.presenters.stages.stage_view import StageView
+from gui.presenters.stages.stage_view import StageView, waiting
 from gui.presenters.stages.train import TrainView
 
 Choice = tuple[str, str, str]
@@ -29,6 +30,9 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     ("difference", "Difference", "Difference heat map against footage or trained (D)"),
 )
 
+DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
+"""Seconds after which a picture of something else, or of another frame, is dimmed: not at every quick change."""
+
 TOOLTIPS = {
     "mask overlay": "Images with the background darkened and the matte's edge outlined",
     "images": "Original images",
@@ -41,7 +45,7 @@ TOOLTIPS = {
     "progress": "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage",
     "gaussians": "Trained frames in the interactive viewer",
     "bytes": "Size by attribute and by group",
-    "try other QPs": "Size at other quantization parameters, measured on the first frames",
+    "try other QPs": "Size and PSNR at other quantization parameters, measured on a whole group",
     "planes": "Attribute planes of the frame as images",
 }
 
@@ -53,9 +57,16 @@ class StageViews:
         workspace: the take.
         player: the player.
         read_mesh: see `InitializeView`.
+        now: a clock in seconds that never runs backwards.
     """
 
-    def __init__(self, workspace: Workspace, player: PlayerPresenter, read_mesh: Callable[[Path], Mesh]) -> None:
+    def __init__(
+        self,
+        workspace: Workspace,
+        player: PlayerPresenter,
+        read_mesh: Callable[[Path], Mesh],
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.workspace, self.player = workspace, player
         self.capture = CaptureView(workspace)
         self.stage_views: dict[str, StageView] = {
@@ -67,6 +78,11 @@ class StageViews:
         }
         self.points = PointsView(workspace)
         self.stage = "review"
+        self._now = now
+        self._shown: object = None
+        self._pixels: np.ndarray | None = None
+        self._missing_since: float | None = None
+        self._waits = ""
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
         """Buttons above the viewport, by stage."""
@@ -135,12 +151,43 @@ class StageViews:
     def poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
         """Return a new picture if there is one. Never blocks; call at each tick.
 
+        A picture is never left under another label: while the chosen one is being made, the old one is dimmed.
+
         Args:
             size: size of the viewport, pixels.
             drawn_size: size of pictures rendered from splats.
             em: font size, pixels.
         """
+        pixels = self._poll(size, drawn_size, em)
+        if pixels is not None:
+            self._shown, self._pixels, self._missing_since, self._waits = self._wanted, pixels, None, ""
+            return pixels
+        if self._pixels is None or (self._wanted == self._shown and self._frame_shown):
+            self._missing_since = None
+            return None
+        now = self._now()
+        if self._missing_since is None:
+            self._missing_since = now
+        if now - self._missing_since < (DIMMED_AFTER if self._wanted != self._shown else FRAME_DIMMED_AFTER):
+            return None
+        words = "not available" if self.settled else "drawing"
+        if words == self._waits:
+            return None
+        self._waits = words
+        return waiting(self._pixels, "" if self.message else words, em)
+
+    @property
+    def _wanted(self) -> object:
+        """What the chosen picture is a picture of."""
+        return self.player.label if self.shows_player else (self.stage, self.stage_view and self.stage_view.mode)
+
+    @property
+    def _frame_shown(self) -> bool:
+        return not self.shows_player or self.player.opened is None or self.player.current
+
+    def _poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
         stage_view = self.stage_view
+        self.player.on_screen = stage_view is None
         if stage_view is None:
             self.player.context = self.workspace.context
             self.player.filmed = self.workspace.assessment.numbers

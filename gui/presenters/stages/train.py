@@ -39,7 +39,7 @@ class TrainView(StageView):
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         frames = len(take.trained_files()[0]) if take is not None else 0
-        lanes = tuple(run.lanes.values())
+        lanes = tuple(run.lanes.get("train", {}).values())
         return (take, frames, preview, points, run.stage, run.outcome, lanes, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
@@ -57,7 +57,7 @@ class TrainView(StageView):
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
             curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0%", "100%"), newest)
-        lanes = list(run.lanes.values())
+        lanes = list(run.lanes.get("train", {}).values())
         if lanes:
             wide = 0.5 * (canvas.width - 3 * em)
             draw_lanes(canvas, (em, share, wide, canvas.height - share - em), lanes, em)

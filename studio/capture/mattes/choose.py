@@ -19,13 +19,14 @@ from studio.capture.mattes.matte_source import (
     FileMatteSource,
     FullMatteSource,
     MatteSource,
+    MissingMatteSource,
     PlateMatteSource,
     plates_from_files,
 )
 from studio.capture.mattes.matting_function import FunctionMatteSource
 from studio.capture.mattes.median_background import Background, cached_background, estimate_background
 from studio.capture.mattes.onnx_model import OnnxModel
-from studio.capture.mattes.plain_background import PlainMatteSource, plain_color
+from studio.capture.mattes.plain_background import PlainMatteSource, plain_color, spread
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings, OnnxSettings
 from studio.errors import StudioError
@@ -42,7 +43,9 @@ def mask_source(
     device: str = "auto",
     threads: int = 0,
 ) -> tuple[MatteSource, str]:
-    """The matte source selected by `spec.masks`.
+    """The matte source selected by `spec.masks`: one kind for all cameras.
+
+    "auto" that finds none gives a `MissingMatteSource`, so that cameras can be calibrated without mattes.
 
     Args:
         spec: the capture's settings.
@@ -61,7 +64,7 @@ def mask_source(
     kind = spec.masks
     names = tuple(sources)
     if kind in ("alpha", "auto") and all(source.has_alpha for source in sources.values()):
-        return AlphaMatteSource(), "Masks: alpha channel of the images."
+        return AlphaMatteSource(), _chosen(spec, names, "alpha channel of the images")
     if kind == "alpha":
         bare = next(name for name, source in sources.items() if not source.has_alpha)
         raise StudioError(
@@ -75,7 +78,8 @@ def mask_source(
         found = _mask_files(spec, sources, required=kind == "files")
         if found is not None:
             pattern, matches = found
-            return _file_matte_source(matches, names, frames, pool, "mask", spec.offsets), f"Masks: files '{pattern}'."
+            files = _file_matte_source(matches, names, frames, pool, "mask", spec.offsets)
+            return files, _chosen(spec, names, f"files '{pattern}'")
     if kind in ("clean_plate", "auto"):
         found = _plates(spec, sources, required=kind == "clean_plate")
         if found is not None:
@@ -94,13 +98,15 @@ def mask_source(
             load = plates_from_files(matches, spec.color_matrix)
             paths = [match.path for match in matches]
             matte_source = PlateMatteSource(load, paths, spec)
-            return matte_source, f"Masks: difference from the clean plates '{pattern}'."
+            return matte_source, _chosen(spec, names, f"difference from the clean plates '{pattern}'")
     if kind == "chroma_key":
         return _chroma(spec, sources, pool), "Masks: chroma key."
     if kind == "model":
         return _model(spec, names, pool, cache_folder, device, threads), f"Masks: matting model {spec.mask_model}."
     if kind == "plain" or (kind == "auto" and _before_plain(sources)):
-        return PlainMatteSource(lambda camera: _first(sources[camera])), "Masks: difference from the plain background."
+        return PlainMatteSource(lambda camera: _first(sources[camera]), names), _chosen(
+            spec, names, "difference from the plain background"
+        )
     count = min(len(source.frames) for source in sources.values())
     if kind == "median_background" and count < 3:
         raise StudioError(
@@ -124,8 +130,20 @@ def mask_source(
 
         paths = [path for source in sources.values() for path in source.files()]
         matte_source = PlateMatteSource(background, paths, spec)
-        return matte_source, "Masks: difference from the background estimated from the footage."
-    return FullMatteSource(), "Masks: none; everything is foreground."
+        return matte_source, _chosen(spec, names, "difference from the background estimated from the footage")
+    if kind == "none":
+        return FullMatteSource(), "Masks: none; everything is foreground."
+    missing = MissingMatteSource(
+        "no alpha channel, mask files, clean plates or plain background, and too few frames to estimate the background "
+        f"({count}; {_FEW_FRAMES} are needed)"
+    )
+    return missing, f"Masks: not found. {missing.message}"
+
+
+def _chosen(spec: CaptureSettings, names: tuple[str, ...], what: str) -> str:
+    """What the masks of which cameras are, and whether somebody chose it."""
+    cameras = f"all {len(names)} cameras" if len(names) > 1 else f"camera '{names[0]}'"
+    return f"Masks: {what}{f' (chosen by auto for {cameras})' if spec.masks == 'auto' else ''}."
 
 
 def _first(source: FrameSource) -> np.ndarray:
@@ -133,10 +151,15 @@ def _first(source: FrameSource) -> np.ndarray:
 
 
 def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
-    """Whether the images show the performer cut out on a plain color, according to three cameras."""
-    some = list(sources.values())
+    """Whether the images show the performer cut out on a plain color, according to up to nine cameras.
+
+    In at least half of them, the performer must not be cut off; in the others the color must be the same.
+    """
+    some = spread(tuple(sources))
+    matte_source = PlainMatteSource(lambda camera: _first(sources[camera]), tuple(sources))
     try:
-        return all(plain_color(_first(source)) is not None for source in {some[0], some[len(some) // 2], some[-1]})
+        whole = sum(plain_color(_first(sources[camera]), cut_off=False) is not None for camera in some)
+        return 2 * whole >= len(some) and all(matte_source.has_color(camera) for camera in some)
     except StudioError:  # an unreadable file is reported when it is needed
         return False
 

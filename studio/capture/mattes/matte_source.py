@@ -19,7 +19,7 @@ from studio.capture.mattes.median_background import Background, median_plate
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.per_camera_cache import PerCameraCache
 from studio.capture.settings import DifferenceSettings
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 _MOST_LABELS = 24  # more than any labeling of body parts, and invisible as a matte
 
@@ -63,6 +63,31 @@ class FullMatteSource:
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MatteSource`."""
         return np.full(image.shape[:2], 255, np.uint8)
+
+    def files(self) -> list[Path]:
+        """See `MatteSource`."""
+        return []
+
+
+class MissingMatteSource:
+    """A `MatteSource` for captures in which no source of mattes was found: what needs mattes stops there.
+
+    Args:
+        reasons: what is missing, as a clause.
+    """
+
+    def __init__(self, reasons: str) -> None:
+        self.message = Message(
+            "matte.no_source",
+            f"capture.masks is auto, but the capture has no mattes that could be used: {reasons}",
+            fix="Set capture.masks to chroma_key, plain or model, add masks or clean plates, or set it to none if the "
+            "pictures show nothing but the performer.",
+            fields={"setting": "capture.masks"},
+        )
+
+    def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        """See `MatteSource`. Raises StudioError `matte.no_source`."""
+        raise StudioError(self.message.code, self.message.problem, fix=self.message.fix, **self.message.fields)
 
     def files(self) -> list[Path]:
         """See `MatteSource`."""

@@ -4,7 +4,8 @@ as in many published data sets.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,34 +14,44 @@ from studio.capture.per_camera_cache import PerCameraCache
 from studio.errors import StudioError
 
 _BORDER = 4  # width in pixels of the border in which the color is measured
-_UNIFORM = 0.97  # fraction of the border that must have the color
+_UNIFORM = 0.97  # fraction of the border that must have the color if the performer is not cut off
+_SIDE = 0.5  # fraction of each of three sides that must have it otherwise: more than most letterbox bars
+_SHARED = 0.01  # fraction of an image that must have the other cameras' color
 _NEAR = 6  # largest difference in levels that counts as the same color there
 _STRONG = 40  # difference in levels above which a pixel is certainly foreground
 _MOST = 30  # largest tolerance in levels
 _SPECK = 1e-5  # fraction of the image; smaller components are noise
 
 
-def plain_color(image: np.ndarray) -> np.ndarray | None:
+def plain_color(image: np.ndarray, cut_off: bool = True) -> np.ndarray | None:
     """The plain background color of an image, from its border.
 
     Nearly all of the border must have the same color, except for compression artifacts, which is never the case in
-    camera footage.
+    camera footage. A performer may be cut off by the picture's edge: then at least half of three sides must have it.
 
     Args:
         image: (H, W, 3) uint8.
+        cut_off: whether the performer may be cut off.
 
     Returns:
         (3,) uint8; None if there is no such color, or if the image contains nothing else.
     """
-    border = np.concatenate(
-        [part.reshape(-1, 3) for part in (image[:_BORDER], image[-_BORDER:], image[:, :_BORDER], image[:, -_BORDER:])]
-    )
+    parts = (image[:_BORDER], image[-_BORDER:], image[:, :_BORDER], image[:, -_BORDER:])
+    sides = [part.reshape(-1, 3).astype(np.int16) for part in parts]
+    border = np.concatenate(sides)
     color = np.median(border, axis=0).astype(np.uint8)
-    near = np.abs(border.astype(np.int16) - color).max(axis=1) <= _NEAR
-    if near.mean() < _UNIFORM or np.abs(border[near].astype(np.int16) - color).mean() > 1:
+    near = _near(border, color)
+    shares = sorted(float(_near(side, color).mean()) for side in sides)
+    uniform = near.mean() >= _UNIFORM or (cut_off and shares[1] >= _SIDE)
+    if not uniform or np.abs(border[near] - color).mean() > 1:
         return None
     small = image[::4, ::4].astype(np.int16)
     return color if (np.abs(small - color).max(axis=2) > _STRONG).any() else None
+
+
+def _near(pixels: np.ndarray, color: np.ndarray) -> np.ndarray:
+    difference: np.ndarray = np.abs(pixels.astype(np.int16) - color).max(axis=-1)
+    return difference <= _NEAR
 
 
 def plain_matte(image: np.ndarray, color: np.ndarray) -> np.ndarray:
@@ -89,6 +100,13 @@ def _without_specks(mask: np.ndarray, least: float) -> np.ndarray:
     return kept.astype(np.uint8)[labels]
 
 
+def spread(cameras: Sequence[str], count: int = 9) -> list[str]:
+    """Up to `count` of the cameras, evenly spaced."""
+    if len(cameras) <= count:
+        return list(cameras)
+    return [cameras[round(index * (len(cameras) - 1) / (count - 1))] for index in range(count)]
+
+
 class PlainMatteSource:
     """A `MatteSource` whose foreground is everything that differs from a plain background color.
 
@@ -96,23 +114,50 @@ class PlainMatteSource:
 
     Args:
         first: returns a camera's first image (H, W, 3) uint8, in which the background color is measured.
+        cameras: all cameras. Where the performer hides most of the border, or is not yet in the picture, the color is
+            that of most others.
     """
 
-    def __init__(self, first: Callable[[str], np.ndarray]) -> None:
+    def __init__(self, first: Callable[[str], np.ndarray], cameras: Sequence[str] = ()) -> None:
         self._first = first
+        self._cameras = tuple(cameras)
         self._colors: PerCameraCache[np.ndarray] = PerCameraCache(self._find)
 
     def _find(self, camera: str) -> np.ndarray:
-        color = plain_color(self._first(camera))
+        image = self._first(camera)
+        color = plain_color(image)
+        if color is None:
+            shared = self._shared
+            color = shared if shared is not None and _near(image[::4, ::4], shared).mean() >= _SHARED else None
         if color is None:
             raise StudioError(
                 "matte.not_plain",
-                f"Camera '{camera}': the border of its first image does not have one plain color",
+                f"Camera '{camera}': its first image has neither a border of one plain color nor that of most others",
                 fix="Choose another source of masks in capture.masks.",
                 camera=camera,
                 setting="capture.masks",
             )
         return color
+
+    def has_color(self, camera: str) -> bool:
+        """Whether the camera's images have a plain background."""
+        try:
+            self._colors(camera)
+        except StudioError as error:
+            if error.code != "matte.not_plain":
+                raise
+            return False
+        return True
+
+    @cached_property
+    def _shared(self) -> np.ndarray | None:
+        """The color of most of up to nine cameras; None if fewer than half agree."""
+        colors = [plain_color(self._first(camera)) for camera in spread(self._cameras)]
+        found = [color for color in colors if color is not None]
+        for color in found:
+            if 2 * sum(bool(_near(other, color)) for other in found) >= max(2, len(colors)):
+                return color
+        return None
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MatteSource`. Raises StudioError `matte.not_plain`."""

@@ -21,12 +21,11 @@ def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, t
     window.drawn()
     window.screenshot(artifacts / "share.png")
     window.click("dialog save")
-    window.wait_for("what was written", lambda s: s["dialog"] == "message", 180)
+    window.wait_for("what was written", lambda s: s["notice"].startswith("Written: "), 180)
     assert (tmp_path / "walk-share" / "stream" / "manifest.json").read_bytes() == (
         folder / "manifest.json"
     ).read_bytes()
-    window.click("dialog close")
-    window.wait_for("closed", lambda s: s["dialog"] == "")
+    assert window.states()[-1]["dialog"] == "", "nothing stops the work"
 
     window.menu("Share", 2, separators=1)
     window.wait_for("dialog", lambda s: s["dialog"] == "serve")

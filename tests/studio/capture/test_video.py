@@ -184,3 +184,75 @@ def test_any_file_name_is_that_of_a_file(tmp_path: Path, make: SimpleNamespace, 
     made.rename(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     assert make.number_of(VideoReader(Path(name)).read(2)) == 2
+
+
+def with_times(path: Path, make: SimpleNamespace, times: list[int], codec: str, dropped: tuple[int, ...] = ()) -> Path:
+    """Numbered frames at these times (1/25 s). Packets of `dropped` become MPEG-4's "not coded" frames."""
+    from fractions import Fraction
+
+    import av
+
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 25)
+        stream.options = {"bf": "0", "g": "6", "q": "3"} if codec == "mpeg4" else {"bf": "2", "g": "6", "crf": "20"}
+
+        def write(packets: list[av.Packet]) -> None:
+            for packet in packets:
+                if packet.pts in dropped:
+                    # ISO/IEC 14496-2, 6.2.5: type P, no second passed, 5 bits of time, vop_coded = 0, stuffing
+                    bits = f"0101{packet.pts % 25:05b}1001111"
+                    other = av.Packet(b"\0\0\1\xb6" + int(bits, 2).to_bytes(2, "big"))
+                    other.pts, other.dts, other.time_base = packet.pts, packet.dts, packet.time_base
+                    other.stream = stream
+                    packet = other
+                container.mux(packet)
+
+        for time in times:
+            frame = av.VideoFrame.from_ndarray(make.numbered(time), format="rgb24")
+            frame.pts, frame.time_base = time, Fraction(1, 25)
+            write(stream.encode(frame))
+        write(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize(("name", "codec"), [("a.mp4", "libx264"), ("a.mkv", "libx264"), ("a.avi", "mpeg4")])
+def test_skipped_frames_repeat_the_one_before(tmp_path: Path, make: SimpleNamespace, name: str, codec: str) -> None:
+    """So that frame numbers stay times, and cameras in sync."""
+    times = [time for time in range(30) if time not in (7, 8, 20)]
+    reader = VideoReader(with_times(tmp_path / name, make, times, codec))
+    assert reader.frame_count == 30
+    assert reader.fps == pytest.approx(25, rel=1e-3)
+    assert "3 frames repeat" in reader.note
+    for index in (0, 6, 7, 8, 9, 29, 20, 21, 19, 8):
+        assert make.number_of(reader.read(index)) == {7: 6, 8: 6, 20: 19}.get(index, index)
+
+
+def test_packets_of_dropped_frames_do_not_make_a_video_truncated(tmp_path: Path, make: SimpleNamespace) -> None:
+    path = with_times(tmp_path / "a.avi", make, list(range(30)), "mpeg4", dropped=(10, 11, 20))
+    reader = VideoReader(path)
+    assert reader.frame_count == 30
+    assert "3 dropped frames" in reader.note
+    for index in (29, 24, 9, 10, 11, 20, 0, 11, 18):  # others refer to a missing frame until the next keyframe
+        expected = {10: 9, 11: 9, 20: 19}.get(index, index)
+        assert make.number_of(reader.read(index)) == expected
+
+
+def test_a_rate_without_rhythm_is_refused(tmp_path: Path, make: SimpleNamespace) -> None:
+    path = with_times(tmp_path / "a.mkv", make, [0, 1, 2, 3, 40, 41, 42, 80, 81], "libx264")
+    with refuses("footage.variable_rate", file=path) as caught:
+        VideoReader(path)
+    assert "-fps_mode cfr -r 25" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixels"), [("a.mov", "prores_ks", "yuv422p10le"), ("a.mkv", "libx264", "yuv420p10le")]
+)
+def test_ten_bits_and_prores(tmp_path: Path, make: SimpleNamespace, name: str, codec: str, pixels: str) -> None:
+    path = make.video(
+        tmp_path / name, [make.numbered(index) for index in (3, 5)], codec=codec, pixels=pixels, options={}
+    )
+    reader = VideoReader(path)
+    assert [make.number_of(reader.read(index)) for index in (1, 0)] == [5, 3]
+    assert np.abs(reader.read(0)[8:-8, 30:90].astype(int) - make.numbered(3)[8:-8, 30:90]).mean() < 4

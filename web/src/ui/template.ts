@@ -37,7 +37,7 @@ const HELP: readonly { readonly what: string; readonly touch?: string; readonly 
   { what: "Zoom", touch: "pinch", keys: `wheel, ${key("+ −")}` },
   { what: "Reset view", touch: "double tap", keys: `double click, ${key("R")}` },
   { what: "Controls", touch: "tap: show or hide" },
-  { what: "Seek", touch: "drag the knob of the timeline" },
+  { what: "Seek", touch: "drag along the timeline" },
   { what: "Play, pause", keys: key("Space K") },
   { what: "Back, forward 1 s", keys: key("J L") },
   { what: "Previous, next frame", keys: key(", .") },

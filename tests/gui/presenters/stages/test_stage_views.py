@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,15 +16,18 @@ from gui.presenters.preferences import RECENT, Preferences
 from gui.presenters.run.new_take import NewTake
 from gui.presenters.run.settings import SECTIONS, fields_of
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.bake import shares
+from gui.presenters.stages.bake import BakeView, shares
 from gui.presenters.stages.capture import grid
+from gui.presenters.stages.qp_trial import TRIED_QPS
 from gui.presenters.stages.stage_views import StageViews
 from gui.raycast import MeshPicture
 from pipelines.config import Config, load_config
 from pipelines.config.loading import all_names
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
+from studio.cameras import Camera
 from studio.errors import StudioError
+from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.waiting import wait_until
@@ -245,3 +249,61 @@ def test_the_accent_is_the_only_bright_color_of_the_list(views: StageViews, fini
     assert has(picture[round(3 * stage_list.row_height(16.0)) :], ACCENT) > 50
     assert stage_list.row_at(3.5 * stage_list.row_height(16.0), 16.0, 6) == 3
     assert stage_list.row_at(-1, 16.0, 6) is None
+
+
+def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_project: Path) -> None:
+    workspace, clock, gate = Workspace(), [0.0], threading.Event()
+    gate.set()
+
+    def draw(gaussians: Gaussians, camera: Camera, background: object) -> np.ndarray:
+        assert gate.wait(60)
+        return np.full((camera.height, camera.width, 3), 200, np.uint8)
+
+    views = StageViews(workspace, PlayerPresenter(draw), MeshPicture, lambda: clock[0])
+    opened(views, finished_project / "take")
+    views.choose("trained")
+    first = shown(views)
+    assert first.mean() == 200
+    gate.clear()
+    views.choose("decoded")
+    assert views.poll(SIZE, SIZE, 16.0) is None, "not at once: that would flicker"
+    assert not views.player.current
+    assert "drawing" in views.player.status
+    clock[0] = 1.0
+    waiting = views.poll(SIZE, SIZE, 16.0)
+    assert waiting is not None
+    assert np.median(waiting) < 100, "dimmed"
+    assert waiting.max() > 180, "with a word"
+    assert views.poll(SIZE, SIZE, 16.0) is None
+    gate.set()
+    assert shown(views).mean() == 200
+    assert views.player.current
+    assert views.close()
+    assert workspace.close()
+
+
+def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews, take_copy: Path) -> None:
+    opened(views, take_copy)
+    views.select("bake")
+    views.choose("try other QPs")
+    bake = views.stage_views["bake"]
+    assert isinstance(bake, BakeView)
+    wait_until("all QPs", lambda: shown(views) is not None and len(bake.points) == len(TRIED_QPS))
+    manifest = StreamReader.open(take_copy / "stream").manifest
+    longest = max(manifest.groups, key=lambda group: group.frame_count)
+    assert bake.trial.results[20].bytes_per_frame == longest.bytes / longest.frame_count, "what the bake gave"
+    trials = [bake.trial.results[qp] for qp in sorted(bake.trial.results)]
+    assert [one.bytes_per_frame for one in trials] == sorted((one.bytes_per_frame for one in trials), reverse=True)
+    assert trials[0].psnr > trials[-1].psnr + 3
+    x, y = bake.points[30]
+    views.click(x + 2, y - 2)
+    assert load_config(take_copy / "config.yaml").bake.qp == 30
+    wait_until("the new setting", lambda: views.workspace.poll() or views.workspace.config.bake.qp == 30)
+    views.click(1.0, 1.0)
+    assert load_config(take_copy / "config.yaml").bake.qp == 30, "not a point"
+
+
+def test_without_settings_the_capture_says_why(views: StageViews) -> None:
+    assert "No take is open" in views.workspace.without_settings
+    views.workspace.opening = "walk"
+    assert views.workspace.without_settings == "Opening walk ..."

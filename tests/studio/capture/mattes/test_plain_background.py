@@ -76,7 +76,34 @@ def test_another_background_is_refused(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE, 3)).astype(np.uint8)
     Image.fromarray(noise).save(tmp_path / "images" / "a.png")
     Image.fromarray(before(0)).save(tmp_path / "images" / "b.png")
-    assert "none" in open_footage(CaptureSettings(root=tmp_path)).description
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert "Masks: not found" in footage.description
+    with refuses("matte.no_source", setting="capture.masks"):
+        footage.matte("a", 0)
+    assert [problem.code for problem in check_footage(footage)] == ["matte.no_source"]  # once, not for each camera
     footage = open_footage(CaptureSettings(root=tmp_path, masks="plain"))
     with refuses("matte.not_plain", camera="a", setting="capture.masks"):
         footage.matte("a", 0)
+
+
+def test_performers_cut_off_by_the_edge(tmp_path: Path) -> None:
+    """Camera b cuts off two sides, c hides nearly the whole border, d does not see the performer yet."""
+    (tmp_path / "images").mkdir()
+    whole, half = before(255), SIZE // 2
+    for camera, image in (
+        ("a", whole),
+        ("b", whole[: half + 5, : half + 5]),
+        ("c", whole[half - 30 : half + 30, 40:100]),
+        ("d", np.full_like(whole, 255)),
+        ("e", whole[:, ::-1]),
+        ("f", whole[::-1]),
+    ):
+        Image.fromarray(image).save(tmp_path / "images" / f"{camera}.png")
+    truth = performer()[1]
+    for masks in ("plain", "auto"):
+        footage = open_footage(CaptureSettings(root=tmp_path, masks=masks))
+        assert "plain background" in footage.description
+        assert ("chosen by auto for all 6 cameras" in footage.description) == (masks == "auto")
+        assert np.abs(footage.matte("b", 0) / 255 - truth[: half + 5, : half + 5]).mean() < 0.01
+        assert np.abs(footage.matte("c", 0) / 255 - truth[half - 30 : half + 30, 40:100]).mean() < 0.01
+        assert not footage.matte("d", 0).any()

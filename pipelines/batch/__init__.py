@@ -1,0 +1,1 @@
+"""A queue of takes that one machine works through."""

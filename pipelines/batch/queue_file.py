@@ -1,0 +1,278 @@
+"""The queue of takes, kept in a file that several programs read and change."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
+from studio.errors import StudioError
+
+State = Literal["waiting", "running", "done", "failed"]
+
+
+class QueuedTake(Result):
+    """A take in the queue."""
+
+    number: Annotated[int, Field(ge=1)]
+    """Never given to another take of the same queue."""
+
+    take: Path
+    """Folder of the take, absolute."""
+
+    config: Path | None = None
+    """YAML file of settings, absolute; None: those in the take."""
+
+    overrides: tuple[str, ...] = ()
+    """Settings that come on top: SECTION.NAME=VALUE."""
+
+    folder: Path
+    """Working directory when it was added; relative paths in `overrides` start there."""
+
+    state: State = "waiting"
+    """failed: see `message`. A take that was interrupted waits again."""
+
+    message: str = ""
+    """Why it failed, or what it achieved."""
+
+    added: str
+    """Date and time, ISO 8601 in UTC."""
+
+    started: str = ""
+    """Of the last run; empty before the first."""
+
+    finished: str = ""
+    """Of the last run that ended."""
+
+    def having(self, **changes: object) -> QueuedTake:
+        """The same with other values."""
+        return QueuedTake.model_validate({**self.model_dump(exclude_unset=True), **changes})
+
+
+class Queue(Result):
+    """All takes, in the order in which they are run."""
+
+    format: Literal[1] = 1
+    """Version of this file."""
+
+    last_number: Annotated[int, Field(ge=0)] = 0
+    """The largest number that was ever given."""
+
+    takes: tuple[QueuedTake, ...] = ()
+    """Takes that wait, run or have ended."""
+
+
+def now() -> str:
+    """Date and time in UTC, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def default_queue() -> Path:
+    """The user's queue: $XDG_STATE_HOME/v3studio/queue.json, normally in ~/.local/state (XDG base directories)."""
+    state = os.environ.get("XDG_STATE_HOME", "")
+    folder = Path(state) if Path(state).is_absolute() else Path.home() / ".local" / "state"
+    return folder / "v3studio" / "queue.json"
+
+
+class QueueFile:
+    """Reads and changes the queue. Each change is made under a lock and written at once.
+
+    Args:
+        path: of the JSON file; created by the first change.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def read(self) -> Queue:
+        """The queue; empty if there is no file.
+
+        Raises:
+            StudioError: not a queue (`take.damaged`).
+        """
+        try:
+            return read_model(self.path, Queue)
+        except StudioError as error:
+            if error.code == "take.file_not_found":
+                return Queue(format=1)
+            raise
+
+    def change(self, how: Callable[[Queue], Queue]) -> Queue:
+        """Read the queue, write what `how` makes of it, and return that.
+
+        Raises:
+            StudioError: not a queue, or it cannot be written (`take.damaged`, `take.not_writable`, `take.disk_full`).
+        """
+        with disk_errors(self.path.parent):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self._lock("lock").open("a") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                changed = how(self.read())
+                write_model(self.path, changed)
+        return changed
+
+    def add(self, take: Path, config: Path | None, overrides: tuple[str, ...]) -> QueuedTake:
+        """Add a take at the end; paths may be relative.
+
+        Raises:
+            StudioError: it waits or runs already (`queue.duplicate`).
+        """
+
+        def added(queue: Queue) -> Queue:
+            for other in queue.takes:
+                if other.take == take.absolute() and other.state in ("waiting", "running"):
+                    raise StudioError(
+                        "queue.duplicate",
+                        f"the take is in the queue already, with number {other.number}",
+                        file=take,
+                        value=other.number,
+                        fix=f"To change its settings, first run `v3studio queue remove {other.number}`.",
+                    )
+            number = queue.last_number + 1
+            entry = QueuedTake(
+                number=number,
+                take=take.absolute(),
+                config=config and config.absolute(),
+                overrides=overrides,
+                folder=Path.cwd(),
+                state="waiting",
+                added=now(),
+            )
+            return Queue(format=1, last_number=number, takes=(*queue.takes, entry))
+
+        return self.change(added).takes[-1]
+
+    def replace(self, number: int, **changes: object) -> None:
+        """Change values of a take; nothing happens if it was removed."""
+        self.change(
+            lambda queue: queue.model_copy(
+                update={"takes": tuple(e.having(**changes) if e.number == number else e for e in queue.takes)}
+            )
+        )
+
+    def remove(self, number: int) -> QueuedTake:
+        """Take an entry out of the queue; the take's folder is not touched.
+
+        Raises:
+            StudioError: no such number (`queue.unknown`), or it runs (`queue.running`).
+        """
+        found: list[QueuedTake] = []
+
+        def removed(queue: Queue) -> Queue:
+            entry = _entry(queue, number)
+            if entry.state == "running" and self.is_run():
+                raise StudioError(
+                    "queue.running",
+                    f"take {number} is running",
+                    value=number,
+                    fix="Stop `v3studio queue run` with Ctrl-C first.",
+                )
+            found.append(entry)
+            return queue.model_copy(update={"takes": tuple(e for e in queue.takes if e.number != number)})
+
+        self.change(removed)
+        return found[0]
+
+    def move(self, number: int, place: int) -> None:
+        """Move a take to a place among those that wait, counted from 1.
+
+        Raises:
+            StudioError: no such number (`queue.unknown`), or it does not wait (`queue.not_waiting`).
+        """
+
+        def moved(queue: Queue) -> Queue:
+            entry = _entry(queue, number)
+            if entry.state != "waiting":
+                raise StudioError(
+                    "queue.not_waiting",
+                    f"take {number} is {entry.state}; only takes that wait can be moved",
+                    value=number,
+                    fix="`v3studio queue list` shows the states.",
+                )
+            rest = [e for e in queue.takes if e.number != number]
+            waiting = [index for index, e in enumerate(rest) if e.state == "waiting"]
+            before = max(place, 1) - 1
+            at = waiting[before] if before < len(waiting) else len(rest)
+            return queue.model_copy(update={"takes": (*rest[:at], entry, *rest[at:])})
+
+        self.change(moved)
+
+    def retry(self, number: int) -> None:
+        """Let a take that has ended wait again, at the end of the queue.
+
+        Raises:
+            StudioError: no such number (`queue.unknown`), or it has not ended (`queue.not_ended`).
+        """
+
+        def again(queue: Queue) -> Queue:
+            entry = _entry(queue, number)
+            if entry.state not in ("done", "failed"):
+                raise StudioError(
+                    "queue.not_ended", f"take {number} is {entry.state}", value=number, fix="It needs no retry."
+                )
+            rest = tuple(e for e in queue.takes if e.number != number)
+            return queue.model_copy(update={"takes": (*rest, entry.having(state="waiting", message=""))})
+
+        self.change(again)
+
+    def is_run(self) -> bool:
+        """Whether a program works through the queue."""
+        try:
+            with self._lock("run").open("r") as file:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        return False
+
+    @contextlib.contextmanager
+    def running(self) -> Iterator[None]:
+        """For the program that works through the queue. Takes that another one left running wait again.
+
+        Raises:
+            StudioError: another program does it (`queue.already_run`), or the folder cannot be written.
+        """
+        with disk_errors(self.path.parent):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            file = self._lock("run").open("a")
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise StudioError(
+                    "queue.already_run",
+                    "another program works through this queue",
+                    file=self.path,
+                    fix="`v3studio queue list` shows its progress.",
+                ) from None
+            self.change(_interrupted)
+            yield
+
+    def _lock(self, name: str) -> Path:
+        return self.path.with_name(f".{self.path.name}.{name}")
+
+
+def _interrupted(queue: Queue) -> Queue:
+    takes = tuple(e.having(state="waiting") if e.state == "running" else e for e in queue.takes)
+    return queue.model_copy(update={"format": 1, "takes": takes})
+
+
+def _entry(queue: Queue, number: int) -> QueuedTake:
+    for entry in queue.takes:
+        if entry.number == number:
+            return entry
+    known = ", ".join(str(entry.number) for entry in queue.takes[:20])
+    raise StudioError(
+        "queue.unknown",
+        f"the queue has no take with number {number}",
+        value=number,
+        fix=f"It has {known}." if known else "It is empty.",
+    )

@@ -1,0 +1,110 @@
+"""Works through the queue, one take after the other."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from pipelines.batch.queue_file import QueuedTake, QueueFile, now
+from pipelines.events import Event, RunFinished, read_line
+from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.takes.take import Take
+from studio.errors import Cancelled
+
+
+def run_command(entry: QueuedTake) -> list[str]:
+    """`v3studio run` for a take, as a command."""
+    config = [str(entry.config)] if entry.config is not None else []
+    command = [sys.executable, "-m", "pipelines.cli", "run", *config, "--take", str(entry.take), "--json"]
+    return command + [f"--set={text}" for text in entry.overrides]
+
+
+def run_queue(
+    queue: QueueFile,
+    starts: Callable[[QueuedTake], None],
+    emit: Callable[[Event], None],
+    ended: Callable[[QueuedTake], None],
+    command: Callable[[QueuedTake], list[str]] = run_command,
+) -> tuple[int, int]:
+    """Run all takes that wait, also those that are added meanwhile. A failed take does not stop the next one.
+
+    Each take runs in a process of its own (`v3studio run`), so that nothing of one is left in memory for the next, and
+    not even a crash stops the queue. An interrupted take waits again and goes on where it stopped.
+
+    Args:
+        queue: the queue.
+        starts: called before each take.
+        emit: called with the events of its run.
+        ended: called after each take, with its new state.
+        command: the program that runs a take; it prints events as JSON lines.
+
+    Returns:
+        the numbers of takes that were finished, and that failed.
+
+    Raises:
+        Cancelled: Ctrl-C or SIGTERM.
+        StudioError: another program works through the queue, or it cannot be written.
+    """
+    done = failed = 0
+    with queue.running():
+        while (entry := _next(queue)) is not None:
+            queue.replace(entry.number, state="running", started=now(), message="")
+            starts(entry)
+            try:
+                _wait_for_others(entry.take)
+                code, message = _run(entry, command(entry), emit)
+            except BaseException:
+                queue.replace(entry.number, state="waiting")
+                raise
+            if code == EXIT_CANCELLED:  # somebody stopped this process alone
+                queue.replace(entry.number, state="waiting")
+                raise Cancelled
+            state = "done" if code == 0 else "failed"
+            after = {"state": state, "finished": now(), "message": message}
+            queue.replace(entry.number, **after)
+            done, failed = done + (code == 0), failed + (code != 0)
+            ended(entry.having(**after))
+    return done, failed
+
+
+def _next(queue: QueueFile) -> QueuedTake | None:
+    return next((entry for entry in queue.read().takes if entry.state == "waiting"), None)
+
+
+def _wait_for_others(folder: Path) -> None:
+    """A run that outlived a killed queue, or that somebody started, ends first; then this one finds its results."""
+    take = Take(folder)
+    while take.running() is not None:
+        time.sleep(0.5)
+
+
+def _run(entry: QueuedTake, command: list[str], emit: Callable[[Event], None]) -> tuple[int, str]:
+    """Exit code and message of one run."""
+    if not entry.folder.is_dir():
+        return 1, f"the folder {entry.folder} no longer exists"
+    message, last = "", ""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=entry.folder) as process:
+        assert process.stdout is not None
+        try:
+            for line in process.stdout:
+                event, text = read_line(line)
+                last = text.strip() or last
+                if event is None:
+                    continue
+                if isinstance(event, RunFinished):
+                    message = event.message
+                emit(event)
+        except BaseException:  # Ctrl-C: the run ends in order and keeps its finished work
+            with contextlib.suppress(ProcessLookupError):
+                process.send_signal(signal.SIGTERM)
+            process.wait()
+            raise
+    code = process.returncode
+    if code < 0:
+        return code, f"the process was ended by {signal.Signals(-code).name}"
+    return code, "" if code == 0 else message or last or f"exit code {code}"

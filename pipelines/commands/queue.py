@@ -1,0 +1,160 @@
+"""`v3studio queue`: a queue of takes that this machine works through."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from pipelines.batch.queue_file import QueuedTake, QueueFile
+
+
+def register(commands: Any) -> None:
+    """Add the command and its subcommands to the command line."""
+    command = commands.add_parser(
+        "queue",
+        help="line up takes, and run them one after the other",
+        description="Line up takes, and run them one after the other. A failed take does not stop the next one; an "
+        "interrupted one goes on where it stopped.",
+        allow_abbrev=False,
+    )
+    kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    add = _kind(kinds, "add", "add a take at the end")
+    add.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings, or the folder of a take")
+    add.add_argument("take", type=Path, nargs="?", metavar="TAKE", help="folder of the take; created when it is run")
+    add.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    add.set_defaults(command=_add)
+
+    listing = _kind(kinds, "list", "show the takes and their states")
+    listing.add_argument("--json", action="store_true", help="print JSON")
+    listing.set_defaults(command=_list)
+
+    run = _kind(kinds, "run", "run all takes that wait, also those that are added meanwhile")
+    run.set_defaults(command=_run)
+
+    move = _kind(kinds, "move", "move a take that waits")
+    move.add_argument("number", type=int, metavar="NUMBER", help="number of the take, from `v3studio queue list`")
+    move.add_argument("place", type=int, metavar="PLACE", help="1: it is the next one")
+    move.set_defaults(command=_move)
+
+    remove = _kind(kinds, "remove", "take takes out of the queue; their folders are not touched")
+    remove.add_argument("number", type=int, nargs="+", metavar="NUMBER", help="number of the take")
+    remove.set_defaults(command=_remove)
+
+    retry = _kind(kinds, "retry", "let a take that has ended wait again")
+    retry.add_argument("number", type=int, metavar="NUMBER", help="number of the take")
+    retry.set_defaults(command=_retry)
+
+
+def _kind(kinds: Any, name: str, text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = kinds.add_parser(
+        name, help=text, description=f"{text[0].upper()}{text[1:]}.", allow_abbrev=False
+    )
+    parser.add_argument("--queue", type=Path, metavar="FILE", help="file of the queue (default: the user's queue)")
+    return parser
+
+
+def _file(arguments: argparse.Namespace) -> QueueFile:
+    from pipelines.batch.queue_file import QueueFile, default_queue
+
+    return QueueFile(arguments.queue or default_queue())
+
+
+def _add(arguments: argparse.Namespace) -> int:
+    from pipelines.config import load_config
+    from pipelines.takes.take import Take
+    from studio.errors import StudioError
+
+    config, take = arguments.config, arguments.take
+    if take is None:
+        if not config.is_dir():
+            raise StudioError(
+                "command.no_take",
+                "specify the folder of the take",
+                fix=f"Example: v3studio queue add {config} takes/first.",
+                option="TAKE",
+            )
+        config, take = None, config
+    # settings that cannot be are told now, not in the night
+    load_config(Take.open(take).config if config is None else config, arguments.overrides)
+    entry = _file(arguments).add(take, config, tuple(arguments.set))
+    print(f"take {entry.number}: {entry.take}")
+    return 0
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from pipelines.reports.tables import escaped, table_of
+    from pipelines.reports.terminal import console
+
+    queue = _file(arguments)
+    found = queue.read()
+    if arguments.json:
+        print(found.model_dump_json(indent=1), file=arguments.output)
+        return 0
+    if not found.takes:
+        print("The queue is empty.")
+        return 0
+    shown = table_of("number", "state", "take", "added", "ended", "message", left=(1, 2, 3, 4, 5))
+    is_run = queue.is_run()
+    for entry in found.takes:
+        state = "interrupted" if entry.state == "running" and not is_run else entry.state
+        times = (text.replace("T", " ").removesuffix("+00:00") for text in (entry.added, entry.finished))
+        shown.add_row(str(entry.number), state, escaped(str(entry.take)), *times, escaped(entry.message))
+    console().print(shown)
+    if not is_run and any(entry.state in ("waiting", "running") for entry in found.takes):
+        print("Nothing works through the queue; `v3studio queue run` starts it.")
+    return 0
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from pipelines.batch.run_queue import run_queue
+    from pipelines.events import Event
+    from pipelines.runs.console import Bars
+
+    signal.signal(signal.SIGTERM, _interrupt)
+    shown: list[Bars] = []
+
+    def starts(entry: QueuedTake) -> None:
+        print(f"== take {entry.number}: {entry.take}", flush=True)
+        shown.append(Bars().__enter__())
+
+    def emit(event: Event) -> None:
+        shown[-1](event)
+
+    def ended(entry: QueuedTake) -> None:
+        shown.pop().__exit__()
+        print(f"== take {entry.number}: {entry.state}{f' ({entry.message})' if entry.message else ''}", flush=True)
+
+    try:
+        done, failed = run_queue(_file(arguments), starts, emit, ended)
+    finally:
+        for bars in shown:
+            bars.__exit__()
+    print(f"{done} done, {failed} failed")
+    return 1 if failed else 0
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _move(arguments: argparse.Namespace) -> int:
+    _file(arguments).move(arguments.number, arguments.place)
+    return 0
+
+
+def _remove(arguments: argparse.Namespace) -> int:
+    queue = _file(arguments)
+    for number in arguments.number:
+        queue.remove(number)
+    return 0
+
+
+def _retry(arguments: argparse.Namespace) -> int:
+    _file(arguments).retry(arguments.number)
+    return 0

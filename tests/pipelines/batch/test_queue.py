@@ -1,0 +1,223 @@
+"""The queue of takes: its file, its commands, and working through it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipelines.batch.queue_file import QueuedTake, QueueFile, default_queue
+from pipelines.batch.run_queue import run_queue
+from pipelines.events import Event, Log
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+from tests.support.errors import refuses
+from tests.support.tiny_capture import ROOT
+
+
+@pytest.fixture
+def queue(tmp_path: Path) -> QueueFile:
+    return QueueFile(tmp_path / "state" / "queue.json")
+
+
+def numbers(queue: QueueFile) -> list[int]:
+    return [entry.number for entry in queue.read().takes]
+
+
+def test_takes_are_kept_in_order_and_numbers_are_never_given_twice(queue: QueueFile, tmp_path: Path) -> None:
+    assert queue.read().takes == ()
+    for name in "abc":
+        queue.add(tmp_path / name, None, ())
+    queue.move(3, 1)
+    assert numbers(queue) == [3, 1, 2]
+    queue.move(3, 99)
+    assert numbers(queue) == [1, 2, 3]
+    queue.remove(3)
+    assert queue.add(tmp_path / "d", tmp_path / "d.yaml", ("bake.qp=30",)).number == 4
+    assert numbers(QueueFile(queue.path)) == [1, 2, 4]
+    entry = queue.read().takes[-1]
+    assert (entry.config, entry.overrides, entry.state) == (tmp_path / "d.yaml", ("bake.qp=30",), "waiting")
+
+
+def test_what_cannot_be_is_refused(queue: QueueFile, tmp_path: Path) -> None:
+    queue.add(tmp_path / "a", None, ())
+    with refuses("queue.duplicate", file=tmp_path / "a", value=1):
+        queue.add(tmp_path / "a", None, ())
+    with refuses("queue.unknown", value=7):
+        queue.remove(7)
+    with refuses("queue.not_ended", value=1):
+        queue.retry(1)
+    queue.replace(1, state="failed", message="no footage")
+    with refuses("queue.not_waiting", value=1):
+        queue.move(1, 1)
+    queue.add(tmp_path / "a", None, ())  # it may be tried again
+    queue.retry(1)
+    assert [entry.state for entry in queue.read().takes] == ["waiting", "waiting"]
+    queue.path.write_text('{"takes": [{"number": 0}]}')
+    with refuses("take.damaged", file=queue.path):
+        queue.read()
+    with pytest.raises(StudioError):
+        queue.add(tmp_path / "b", None, ())
+    assert queue.path.read_text() == '{"takes": [{"number": 0}]}'
+
+
+def test_only_one_program_works_through_it(queue: QueueFile, tmp_path: Path) -> None:
+    queue.add(tmp_path / "a", None, ())
+    queue.replace(1, state="running")
+    assert not queue.is_run()
+    with queue.running():
+        assert queue.read().takes[0].state == "waiting", "the one that left it so has ended"
+        queue.replace(1, state="running")
+        assert queue.is_run()
+        with refuses("queue.already_run", file=queue.path), QueueFile(queue.path).running():
+            pass
+        with refuses("queue.running", value=1):
+            queue.remove(1)
+    assert not queue.is_run()
+
+
+def test_changes_at_the_same_time_are_all_kept(queue: QueueFile, tmp_path: Path) -> None:
+    def add(first: int) -> None:
+        for number in range(10):
+            QueueFile(queue.path).add(tmp_path / f"{first}-{number}", None, ())
+
+    threads = [threading.Thread(target=add, args=(first,)) for first in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert numbers(queue) == list(range(1, 41))
+    assert len({entry.take for entry in queue.read().takes}) == 40
+
+
+def test_the_users_queue(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert default_queue() == tmp_path / "v3studio" / "queue.json"
+    monkeypatch.setenv("XDG_STATE_HOME", "relative")  # to be ignored, says the specification
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert default_queue() == tmp_path / ".local" / "state" / "v3studio" / "queue.json"
+
+
+PROGRAM = """
+import json, sys, time
+name = sys.argv[1]
+print("a line of a library")
+print(json.dumps({"event": "log", "time": 0, "stage": "train", "message": f"{name} starts"}), flush=True)
+if name == "slow":
+    time.sleep(600)
+sys.exit({"good": 0, "bad": 1, "crash": -6}.get(name, 0))
+"""
+
+
+def program(entry: QueuedTake) -> list[str]:
+    code = "import os; os.abort()" if entry.take.name == "crash" else PROGRAM
+    return [sys.executable, "-c", code, entry.take.name]
+
+
+def test_a_failed_take_does_not_stop_the_next_one(queue: QueueFile, tmp_path: Path) -> None:
+    for name in ("bad", "good", "crash", "last"):
+        queue.add(tmp_path / name, None, ())
+    said: list[str] = []
+
+    def emit(event: Event) -> None:
+        assert isinstance(event, Log)
+        said.append(event.message)
+
+    def ended(entry: QueuedTake) -> None:
+        if entry.take.name == "bad":
+            queue.add(tmp_path / "later", None, ())  # while it runs
+
+    assert run_queue(queue, lambda entry: None, emit, ended, program) == (3, 2)
+    found = {entry.take.name: (entry.state, entry.message) for entry in queue.read().takes}
+    assert found == {
+        "bad": ("failed", "a line of a library"),
+        "good": ("done", ""),
+        "crash": ("failed", "the process was ended by SIGABRT"),
+        "last": ("done", ""),
+        "later": ("done", ""),
+    }
+    assert said == ["bad starts", "good starts", "last starts", "later starts"]
+
+
+@pytest.mark.parametrize(("number", "state"), [(signal.SIGINT, "waiting"), (signal.SIGKILL, "running")])
+def test_stopped_or_killed_it_goes_on_with_the_same_take(
+    queue: QueueFile, tmp_path: Path, number: signal.Signals, state: str
+) -> None:
+    queue.add(tmp_path / "slow", None, ())
+    queue.add(tmp_path / "good", None, ())
+    code = f"""
+import sys
+from pathlib import Path
+from pipelines.batch.queue_file import QueueFile
+from pipelines.batch.run_queue import run_queue
+emit = lambda event: print("started", flush=True)
+program = lambda entry: [sys.executable, "-c", {PROGRAM!r}, entry.take.name]
+run_queue(QueueFile(Path({str(queue.path)!r})), print, emit, print, program)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, cwd=ROOT, text=True) as process:
+        assert process.stdout is not None
+        assert any(line == "started\n" for line in process.stdout)
+        (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        process.send_signal(number)
+        assert process.wait() != 0
+        with contextlib.suppress(ProcessLookupError):  # kill -9 of the queue leaves the run, which goes on by itself
+            os.kill(int(child), signal.SIGKILL)
+    assert queue.read().takes[0].state == state
+    quick = run_queue(
+        queue, lambda entry: None, lambda event: None, lambda entry: None, lambda _: [sys.executable, "-c", ""]
+    )
+    assert quick == (2, 0)
+
+
+def test_a_take_that_another_program_runs_is_waited_for(queue: QueueFile, tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    queue.add(take.root, None, ())
+    order: list[str] = []
+    with take.locked("v3studio run"):
+        worker = threading.Thread(
+            target=run_queue,
+            args=(queue, lambda entry: order.append("starts"), lambda event: None, lambda entry: order.append("ended")),
+            kwargs={"command": lambda entry: [sys.executable, "-c", ""]},
+        )
+        worker.start()
+        while not order:
+            time.sleep(0.02)
+        time.sleep(0.3)
+        order.append("unlocked")
+    worker.join()
+    assert order == ["starts", "unlocked", "ended"]
+
+
+def test_the_commands(finished: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    option = ("--queue", tmp_path / "queue.json")
+    shutil.copytree(finished, tmp_path / "copy")
+    settings, take = tmp_path / "copy" / "ball.yaml", tmp_path / "copy" / "take"
+    broken = settings.with_name("broken.yaml")
+    broken.write_text(settings.read_text().replace("root: capture", "root: nothing"))
+
+    def add(*arguments: object) -> Any:
+        return cli("queue", "add", *arguments, *option)
+
+    assert add(broken, tmp_path / "one").returncode == 0
+    assert add(take).returncode == 0
+    refused = add(settings, tmp_path / "three", "--train.group_size", "-1")
+    assert (refused.returncode, "group_size" in refused.stderr) == (1, True)
+    missing = add(settings)
+    assert (missing.returncode, "specify the folder of the take" in missing.stderr) == (1, True)
+    assert "queue run` starts it" in cli("queue", "list", *option).stdout
+    done = cli("queue", "run", *option)
+    assert (done.returncode, "1 done, 1 failed" in done.stdout) == (1, True), done.stdout + done.stderr
+    takes = json.loads(cli("queue", "list", "--json", *option).stdout)["takes"]
+    assert [entry["state"] for entry in takes] == ["failed", "done"]
+    assert "nothing" in takes[0]["message"]
