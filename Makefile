@@ -9,10 +9,12 @@ DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=
 FRESH_ARGS ?=
 MUTATION_ARGS ?=
+ATTACK_ARGS ?=
+GPU_ARGS ?=
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test fresh-test mutation tsan lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan gpu-check lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -44,6 +46,9 @@ web: v3web/player/index.html ## build the browser player (web/) into v3web/playe
 test: setup-tests web web-test ## install missing requirements and run all tests (PYTEST_ARGS="-k name")
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
+attack: setup-tests ## kill, fill the disk, mutate files, slow down peers (ATTACK_ARGS="--parts kills --share 0.1")
+	@OMP_NUM_THREADS=1 nice -n 19 $(PY) benchmarks/attack $(ATTACK_ARGS)
+
 fresh-test: ## set up and run in a newly created minimal Debian (root only; FRESH_SUITE=trixie: another release)
 	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
 
@@ -55,6 +60,9 @@ tsan: system ## check the C++ kernels for data races (ThreadSanitizer)
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake -S . -B build/tsan -G Ninja -DV3STUDIO_TSAN=ON
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake --build build/tsan
 	@setarch --addr-no-randomize build/tsan/kernels_tsan
+
+gpu-check: ## test and measure training on this machine's GPU, in under nine minutes (GPU_ARGS=--dry-run: on the CPU)
+	@$(PY) benchmarks/gpu_check.py $(GPU_ARGS)
 
 lint: setup-tests web-lint ## run ruff (rules and format), mypy, eslint and tsc
 	$(PY) -m ruff check .

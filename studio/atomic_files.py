@@ -21,10 +21,15 @@ _EXCHANGE = 2  # RENAME_EXCHANGE
 
 
 @contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
+def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
     """A temporary path in the same folder that is renamed to `path` on success and deleted on any exception.
 
     The temporary name has the same suffix, since some writers select the format by it. The parent folder is created.
+
+    Args:
+        path: the final name.
+        durable: the file's bytes are on the disk before it gets its name: a power cut leaves the old file or the new
+            one, not an empty one. That takes up to 50 ms; it is for what cannot be made again.
 
     Raises:
         OSError: the folder cannot be created or the file cannot be renamed.
@@ -33,6 +38,9 @@ def atomic_path(path: Path) -> Iterator[Path]:
     temporary = temporary_path(path)
     try:
         yield temporary
+        if durable:
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
         os.replace(temporary, path)
     except BaseException:
         remove(temporary)
@@ -114,24 +122,24 @@ def write_bytes(path: Path, data: bytes) -> None:
         temporary.write_bytes(data)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text atomically.
+def write_text(path: Path, text: str, durable: bool = False) -> None:
+    """Write UTF-8 text atomically; `durable` as for `atomic_path`.
 
     Raises:
         OSError: the file cannot be written.
     """
-    with atomic_path(path) as temporary:
+    with atomic_path(path, durable) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Write indented JSON with a final newline, atomically.
+def write_json(path: Path, value: Any, durable: bool = False) -> None:
+    """Write indented JSON with a final newline, atomically; `durable` as for `atomic_path`.
 
     Raises:
         ValueError: the value contains NaN or infinity, which JSON does not support.
         OSError: the file cannot be written.
     """
-    write_text(path, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n", durable)
 
 
 def remove(path: Path) -> None:

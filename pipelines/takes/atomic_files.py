@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import hashlib
 import json
@@ -94,20 +95,39 @@ def validated(path: Path, values: Any, model: type[Model]) -> Model:
         raise StudioError("take.damaged", problem, file=path, fix=_AGAIN, key=where) from None
 
 
-def write_model(path: Path, value: BaseModel) -> None:
-    """Write a model as indented JSON, atomically; fields that were never set are left out."""
-    write_json(path, value.model_dump(mode="json", exclude_unset=True))
+def write_model(path: Path, value: BaseModel, durable: bool = False) -> None:
+    """Write a model as indented JSON, atomically; fields that were never set are left out. `durable`: as for
+    `atomic_path`."""
+    write_json(path, value.model_dump(mode="json", exclude_unset=True), durable)
 
 
 def sweep_partial(folder: Path) -> int:
-    """Delete partially written files and folders that killed runs left under `folder`; returns how many.
+    """Delete partially written files and folders that killed runs left under `folder`, and results that are empty, as
+    a power cut leaves files whose names were on the disk before their bytes; returns how many.
 
     Those of processes that still run stay: marks are written, and exports made, while a run goes on.
     """
     found = [path for path in folder.rglob(f".*{PARTIAL}*") if path.name.startswith(".") and not is_being_written(path)]
+    found += _empty_results(folder)
     for path in found:
         remove(path)
     return len(found)
+
+
+_NEVER_EMPTY = (".json", ".safetensors", ".checkpoint", ".ply")
+
+
+def _empty_results(folder: Path) -> list[Path]:
+    """Empty files of kinds that this program never writes empty, but not what a person made."""
+    found = []
+    for root, _, names in os.walk(folder):
+        for name in names:
+            path = os.path.join(root, name)
+            if name.endswith(_NEVER_EMPTY) and name != "marks.json":
+                with contextlib.suppress(FileNotFoundError):
+                    if os.lstat(path).st_size == 0:
+                        found.append(Path(path))
+    return found
 
 
 def digest_of(value: Any) -> str:

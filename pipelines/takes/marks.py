@@ -98,7 +98,7 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
             )
         else:
             marks[frame] = mark
-        write_model(path, found.model_copy(update={"marks": tuple(marks[one] for one in sorted(marks))}))
+        write_model(path, found.model_copy(update={"marks": tuple(marks[one] for one in sorted(marks))}), durable=True)
     return marks
 
 

@@ -36,6 +36,7 @@ from pydantic import ValidationError
 from pipelines.config.renamed import first_name, first_path
 from pipelines.takes.atomic_files import Result, read_json, remove, sweep_partial, write_model
 from pipelines.version import program_version
+from studio.atomic_files import leftovers
 from studio.bounded_text import parse_json
 from studio.errors import StudioError
 from studio.paths import need_utf8
@@ -117,7 +118,9 @@ class Take:
             return cls.open(root)
         if root.exists() and not root.is_dir():
             raise StudioError("take.is_file", "is a file, not a folder", file=root, fix="Specify a folder.")
-        if root.is_dir() and not _looks_like(root) and any(path.name != ".v3studio" for path in root.iterdir()):
+        # a run that was killed as it created the take left no more than these
+        ours = {root / ".v3studio", *leftovers(root, root / "take.json")}
+        if root.is_dir() and not _looks_like(root) and any(path not in ours for path in root.iterdir()):
             raise StudioError(
                 "take.not_empty",
                 "the folder is not empty and is not a take",
@@ -129,7 +132,7 @@ class Take:
             created_by=f"v3studio {program_version()}",
             created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         )
-        write_model(root / "take.json", about)
+        write_model(root / "take.json", about, durable=True)
         return cls(root)
 
     @property

@@ -25,6 +25,14 @@ def test_a_stream_with_renditions_and_pages_plays(site, baked, open_page):
     assert not page.seen("notice")
 
 
+def test_on_an_insecure_page_a_better_rendition_interrupts_the_first(site, baked, open_page):
+    """The <video> element of a group that is fetched again in a better rendition is closed while it is being read."""
+    shutil.copytree(baked(ladder=(16, 34), splats=300), site.stream)
+    page = open_page(host="player.test")
+    page.wait("(seen.looped ?? []).length")
+    assert not page.seen("notice")
+
+
 @pytest.mark.parametrize("decoder", ["webcodecs", "video"])
 def test_the_picture_is_the_rasterizers(site, baked, open_page, decoder):
     shutil.copytree(baked(ladder=(16,), paged=True), site.stream)

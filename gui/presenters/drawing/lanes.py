@@ -12,7 +12,7 @@ from pipelines.events import GroupState
 
 _ORDER = ("failed", "running", "retried", "queued", "done")
 _HEADS = ("group", "state", "node", "frames", "PSNR", "s/frame")
-_COLUMNS = (0.0, 0.13, 0.32, 0.54, 0.72, 0.86, 1.0)
+_COLUMNS = (0.0, 0.12, 0.34, 0.54, 0.69, 0.82, 1.0)
 """Left edges of the columns and the right edge of the last, as shares of the width."""
 _COLORS: dict[str, RGB] = {"failed": BAD, "running": ACCENT, "retried": FAIR, "queued": DIM, "done": GOOD}
 
@@ -36,7 +36,7 @@ def draw_lanes(
     canvas.text(x, y, f"Groups: {counted}", small, DIM, width=width)
     y += row
     for head, share in zip(_HEADS, _COLUMNS, strict=False):
-        canvas.text(x + share * width, y, head, small, DIM, width=0.15 * width)
+        canvas.text(x + share * width, y, head, small, DIM, width=0.18 * width)
     y, height = y + row, height - 2 * row
     ordered = sorted(lanes, key=lambda lane: (_ORDER.index(lane.state) if lane.state in _ORDER else 0, lane.group))
     fit = max(0, int(height // row))

@@ -54,6 +54,9 @@ export class VideoElementPictures implements PictureSource {
   private chain: Promise<unknown>;
   private ahead: { index: number; luma: Promise<Luma> } | null = null;
   private closed = false;
+  /** Ends waiting for an element that will never answer, because its video was taken away. */
+  private stop: (error: Closed) => void = () => undefined;
+  private readonly stopped: Promise<never>;
 
   constructor(
     channel: VideoChannel,
@@ -62,6 +65,10 @@ export class VideoElementPictures implements PictureSource {
     size: readonly [number, number],
     pool: Pool,
   ) {
+    this.stopped = new Promise<never>((_resolve, reject) => {
+      this.stop = reject;
+    });
+    this.stopped.catch(() => undefined);
     this.channel = channel;
     this.packets = [...demuxed.packets].sort((a, b) => a.picture - b.picture);
     this.pool = pool;
@@ -100,6 +107,7 @@ export class VideoElementPictures implements PictureSource {
 
   close(): void {
     this.closed = true;
+    this.stop(new Closed());
     this.channel.send({ type: "video-close", source: this.source });
     this.ahead?.luma.then((luma) => { this.pool.give(luma.data); }).catch(() => undefined);
   }
@@ -109,18 +117,19 @@ export class VideoElementPictures implements PictureSource {
   }
 
   private read(index: number): Promise<Luma> {
-    const reading = this.chain.then(async () => {
+    const reading = Promise.race([this.chain, this.stopped]).then(async () => {
       if (this.closed) throw new Closed();
       const packet = this.packets[index];
       const duration = packet.duration || 1 / 30;
       const began = performance.now();
-      const luma = await this.channel.ask((request) => ({
+      const asked = this.channel.ask((request) => ({
         type: "video-read",
         request,
         source: this.source,
         time: packet.timestamp + duration / 2,
         duration,
       }));
+      const luma = await Promise.race([asked, this.stopped]);
       return { data: new Uint8Array(luma), decode: performance.now() - began };
     });
     this.chain = reading.catch(() => undefined);

@@ -1,0 +1,103 @@
+"""Attacks V3 Studio on this machine, and prints a table of what was tried, promised and found.
+
+    python benchmarks/attack [--parts kills,full,...] [--share 0.01] [--folder DIR]
+
+`--share` scales the counts of mutations, clients, writes and servers. Everything is bounded in time and memory, and
+uses the loopback interface only. Exit code 1 if a promise was broken.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent), str(HERE)]
+
+import clients  # noqa: E402
+import mutations  # noqa: E402
+import servers  # noqa: E402
+import takes  # noqa: E402
+from outcome import Outcome  # noqa: E402
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--parts", default=",".join(PARTS), help="which, separated by commas; default: all")
+    parser.add_argument("--share", type=float, default=1.0, help="of the full counts")
+    parser.add_argument("--folder", type=Path, help="for the takes; default: a temporary one")
+    options = parser.parse_args()
+    outcomes: list[Outcome] = []
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in options.parts.split(","):
+            promised, attack = PARTS[name]
+            outcome = Outcome(name, promised)
+            outcomes.append(outcome)
+            attack(folder, options.share, outcome)
+            print(f"{outcome.row()}  {time.monotonic() - outcome.began:.0f} s", flush=True)
+    print("\n| Part | Count | Promised | Happened |\n|---|---|---|---|")
+    for outcome in outcomes:
+        print(outcome.row())
+    return 1 if any(outcome.wrong for outcome in outcomes) else 0
+
+
+_projects: dict[Path, takes.Project] = {}
+
+
+def project_in(folder: Path) -> takes.Project:
+    """The tiny project that all attacks on takes share."""
+    if folder not in _projects:
+        (folder / "project").mkdir()
+        _projects[folder] = takes.Project(folder / "project")
+    return _projects[folder]
+
+
+def writes(kind: str) -> Callable[[Path, float, Outcome], None]:
+    """The attack that goes through all writes."""
+
+    def attack(folder: Path, share: float, outcome: Outcome) -> None:
+        takes.at_every_write(project_in(folder), kind, max(2, round(1000 * share)), outcome)
+
+    return attack
+
+
+PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
+    "kills": ("the take opens, finished frames stay, the same bytes in the end", writes("kill")),
+    "full": ("a sentence, finished frames stay, the same bytes in the end", writes("full")),
+    "power": (
+        "the take opens or says what is damaged; the same bytes in the end",
+        lambda folder, share, outcome: takes.power_cuts(project_in(folder), max(1, round(40 * share)), outcome),
+    ),
+    "small-files": (
+        "a sentence; the same bytes without the limit",
+        lambda folder, share, outcome: takes.small_files(project_in(folder), outcome),
+    ),
+    "clock": (
+        "the same bytes",
+        lambda folder, share, outcome: takes.jumping_clocks(project_in(folder), outcome),
+    ),
+    "checkpoints": (
+        "never taken as whole; the same bytes",
+        lambda folder, share, outcome: takes.cut_checkpoints(project_in(folder), outcome),
+    ),
+    "streams": (
+        "a sentence, or finite frames; bounded memory",
+        lambda folder, share, outcome: mutations.streams(folder, max(20, round(50_000 * share)), outcome),
+    ),
+    "files": (
+        "a sentence, or a result; bounded memory",
+        lambda folder, share, outcome: mutations.files(folder, max(20, round(20_000 * share)), outcome),
+    ),
+    "servers": ("a sentence within the deadlines", servers.attack),
+    "clients": ("another client is answered; connections and log are bounded", clients.attack),
+}
+
+if __name__ == "__main__":
+    sys.exit(main())

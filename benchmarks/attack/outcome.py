@@ -1,0 +1,41 @@
+"""What one part of the attack tried and found."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Outcome:
+    """Counts attempts and collects what was wrong.
+
+    Attributes:
+        name: the part.
+        promised: what must hold, in a few words.
+        count: attempts.
+        wrong: one line per broken promise.
+        notes: what happened that is no fault, such as what was refused.
+    """
+
+    name: str
+    promised: str
+    count: int = 0
+    wrong: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    began: float = field(default_factory=time.monotonic)
+
+    def failed(self, line: str) -> None:
+        """Record, and print, a broken promise."""
+        self.wrong.append(line)
+        print(f"{self.name}: WRONG: {line}", flush=True)
+
+    def note(self, line: str) -> None:
+        """Record something that is no fault."""
+        self.notes.append(line)
+
+    def row(self) -> str:
+        """A row of a Markdown table."""
+        happened = f"{len(self.wrong)} broken" if self.wrong else "kept"
+        notes = "; ".join(self.notes[:3])
+        return f"| {self.name} | {self.count:,} | {self.promised} | {happened}{'; ' + notes if notes else ''} |"

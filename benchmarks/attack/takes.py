@@ -1,0 +1,193 @@
+"""Attacks on runs of a tiny take: kills, full disks and power cuts at writes, jumping clocks, cut checkpoints."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+import shutil
+from pathlib import Path
+
+from outcome import Outcome
+
+from pipelines.takes.frame_files import read_about, read_tensors
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+from studio.stream import StreamReader
+from tests.support.tiny_capture import ROOT, SETTINGS, environment, write_capture
+from tests.support.warm_python import WarmProcess, warm_python
+
+FAULTS = ROOT / "benchmarks" / "attack" / "faults.py"
+PATIENCE = 600.0
+"""Seconds that a run may take before it counts as hanging; the machine may be busy."""
+
+QUICKER = {
+    "group_size: 3": "group_size: 2",
+    "keyframe_iterations: 25": "keyframe_iterations: 6\n  checkpoint_every: 2",
+    "densify_from: 5": "densify_from: 2",
+    "densify_until: 15": "densify_until: 4",
+    "densify_every: 5": "densify_every: 2",
+    "motion_iterations: 10": "motion_iterations: 2",
+    "finetune_iterations: 20": "finetune_iterations: 3",
+    "points: 400": "points: 200",
+    "prune_finetune_iterations: 5": "prune_finetune_iterations: 1",
+}
+
+
+class Project:
+    """A capture of three frames, its settings, and a finished take to compare with."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        write_capture(folder / "capture", 3)
+        settings = SETTINGS
+        for before, after in QUICKER.items():
+            settings = settings.replace(before, after)
+        self.config = folder / "ball.yaml"
+        self.config.write_text(settings + "bake: {preset: ultrafast}\n")
+        self.finished = folder / "finished"
+        ended = self.run("count", 0, self.finished)
+        assert ended.returncode == 0, ended.stderr
+        self.writes = int((folder / "finished.writes").read_text())
+        self.run("count", 0, self.finished)
+        self.idle_writes = int((folder / "finished.writes").read_text())
+
+    def start(self, kind: str, number: int, take: Path) -> WarmProcess:
+        """Begin a run with a fault."""
+        command = (FAULTS, kind, number, take, "run", self.config, "--take", take)
+        return warm_python().popen(command, text=True, cwd=ROOT, env=environment())
+
+    def run(self, kind: str, number: int, take: Path) -> WarmProcess:
+        """A run with a fault, to its end; its errors are in `stderr`."""
+        process = self.start(kind, number, take)
+        stdout, stderr = process.communicate(PATIENCE)
+        process.stdout, process.stderr = stdout, stderr
+        return process
+
+    def same_results(self, take: Path) -> bool:
+        """Whether stream and trained frames are those of the undisturbed run, byte for byte."""
+        return results(take) == results(self.finished)
+
+
+def results(take: Path) -> dict[str, str]:
+    """SHA-256 of the finished results by path: trained frames and the stream."""
+    files = [*take.glob("train/*/frame_*.safetensors"), *(path for path in take.glob("stream/**/*") if path.is_file())]
+    return {path.relative_to(take).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def problems_of(take: Path, before: dict[str, str] | None = None) -> list[str]:
+    """What is wrong with a take after a fault: it does not open, its stream is torn, a finished frame has changed."""
+    found = []
+    try:
+        if (take / "take.json").exists():
+            Take.open(take)
+        if (take / "stream" / "manifest.json").exists():
+            with StreamReader.open(take / "stream") as reader:
+                reader.verify()
+    except StudioError as error:
+        found.append(str(error))
+    now = results(take)
+    lost = [name for name, digest in (before or {}).items() if name.startswith("train/") and now.get(name) != digest]
+    return found + [f"{name} was finished and has changed" for name in lost]
+
+
+def at_every_write(project: Project, kind: str, most: int, outcome: Outcome) -> None:
+    """`kill` or `full` at one write after the other, each run going on from where the last one failed.
+
+    As soon as a run leaves a new result, the next one begins with the first write after those that every run makes.
+    """
+    take = project.folder / kind
+    shutil.rmtree(take, ignore_errors=True)
+    number = 1
+    for _ in range(most):
+        before = results(take)
+        ended = project.run(kind, number, take)
+        outcome.count += 1
+        error = str(ended.stderr)
+        where = f"{kind} at write {number}, with {len(before)} results"
+        if ended.returncode == 0:
+            break
+        if kind == "kill" and ended.returncode != -9:
+            outcome.failed(f"{where}: exit {ended.returncode}: {error[-600:]}")
+        said = "disk is full" in error or "No space left" in error
+        if kind == "full" and ("Traceback" in error or not said):
+            outcome.failed(f"{where}: {error[-600:]}")
+        for problem in problems_of(take, before):
+            outcome.failed(f"{where}: {problem}")
+        number = max(1, project.idle_writes - 2) if len(results(take)) > len(before) else number + 1
+    ended = project.run("count", 0, take)
+    if ended.returncode != 0 or not project.same_results(take):
+        outcome.failed(f"{kind}: in the end exit {ended.returncode}, other bytes: {str(ended.stderr)[-600:]}")
+
+
+def power_cuts(project: Project, count: int, outcome: Outcome) -> None:
+    """Runs that lose all that they have not synced; the next run must give the same bytes."""
+    random_ = random.Random(1)
+    take = project.folder / "power"
+    for _ in range(count):
+        shutil.rmtree(take, ignore_errors=True)
+        kept = random_.randint(1, project.writes - 1)
+        project.run("kill", kept, take)
+        number = random_.randint(1, project.writes - kept + project.idle_writes)
+        ended = project.run("power", number, take)
+        outcome.count += 1
+        where = f"power cut at write {number} after {kept}"
+        for problem in problems_of(take):
+            outcome.note(f"{where}: {problem}")
+        again = project.run("count", 0, take)
+        if again.returncode != 0 or not project.same_results(take):
+            outcome.failed(f"{where} ({ended.returncode}): then {again.returncode}: {str(again.stderr)[-800:]}")
+
+
+def small_files(project: Project, outcome: Outcome) -> None:
+    """Files that cannot grow beyond a size, as with a quota: also the writes of native libraries fail."""
+    for size in (0, 100, 1000, 2000, 4000, 8000, 16000, 32000):
+        take = project.folder / "size"
+        shutil.rmtree(take, ignore_errors=True)
+        ended = project.run("size", size, take)
+        outcome.count += 1
+        if ended.returncode == 0 and not project.same_results(take):
+            outcome.failed(f"files of {size} bytes: exit 0 with other results")
+        if ended.returncode != 0 and ("Traceback" in str(ended.stderr) or not str(ended.stderr).strip()):
+            outcome.failed(f"files of {size} bytes: exit {ended.returncode}: {str(ended.stderr)[-600:]}")
+        again = project.run("count", 0, take)
+        if again.returncode != 0 or not project.same_results(take):
+            outcome.failed(f"files of {size} bytes, then without a limit: {str(again.stderr)[-600:]}")
+
+
+def jumping_clocks(project: Project, outcome: Outcome) -> None:
+    """The time of day jumps by years during a run, which is killed and goes on with another clock."""
+    take = project.folder / "clock"
+    shutil.rmtree(take, ignore_errors=True)
+    for kind, number in (("kill", project.writes // 2), ("clock", 0), ("clock", 0), ("count", 0)):
+        ended = project.run(kind, number, take)
+        outcome.count += 1
+        if ended.returncode not in (0, -9) or problems_of(take):
+            outcome.failed(f"clock: exit {ended.returncode}: {str(ended.stderr)[-600:]}")
+    if not project.same_results(take):
+        outcome.failed("clock: other results")
+
+
+def cut_checkpoints(project: Project, outcome: Outcome) -> None:
+    """A checkpoint cut at every 4 KB is refused or ignored, never taken as whole; two of them also in a run."""
+    take = project.folder / "checkpoint"
+    shutil.rmtree(take, ignore_errors=True)
+    checkpoint = None
+    for number in range(1, project.writes):
+        project.run("kill", number, take)
+        found = sorted(take.glob("train/*/*.checkpoint"))
+        if found:
+            checkpoint = found[0]
+            break
+    if checkpoint is None:
+        outcome.note("this take made no checkpoint")
+        return
+    whole, about = checkpoint.read_bytes(), read_about(checkpoint)
+    assert about is not None
+    for size in range(0, len(whole), 4096):
+        checkpoint.write_bytes(whole[:size])
+        outcome.count += 1
+        if read_tensors(checkpoint, about.key) is not None:
+            outcome.failed(f"a checkpoint cut at {size} of {len(whole)} bytes was read")
+    ended = project.run("count", 0, take)
+    if ended.returncode != 0 or not project.same_results(take):
+        outcome.failed(f"a run from a cut checkpoint: exit {ended.returncode}: {str(ended.stderr)[-600:]}")
