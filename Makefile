@@ -10,10 +10,11 @@ PYTEST_ARGS ?=
 FRESH_ARGS ?=
 MUTATION_ARGS ?=
 ATTACK_ARGS ?=
+GPU_ARGS ?=
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan gpu-check lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -59,6 +60,9 @@ tsan: system ## check the C++ kernels for data races (ThreadSanitizer)
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake -S . -B build/tsan -G Ninja -DV3STUDIO_TSAN=ON
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake --build build/tsan
 	@setarch --addr-no-randomize build/tsan/kernels_tsan
+
+gpu-check: ## test and measure training on this machine's GPU, in under nine minutes (GPU_ARGS=--dry-run: on the CPU)
+	@$(PY) benchmarks/gpu_check.py $(GPU_ARGS)
 
 lint: setup-tests web-lint ## run ruff (rules and format), mypy, eslint and tsc
 	$(PY) -m ruff check .

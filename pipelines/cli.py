@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from pipelines.commands.board import add_board_command, add_sync_command
 from pipelines.events.cancellation import EXIT_CANCELLED
-from studio.environment import passive_openmp
+from studio.environment import keep_freed_memory, passive_openmp
 from studio.errors import Cancelled, StudioError
 from studio.standard_output import as_utf8, claim_stdout, discard
 
@@ -36,7 +36,7 @@ STAGE_HELP = {
     "evaluate": "measure the quality on held-out cameras and write the report",
 }
 GROUPS = {
-    "Make a stream from footage": ("run", "status", "attach", "queue", "config"),
+    "Make a stream from footage": ("estimate", "run", "status", "attach", "queue", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
@@ -139,6 +139,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         ablate,
         attach,
         check,
+        estimate,
         export,
         import_splats,
         play,
@@ -190,6 +191,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     status.add_argument("--json", action="store_true", help="print JSON")
     status.set_defaults(command=_status)
 
+    estimate.register(commands)
     attach.register(commands)
     queue.register(commands)
     work.register(commands)
@@ -417,6 +419,7 @@ def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    keep_freed_memory()
     from pipelines.config import load_config
     from pipelines.takes.atomic_files import disk_errors
     from pipelines.takes.take import Take

@@ -87,6 +87,7 @@ PIPELINES = (
     "cli",
     "commands",
     "ablation",
+    "estimate",
     "share",
     "review",
     "batch",

@@ -14,6 +14,7 @@ ALIASES = "studio/json_types.py"
 READERS_AND_WRITERS = {
     "pipelines/config/loading.py",  # a user's YAML
     "pipelines/config/renamed.py",  # old names in it
+    "pipelines/estimate/estimate.py",  # v3studio estimate --json
     "pipelines/events/event_types.py",  # a line of JSON
     "pipelines/share/results.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",

@@ -33,8 +33,9 @@ class GroupSettings(Settings):
     begins. 0: identical images; 1: nothing in common. Groups have at least 4 frames."""
 
     check_footage: Annotated[bool, Affects()] = True
-    """Read all frames before training and refuse broken footage (unreadable files, empty or all-white masks). false:
-    such frames are only found during training, which skips a camera in frames where it does not see the performer."""
+    """Read all frames while training begins and stop at broken footage (unreadable files, empty or all-white masks).
+    false: such frames are only found when their turn comes, and training skips a camera in frames where it does not see
+    the performer."""
 
 
 # Fields of the last base come first.

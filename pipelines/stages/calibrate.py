@@ -256,6 +256,11 @@ class CalibrateStage:
         return result.rig, result.report.model_copy(update=about)
 
 
+def has_camera_file(context: Context) -> bool:
+    """Whether the stage only reads the cameras from a file. Raises StudioError as the stage does."""
+    return _given(context) is not None
+
+
 def _given(context: Context) -> Path | None:
     """The calibration file to use; one found by capture.rig = auto is ignored if another source is set.
 

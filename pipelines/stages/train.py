@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from pipelines.stages.base import Context, StageReporter, leftover
+from pipelines.stages.footage_check import footage_check
 from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_of_groups
 from pipelines.stages.live_bake import LiveBake
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
@@ -70,8 +70,6 @@ class TrainStage:
             )
         finished = {group.index: self._finished(context, group) for group in groups}
         todo = [group for group in groups if finished[group.index] < len(group.frames)]
-        if context.config.train.check_footage and context.executor is None:  # elsewhere each group checks its own
-            self._check_footage(context, reporter, groups, finished)
         reporter.start_clock()
         with LiveBake(context, reporter, finished) if context.config.bake.live else nullcontext() as live:
             written = (lambda group, frames: None) if live is None else live.written
@@ -100,7 +98,9 @@ class TrainStage:
         written: Callable[[int, int], None],
     ) -> None:
         """Train the groups of `groups` that are not finished, several at once."""
-        work = GroupWork(context, reporter, TrainClock(groups, finished, context.config.train), written)
+        at_once = groups_at_once(context)
+        clock = TrainClock(groups, finished, context.config.train)
+        work = GroupWork(context, reporter, clock, max(1, context.threads // at_once), written)
         jobs = {}
         for group in groups:
             if finished[group.index] < len(group.frames):
@@ -108,7 +108,8 @@ class TrainStage:
                     f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already trained"
                 )
                 jobs[group.index] = partial(self._train, context, work, group)
-        run_groups(jobs, groups_at_once(context), threads_of_groups(context), work.stop)
+        with self._checked(context, groups, finished, work):
+            run_groups(jobs, at_once, threads_of_groups(context), work.stop)
 
     def _train(self, context: Context, work: GroupWork, group: Group) -> None:
         with context.take.group_locked(self.name, group.index, work.check):
@@ -127,32 +128,21 @@ class TrainStage:
     def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
         """See `GroupStage`."""
         finished = self._finished(context, group)
-        if context.config.train.check_footage:
-            self._check_footage(context, reporter, (group,), {group.index: finished})
         reporter.log(f"group {group.index}: {finished} of {len(group.frames)} frames are already trained")
-        work = GroupWork(context, reporter, TrainClock((group,), {group.index: finished}, context.config.train))
+        clock = TrainClock((group,), {group.index: finished}, context.config.train)
+        work = GroupWork(context, reporter, clock, context.threads)
         job = partial(work.train, group, finished, self._keys(context, group))
-        run_groups({group.index: job}, 1, threads_of_groups(context), work.stop)
+        with self._checked(context, (group,), {group.index: finished}, work):
+            run_groups({group.index: job}, 1, threads_of_groups(context), work.stop)
 
-    def _check_footage(
-        self, context: Context, reporter: StageReporter, groups: tuple[Group, ...], finished: dict[int, int]
-    ) -> None:
-        """Raises StudioError if a frame that is not trained yet cannot be read or has an empty matte."""
+    def _checked(
+        self, context: Context, groups: Sequence[Group], finished: Mapping[int, int], work: GroupWork
+    ) -> AbstractContextManager[None]:
+        """Checks the frames that are not trained yet while the block trains them."""
+        if not context.config.train.check_footage:
+            return nullcontext()
         frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
-
-        def report(done: int, total: int, **figures: Any) -> None:
-            reporter.progress(0.0, f"checking footage: image {done} of {total}")
-
-        from studio.capture import check_footage
-
-        problems = check_footage(context.footage.calibrated, report, frames=frames)
-        if problems:
-            first = problems[0]
-            raise StudioError(
-                first.code,
-                "\n".join(str(problem) for problem in problems),
-                **{**first.fields, "count": len(problems), "codes": [problem.code for problem in problems]},
-            )
+        return footage_check(context, frames, work.stop)
 
     def _recipe(self, context: Context) -> Params:
         """Settings and inputs of all frames."""

@@ -39,6 +39,7 @@ class GroupWork:
     Args:
         context, reporter: of the stage.
         clock: progress of all groups together.
+        readers: threads that read the images of a frame, per group.
         written: called with the index of a group and the number of its finished frames, after each frame.
 
     Attributes:
@@ -50,9 +51,11 @@ class GroupWork:
         context: Context,
         reporter: StageReporter,
         clock: TrainClock,
+        readers: int = 1,
         written: Callable[[int, int], None] = lambda group, frames: None,
     ) -> None:
         self.context, self.reporter, self.clock, self._written = context, reporter, clock, written
+        self._readers = readers
         self.settings: TrainSettings = context.config.train
         self.stop = Cancellation()
         self._lock = threading.Lock()  # guards the clock, the labels and the time of the last preview
@@ -210,7 +213,7 @@ class GroupWork:
                     fraction = self.clock.fraction
                 self.reporter.progress(fraction, f"reading frame {frame}: image {number} of {images}")
 
-        return training_views(self.context, self.reporter, frame, reading)
+        return training_views(self.context, self.reporter, frame, reading, self._readers)
 
     def _advise(self, views: list[TrainingView]) -> None:
         """Without a GPU, warn once if the images are too large to train on."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from pipelines.stages.base import Context, StageReporter
@@ -13,7 +14,11 @@ if TYPE_CHECKING:
 
 
 def training_views(
-    context: Context, reporter: StageReporter, frame: int, reading: Callable[[int, int], None]
+    context: Context,
+    reporter: StageReporter,
+    frame: int,
+    reading: Callable[[int, int], None],
+    readers: int = 1,
 ) -> list[TrainingView]:
     """Views of all training cameras that see the performer.
 
@@ -21,7 +26,8 @@ def training_views(
         context: of the stage.
         reporter: gets a warning for each camera that does not see the performer.
         frame: frame number in the footage.
-        reading: called with images read and images before each image; may raise Cancelled.
+        reading: called with images read and images before each image, by any thread; may raise Cancelled.
+        readers: cameras that are read in parallel.
 
     Raises:
         StudioError: an image cannot be read, or no camera sees the performer.
@@ -29,21 +35,35 @@ def training_views(
     from studio.training import TrainingView
 
     footage, settings = context.footage.calibrated, context.config.train
-    views = []
-    for number, camera in enumerate(footage.train_cameras):
+    cameras = footage.train_cameras
+
+    def read(number: int) -> TrainingView | None:
         context.cancellation.check()
-        reading(number, len(footage.train_cameras))
-        view = footage.view(camera, frame)
-        if (view.matte > 127).any():
-            views.append(TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates))
-        else:
-            reporter.warn(
-                Message(
-                    "training.not_visible",
-                    f"{camera} does not see the performer in frame {frame}: not used for this frame",
-                    fields={"camera": camera, "frame": int(frame)},
+        reading(number, len(cameras))
+        view = footage.view(cameras[number], frame)
+        if not (view.matte > 127).any():
+            return None
+        return TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates)
+
+    views = []
+    with ThreadPoolExecutor(min(readers, len(cameras)), thread_name_prefix="views") as pool:
+        futures = [pool.submit(read, number) for number in range(len(cameras))]
+        try:
+            for camera, future in zip(cameras, futures, strict=True):
+                found = future.result()
+                if found is not None:
+                    views.append(found)
+                    continue
+                reporter.warn(
+                    Message(
+                        "training.not_visible",
+                        f"{camera} does not see the performer in frame {frame}: not used for this frame",
+                        fields={"camera": camera, "frame": int(frame)},
+                    )
                 )
-            )
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     if not views:
         raise StudioError(
             "matte.all_empty",

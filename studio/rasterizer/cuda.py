@@ -10,8 +10,10 @@ from __future__ import annotations
 import functools
 import importlib
 import math
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -61,6 +63,57 @@ def compiled_alpha_max() -> float:
         value=gsplat.__version__,
         fix="Install gsplat 1.5.3, or use backend='cpu'",
     )
+
+
+@dataclass(frozen=True)
+class CameraTensors:
+    """A pinhole camera on a device, as gsplat expects it.
+
+    gsplat clamps the linearization of the projection to the image plus 15% of its size on each side. Projecting to an
+    image of another size and principal point moves that bound to `Pinhole.limits`; the 2D means are shifted back.
+
+    Attributes:
+        world_to_camera: (4, 4).
+        intrinsics: (3, 3), with the principal point for that other image.
+        projected_size: width and height of that other image, pixels.
+        shift: (2,) from that other image to the real one, pixels.
+        size: (2,) width and height of the real image, pixels.
+        center: (3,) camera center, world units.
+    """
+
+    world_to_camera: Tensor
+    intrinsics: Tensor
+    projected_size: tuple[int, int]
+    shift: Tensor
+    size: Tensor
+    center: Tensor
+
+
+def camera_tensors(pinhole: Pinhole, device: torch.device) -> CameraTensors:
+    """The float32 tensors of a camera, uploaded when it is first used; all steps of a frame share them."""
+    arrays = (pinhole.rotation, pinhole.translation, pinhole.center)
+    numbers = (pinhole.width, pinhole.height, pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
+    return _uploaded(numbers, pinhole.limits, tuple(np.float64(array).tobytes() for array in arrays), device)
+
+
+@functools.lru_cache(maxsize=1024)
+def _uploaded(
+    numbers: tuple[float, ...], limits: tuple[float, ...], arrays: tuple[bytes, ...], device: torch.device
+) -> CameraTensors:
+    width, height, fx, fy, cx, cy = numbers
+    left, right, top, bottom = limits
+    rotation, translation, center = (np.frombuffer(array) for array in arrays)
+    size = (round((right - left) * fx / 1.3), round((bottom - top) * fy / 1.3))
+    moved_cx, moved_cy = -left * fx - 0.15 * size[0], -top * fy - 0.15 * size[1]
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), translation
+    intrinsics = (fx, 0.0, moved_cx, 0.0, fy, moved_cy, 0.0, 0.0, 1.0)
+    values = (*pose.ravel(), *intrinsics, cx - moved_cx, cy - moved_cy, width, height, *center)
+    with torch.inference_mode(False):  # or training could not use what a viewer has uploaded
+        # One upload, which does not wait for the kernels that are queued: the values are copied before it returns.
+        flat = torch.tensor(values, dtype=torch.float32).to(device, non_blocking=True)
+        parts = flat.split([16, 9, 2, 2, 3])
+        return CameraTensors(parts[0].view(4, 4), parts[1].view(3, 3), size, *parts[2:])
 
 
 def rasterize_cuda(
@@ -113,40 +166,28 @@ def rasterize_cuda(
     sh = torch.where(finite[:, None, None], gaussians.sh, torch.zeros_like(gaussians.sh))
     opacities = torch.where(finite, gaussians.opacities, torch.zeros_like(gaussians.logit_opacities))
 
-    def tensor(values: Any) -> Tensor:
-        return torch.as_tensor(values).to(means)
-
-    pose = torch.eye(4)
-    pose[:3, :3] = torch.as_tensor(pinhole.rotation)
-    pose[:3, 3] = torch.as_tensor(pinhole.translation)
-    # gsplat clamps the linearization to the image plus 15% of its size on each side. Projecting to an image of another
-    # size and principal point moves that bound to `Pinhole.limits`; the means are shifted back afterwards.
-    left, right, top, bottom = pinhole.limits
-    wide, high = (round((right - left) * pinhole.fx / 1.3), round((bottom - top) * pinhole.fy / 1.3))
-    cx, cy = -left * pinhole.fx - 0.15 * wide, -top * pinhole.fy - 0.15 * high
-    intrinsics = torch.tensor([[pinhole.fx, 0.0, cx], [0.0, pinhole.fy, cy], [0.0, 0.0, 1.0]])
+    view = camera_tensors(pinhole, means.device)
     # One camera: C = 1. radii (1, N, 2) int, means2d (1, N, 2), depths (1, N), conics (1, N, 3).
     radii, means2d, depths, conics, _ = gsplat.fully_fused_projection(
         means,
         None,
         quats,
         log_scales.exp(),
-        tensor(pose)[None],
-        tensor(intrinsics)[None],
-        wide,
-        high,
+        view.world_to_camera[None],
+        view.intrinsics[None],
+        *view.projected_size,
         eps2d=DILATION,
         near_plane=near,
         opacities=opacities.detach(),  # only used to bound the footprint
     )
-    means2d = means2d + tensor([pinhole.cx - cx, pinhole.cy - cy])
+    means2d = means2d + view.shift
     if screen_offsets is not None:
         means2d = means2d + screen_offsets
     with torch.no_grad():
-        inside = ((means2d + radii > 0) & (means2d - radii < tensor([width, height]))).all(-1)
+        inside = ((means2d + radii > 0) & (means2d - radii < view.size)).all(-1)
         shown = (radii > 0).all(-1) & (opacities >= ALPHA_MIN) & inside
         radii = torch.where(shown[..., None], radii, torch.zeros_like(radii))
-    directions = (means - tensor(pinhole.center))[None]
+    directions = (means - view.center)[None]
     colors = gsplat.spherical_harmonics(gaussians.sh_degree, directions, sh[None], masks=shown)
     features = torch.cat([(colors + 0.5).clamp_min(0.0), depths[..., None]], -1)
     # gsplat does not initialize the values of culled splats. No tile uses them, but NaN times 0 would reach gradients.

@@ -210,8 +210,10 @@ class Shuffled:
 
 def backgrounds(kind: str, generator: torch.Generator, device: torch.device) -> Iterator[Tensor]:
     """Endless (3,) RGB background colors of a `kind`: "random", "black" or "white"."""
+    if kind != "random":
+        color = torch.full((3,), 0.0 if kind == "black" else 1.0, device=device)
+        while True:
+            yield color
     while True:
-        if kind == "random":
-            yield torch.rand(3, generator=generator).to(device)
-        else:
-            yield torch.full((3,), 0.0 if kind == "black" else 1.0, device=device)
+        # a blocking copy would wait for all kernels that are queued
+        yield torch.rand(3, generator=generator).to(device, non_blocking=True)

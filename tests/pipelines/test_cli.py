@@ -25,6 +25,7 @@ def test_help_imports_nothing_heavy():
 def test_every_command_explains_itself(cli):
     text = cli("--help").stdout
     for name in (
+        "estimate",
         "run",
         "calibrate",
         "initialize",

@@ -1,8 +1,11 @@
 """Importing the library does not change the environment of the process; entry points do."""
 
 import os
+import platform
 import subprocess
 import sys
+
+import pytest
 
 BARE = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
 
@@ -34,3 +37,20 @@ def test_the_command_line_sets_it_but_not_over_the_users() -> None:
             [sys.executable, "-c", code], capture_output=True, text=True, env={**BARE, **environment}, check=True
         )
         assert done.stderr.strip() == expected
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc has these parameters")
+def test_kept_memory_costs_no_page_faults() -> None:
+    code = (
+        "import resource\nimport numpy as np\nfrom studio.environment import keep_freed_memory\n"
+        "keep_freed_memory()\n"
+        "def faults():\n"
+        "    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+        "    for _ in range(20):\n        arrays = [np.ones(2**19, np.float32) for _ in range(4)]; del arrays\n"
+        "    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before\n"
+        "faults(); print(faults())"
+    )
+    pages = 20 * 4 * 2**21 // 4096
+    bare = {"PYTHONMALLOC": "default"}
+    assert int(run(code, **bare)) < pages / 20
+    assert int(run(code, **bare, MALLOC_TRIM_THRESHOLD_="131072")) > pages / 2  # the user's choice is kept

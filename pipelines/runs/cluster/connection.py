@@ -140,4 +140,13 @@ def _refused(address: str, error: Exception) -> StudioError:
             fix="Install the same versions on all machines.",
             setting="run.address",
         )
-    return _unreachable(address, text[:300])
+    if address in ("local", "auto"):
+        return _unreachable(address, text[:300])
+    # the port was open: Ray tells a wrong token only in its log, and gives up after a minute
+    return StudioError(
+        "cluster.token",
+        f"a program listens at {address}, but does not let this run in ({text[:300]})",
+        value=address,
+        fix="Check the token (RAY_AUTH_TOKEN_PATH or ~/.ray/auth_token), and that the port is that of a Ray head node.",
+        setting="run.address",
+    )

@@ -10,11 +10,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from studio.capture.mattes.filters import color_table, guided_filter, keep_components, look_up, masked_mean
+from studio.capture.mattes.filters import (
+    binned_color_table,
+    color_bins,
+    guided_filter,
+    keep_components,
+    look_up,
+    masked_mean,
+)
 from studio.capture.settings import DifferenceSettings
 
 _NO_CHROMA = 127.5  # value of Cr and Cb for gray
 _FADED = 4.0  # in chroma levels: a smaller loss of chroma in a shadow is ignored
+_SLOPE_VARIANCE = np.array([0.15**2, 0.5**2, 0.5**2], np.float32)  # of Y, Cr and Cb, per squared slope of the plate
+_LEAST_VARIANCE = np.array([9.0, 2.25, 2.25], np.float32)
+_TOO_DARK, _TOO_BRIGHT = (float(np.nextafter(np.float32(20), 255)),) * 3, (float(np.nextafter(np.float32(240), 0)),) * 3
+"""Inclusive bounds of the plate's channels where it tells the exposure: above 20 and below 240."""
+_COLOR_BINS = 16  # per channel, of the colors of one image
 _WORK_SIDE = 960  # longest side for computing evidence; edges are solved at full size
 
 
@@ -27,9 +39,14 @@ def noise_of(difference: np.ndarray) -> np.ndarray:
     Returns:
         (C,) float32, at least 0.7 (8-bit rounding and compression).
     """
-    flat = difference.reshape(-1, difference.shape[-1])[::7]
-    center = np.median(flat, axis=0)
-    return np.maximum(1.4826 * np.median(np.abs(flat - center), axis=0), 0.7).astype(np.float32)
+    return np.array([_noise(channel) for channel in np.moveaxis(difference, -1, 0)], np.float32)
+
+
+def _noise(difference: np.ndarray) -> np.float32:
+    """`noise_of` one channel, (H, W)."""
+    flat = difference.reshape(-1)[::7]
+    spread = np.float32(1.4826) * np.median(np.abs(flat - np.median(flat)))
+    return np.float32(max(spread, np.float32(0.7)))
 
 
 def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
@@ -42,15 +59,17 @@ def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | Non
     Returns:
         (3,) float32 median of ratios, clamped to 0.7..1.4; ones if fewer than 500 pixels are usable.
     """
-    red, green, blue = plate[..., 0], plate[..., 1], plate[..., 2]
-    usable = (red > 20) & (green > 20) & (blue > 20) & (red < 240) & (green < 240) & (blue < 240)
+    import cv2
+
+    usable = cv2.inRange(plate, _TOO_DARK, _TOO_BRIGHT).reshape(-1) != 0
     if known is not None:
-        usable &= known
-    if usable.sum() < 500:
+        usable &= known.reshape(-1)
+    chosen = np.flatnonzero(usable)
+    if chosen.size < 500:
         return np.ones(3, np.float32)
-    chosen = np.flatnonzero(usable.reshape(-1))[::5]
+    chosen = chosen[::5]
     ratio = image.reshape(-1, 3)[chosen] / plate.reshape(-1, 3)[chosen]
-    return np.clip(np.median(ratio, axis=0), 0.7, 1.4).astype(np.float32)
+    return np.array([np.clip(np.median(channel), 0.7, 1.4) for channel in ratio.T.copy()], np.float32)
 
 
 def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: DifferenceSettings) -> np.ndarray:
@@ -65,43 +84,73 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     """
     import cv2
 
+    # One contiguous array per channel, modified in place: NumPy is several times slower on interleaved channels.
     luma_chroma = []
     for pixels in (image, plate):
         # Chroma is usually subsampled: blur it more than luma.
-        scaled = (cv2.GaussianBlur(pixels, (0, 0), 0.7) / 255.0).astype(np.float32)
-        values = cv2.cvtColor(scaled, cv2.COLOR_RGB2YCrCb) * np.float32(255.0)
-        values[..., 1:] = cv2.GaussianBlur(values[..., 1:], (0, 0), 1.3)
-        luma_chroma.append(values)
+        scaled: np.ndarray = cv2.GaussianBlur(pixels, (0, 0), 0.7)
+        scaled /= 255.0
+        channels: list[np.ndarray] = list(cv2.split(cv2.cvtColor(scaled, cv2.COLOR_RGB2YCrCb)))
+        for index, channel in enumerate(channels):
+            channel *= np.float32(255.0)
+            if index:
+                channels[index] = cv2.GaussianBlur(channel, (0, 0), 1.3)
+        luma_chroma.append(channels)
     ours, empty = luma_chroma
-    difference = ours - empty
-    noise = noise_of(difference)
-    # Tolerate slight misregistration and ringing at edges of the plate.
-    across, down = cv2.Sobel(empty, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(empty, cv2.CV_32F, 0, 1, scale=1 / 8)
-    slope = across * across + down * down
-    variance = noise * noise + slope * np.array([0.15**2, 0.5**2, 0.5**2], np.float32)
-    if settings.mask_shadows:
-        shadow, factor = _shadow(ours[..., 0], empty[..., 0], noise)
-        variance[..., 0] += shadow * difference[..., 0] ** 2
-        # shadow reduces chroma by the same factor, which matters where the set is colorful
-        faded = (shadow * (1 - factor))[..., None] * (empty[..., 1:] - np.float32(_NO_CHROMA))
-        difference[..., 1:] += faded * np.clip(np.abs(faded) - _FADED, 0.0, 1.0)
-    # This floor suppresses faint reflections and flicker in very clean footage.
-    difference *= difference
-    difference /= variance + np.array([9.0, 2.25, 2.25], np.float32)
-    score = np.sqrt(cv2.transform(difference, np.ones((1, 3), np.float32)))
-    return np.clip(1.2 * (score * settings.mask_sensitivity - 4.0), -4.0, 6.0).astype(np.float32)
+    difference = [one - other for one, other in zip(ours, empty, strict=True)]
+    noise = [_noise(channel) for channel in difference]
+    shadow, factor = _shadow(ours[0], empty[0], noise[0]) if settings.mask_shadows else (None, None)
+    total: np.ndarray = np.zeros_like(ours[0])
+    for index, (channel, other) in enumerate(zip(difference, empty, strict=True)):
+        # Tolerate slight misregistration and ringing at edges of the plate.
+        variance: np.ndarray = cv2.Sobel(other, cv2.CV_32F, 1, 0, scale=1 / 8)
+        down: np.ndarray = cv2.Sobel(other, cv2.CV_32F, 0, 1, scale=1 / 8)
+        variance *= variance
+        down *= down
+        variance += down
+        variance *= _SLOPE_VARIANCE[index]
+        variance += noise[index] * noise[index]
+        if shadow is not None and factor is not None:
+            if index == 0:
+                variance += shadow * (channel * channel)
+            else:
+                # shadow reduces chroma by the same factor, which matters where the set is colorful
+                faded = other - np.float32(_NO_CHROMA)
+                faded *= shadow * (1 - factor)
+                trusted = np.abs(faded)
+                trusted -= np.float32(_FADED)
+                np.clip(trusted, 0.0, 1.0, out=trusted)
+                trusted *= faded
+                channel += trusted
+        # This floor suppresses faint reflections and flicker in very clean footage.
+        variance += _LEAST_VARIANCE[index]
+        channel *= channel
+        channel /= variance
+        total += channel
+    np.sqrt(total, out=total)
+    total *= np.float32(settings.mask_sensitivity)
+    total -= np.float32(4.0)
+    total *= np.float32(1.2)
+    return np.clip(total, -4.0, 6.0, out=total)
 
 
-def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.float32) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) in 0..1, 1 where luma nearby is the plate's times a constant below 1 (a shadow); and that constant."""
     import cv2
 
     size = (9, 9)
-    sums = [cv2.boxFilter(values, -1, size) for values in (ours * empty, empty * empty, ours * ours)]
-    factor = sums[0] / np.maximum(sums[1], 1.0)
-    residual = np.maximum(sums[2] - factor * sums[0], 0.0)  # mean squared error of ours = factor * empty
-    fits = np.exp(-residual / (2.0 * (9.0 + (1.5 * noise[0]) ** 2)))
-    return fits * ((factor > 0.45) & (factor < 0.99)), factor
+    pairs = ((ours, empty), (empty, empty), (ours, ours))
+    factor, empties, residual = (cv2.boxFilter(one * other, -1, size) for one, other in pairs)
+    products = factor.copy()
+    np.maximum(empties, np.float32(1.0), out=empties)
+    factor /= empties
+    products *= factor
+    residual -= products  # mean squared error of ours = factor * empty
+    np.maximum(residual, np.float32(0.0), out=residual)
+    residual /= np.float32(-2.0 * (9.0 + (1.5 * noise) ** 2))
+    np.exp(residual, out=residual)
+    residual *= (factor > 0.45) & (factor < 0.99)
+    return residual, factor
 
 
 def difference_matte(
@@ -178,8 +227,9 @@ def foreground_mask(
         if known is not None:
             evidence = np.where(known, evidence, 0.0).astype(np.float32)
         if sure.sum() > 50:
-            table = color_table(image[sure], image[empty])
-            evidence = evidence + 0.7 * np.clip(look_up(table, image), -3.0, 3.0)
+            colored = color_bins(image, _COLOR_BINS)
+            table = binned_color_table(colored[sure], colored[empty], _COLOR_BINS)
+            evidence += 0.7 * np.clip(table, -3.0, 3.0).reshape(-1)[colored]
     gray = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
     smooth = guided_filter(gray, evidence, radius=3, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)

@@ -32,10 +32,13 @@ def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: f
 
 def color_histogram(colors: np.ndarray, bins: int = 16) -> np.ndarray:
     """(bins, bins, bins) float32 smoothed density of (N, 3) colors in 0..255; sums to 1."""
+    return _density(color_bins(colors, bins), bins)
+
+
+def _density(flat: np.ndarray, bins: int) -> np.ndarray:
+    """`color_histogram` of the `color_bins` of colors."""
     import cv2
 
-    index = np.clip((colors * (bins / 256.0)).astype(np.int32), 0, bins - 1)
-    flat = (index[:, 0] * bins + index[:, 1]) * bins + index[:, 2]
     cube: np.ndarray = np.bincount(flat, minlength=bins**3).astype(np.float32)
     for _ in range(3):  # one axis after another
         blurred = cv2.GaussianBlur(cube.reshape(bins, bins * bins), (1, 5), sigmaX=0.0001, sigmaY=0.8)
@@ -54,18 +57,27 @@ def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: floa
     Returns:
         (bins, bins, bins) float32, for `look_up`.
     """
-    ratio = (color_histogram(front, bins) + floor) / (color_histogram(back, bins) + floor)
-    return np.log(ratio).astype(np.float32)
+    return binned_color_table(color_bins(front, bins), color_bins(back, bins), bins, floor)
+
+
+def binned_color_table(front: np.ndarray, back: np.ndarray, bins: int, floor: float = 1e-5) -> np.ndarray:
+    """`color_table` of samples of which only their `color_bins` are known: (N,) and (M,) int32."""
+    return np.log((_density(front, bins) + floor) / (_density(back, bins) + floor)).astype(np.float32)
+
+
+def color_bins(image: np.ndarray, bins: int) -> np.ndarray:
+    """(...,) int32, for (..., 3) colors in 0..255 the indices of their bins in a flattened (bins, bins, bins) table."""
+    if image.dtype == np.uint8:
+        index = (np.arange(256, dtype=np.int32) * bins // 256)[image]
+    else:
+        index = (image * image.dtype.type(bins / 256.0)).astype(np.int32)
+        np.clip(index, 0, bins - 1, out=index)
+    return (index[..., 0] * bins + index[..., 1]) * bins + index[..., 2]
 
 
 def look_up(table: np.ndarray, image: np.ndarray) -> np.ndarray:
     """(H, W) values of a `color_table` at the colors of an (H, W, 3) image in 0..255."""
-    bins = table.shape[0]
-    if image.dtype == np.uint8:
-        index = (np.arange(256, dtype=np.int32) * bins // 256)[image]
-    else:
-        index = np.clip((image * (bins / 256.0)).astype(np.int32), 0, bins - 1)
-    return table.reshape(-1)[(index[..., 0] * bins + index[..., 1]) * bins + index[..., 2]]
+    return table.reshape(-1)[color_bins(image, table.shape[0])]
 
 
 def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:

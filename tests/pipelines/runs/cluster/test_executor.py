@@ -284,5 +284,6 @@ def test_errors_of_ray_have_codes():
         _refused("ray://head:10001", error)
         for error in (version, RuntimeError("InvalidAuthToken: Unauthenticated"), ConnectionError("timed out"))
     ]
-    assert [error.message.code for error in found] == ["cluster.version", "cluster.token", "cluster.unreachable"]
+    assert [error.message.code for error in found] == ["cluster.version", "cluster.token", "cluster.token"]
+    assert _refused("auto", ConnectionError("no cluster")).message.code == "cluster.unreachable"
     assert "(2.60.0, 3.11.7, 2.60.0, 3.12.1)" in str(found[0])

@@ -1,0 +1,379 @@
+"""Does training work on this GPU, and how fast is it? `make gpu-check` runs this.
+
+    python benchmarks/gpu_check.py                 # under nine minutes; writes gpu.json and prints a table
+    python benchmarks/gpu_check.py --dry-run       # the same code on the CPU, tiny: seconds, figures mean nothing
+
+Needs no network, only the repository, its sample capture, and gsplat (`pip install 'v3studio[cuda]'`, whose kernels are
+compiled with nvcc when they are first used). The parts:
+
+    kernels      time until gsplat has drawn its first picture, including compilation; at most four minutes
+    tests        the tests that need a CUDA device
+    rasterizer   forward and backward pass of the CUDA backend, milliseconds
+    keyframe     frame 0 of the sample with the default settings, which are the paper's schedule
+    frames       the five frames after it: 500 steps of motion and 2,000 of fine-tuning each
+
+Training stops when its share of the time is used up. The report then says how many of the steps were done, and the PSNR
+is that of the splats so far. PSNR is the mean over the held-out cameras, over black, in the padded bounding box of the
+matte. `busy` is the mean utilization that nvidia-smi reports while the part runs; null without nvidia-smi.
+
+Exit code: 0 if all parts ran, else 1. A part that failed has `error` in the report, and the others still run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.environment
+
+import torch
+from rich.console import Console
+from rich.table import Table
+
+from pipelines.config import load_config
+from studio.camera_files import read_rig
+from studio.capture import Footage, open_footage
+from studio.gaussians import Gaussians
+from studio.meshing import initialize_points
+from studio.metrics import psnr
+from studio.rasterizer import available_backends, rasterize
+from studio.training import TrainingView, TrainSettings, interframe_steps, train_interframe, train_keyframe
+
+sys.path.insert(0, str(Path(__file__).parent))
+from rasterizer import both_function, forward_function, person, time_it
+
+ROOT = Path(__file__).resolve().parents[1]
+SECONDS = 510.0
+"""Of the whole check."""
+COMPILING, TESTING, KEYFRAME = 240.0, 90.0, 120.0
+"""Most seconds of these parts. The frames get what is left."""
+FRAMES = 5
+TINY = {
+    "keyframe_iterations": 6,
+    "densify_from": 100,
+    "prune_finetune_iterations": 3,
+    "max_splats": 200,
+    "motion_iterations": 4,
+    "hash_levels": 2,
+    "hash_log2_size": 6,
+    "finetune_iterations": 4,
+}
+"""Settings of a dry run."""
+
+Report = dict[str, Any]
+console = Console(width=112)
+
+
+class TimeIsUp(Exception):
+    """Raised by a progress callback."""
+
+
+class Check:
+    """Runs the parts and holds their report.
+
+    Args:
+        dry: on the CPU, tiny.
+        seconds: for the whole check.
+    """
+
+    def __init__(self, dry: bool, seconds: float) -> None:
+        self.dry, self.device = dry, "cpu" if dry else "cuda"
+        self.ends = time.monotonic() + seconds
+        self.report: Report = {"dry_run": dry, "machine": machine(), "parts": {}}
+        self.settings = TrainSettings()
+        if dry:
+            self.settings = TrainSettings.model_validate(TINY)
+
+    @property
+    def left(self) -> float:
+        """Seconds left, at least 1."""
+        return max(1.0, self.ends - time.monotonic())
+
+    def limit(self, seconds: float) -> float | None:
+        """Seconds that a part may take; None in a dry run, which may be on a busy machine."""
+        return None if self.dry else min(seconds, self.left)
+
+    def part(self, name: str, work: Callable[[], Report]) -> bool:
+        """Run a part and add it to the report. Returns whether it ran."""
+        console.print(f"{name} ...")
+        start = time.monotonic()
+        try:
+            found = work()
+        except Exception as error:  # the report must name any failure, and the other parts must run
+            found = {"error": f"{type(error).__name__}: {error}"[:2000]}
+        self.report["parts"][name] = {"seconds": round(time.monotonic() - start, 2), **found}
+        return "error" not in found
+
+    def kernels(self) -> Report:
+        """Compile gsplat's kernels in a child process, whose compilation can be ended."""
+        if self.dry:
+            return {"mean_of_picture": float(forward_function(*person(100, 64, 64))().image.mean())}
+        if "cuda" not in available_backends():
+            raise RuntimeError("no CUDA device that torch can use, or gsplat is not installed")
+        code = (
+            "import sys; sys.path[:0] = sys.argv[1:2]\n"
+            "from rasterizer import forward_function, person\n"
+            "print(forward_function(*person(100, 64, 64, sys.argv[2]))().image.mean().item())"
+        )
+        command = [sys.executable, "-c", code, str(Path(__file__).parent), self.device]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(COMPILING))
+        if done.returncode:
+            raise RuntimeError(done.stderr[-1500:])
+        return {"mean_of_picture": float(done.stdout.split()[-1])}
+
+    def tests(self) -> Report:
+        """The tests marked `gpu`; in a dry run they are skipped for want of a GPU."""
+        with tempfile.TemporaryDirectory() as folder:
+            results = Path(folder) / "tests.xml"
+            command = [sys.executable, "-m", "pytest", "-q", "-m", "gpu", "tests/studio/rasterizer/test_cuda.py"]
+            command += [f"--junitxml={results}", "-p", "no:cacheprovider"]
+            done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(TESTING))
+            if not results.is_file():
+                raise RuntimeError((done.stdout + done.stderr)[-1500:])
+            suite = ElementTree.parse(results).getroot().find("testsuite")
+        assert suite is not None
+        counts = {name: int(suite.get(name, 0)) for name in ("tests", "failures", "errors", "skipped")}
+        failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        if failed or (counts["skipped"] == counts["tests"] and not self.dry):
+            return {**counts, "error": "; ".join(failed)[:1500] or "all tests were skipped"}
+        return counts
+
+    def rasterizer(self) -> Report:
+        """Milliseconds of a forward pass, and of both passes, median of 15."""
+        cases = ((500, 64, 48),) if self.dry else ((30_000, 480, 270), (100_000, 960, 540), (100_000, 1920, 1080))
+        found = []
+        for count, width, height in cases:
+            scene = person(count, width, height, self.device)
+            forward, both = (time_it(make(*scene), 15, self.device)[0] for make in (forward_function, both_function))
+            found.append({"splats": count, "width": width, "height": height, "forward_ms": forward, "both_ms": both})
+        return {"cases": found}
+
+    def training(self) -> None:
+        """The parts `keyframe` and `frame 1` to `frame 5`."""
+        footage, cameras = sample(0.25 if self.dry else 1.0), 6 if self.dry else 100
+        used = footage.train_cameras[:cameras]
+        initial = load_config(None).initialize
+        if self.dry:
+            initial = initial.model_copy(update={"points": 200, "resolution": 24})
+        splats: list[Gaussians] = []
+
+        def views(frame: int) -> list[TrainingView]:
+            margin = self.settings.crop_margin
+            return [TrainingView.from_view(footage.view(name, frame), self.device, margin) for name in used]
+
+        def keyframe() -> Report:
+            points = initialize_points([footage.view(name, 0) for name in used], initial)
+            tensors = [torch.from_numpy(array).to(self.device) for array in (points.points, points.colors)]
+            seen = views(0)
+            latest: list[Gaussians] = []
+            steps = Steps(self.limit(KEYFRAME))
+            with busy() as utilization:
+                found = steps.run(
+                    lambda: train_keyframe(
+                        seen, *tensors, self.settings, progress=steps, snapshot=steps.keep, snapshot_every=250
+                    )
+                )
+            latest = [found] if found is not None else steps.latest
+            if not latest:
+                raise RuntimeError(f"only {steps.done} steps in the time for the keyframe")
+            splats.append(latest[-1].detach())
+            return {**steps.report(), **utilization(), "splats": len(splats[-1]), "psnr": quality(footage, 0, splats)}
+
+        def frame(number: int) -> Report:
+            seen = views(number)
+            total = interframe_steps(self.settings)
+            steps = Steps(self.limit(self.left / (count - number + 1)), total)
+            before = splats[-2] if len(splats) > 1 else None
+            with busy() as utilization:
+                found = steps.run(
+                    lambda: (
+                        train_interframe(
+                            splats[-1],
+                            seen,
+                            self.settings,
+                            before_previous=before,
+                            progress=steps,
+                            snapshot=steps.keep,
+                            snapshot_every=250,
+                        ).gaussians
+                    )
+                )
+            latest = [found] if found is not None else steps.latest
+            if not latest:
+                raise RuntimeError(f"only {steps.done} of {total} steps in the time for the frame")
+            splats.append(latest[-1].detach())
+            return {**steps.report(), **utilization(), "psnr": quality(footage, number, splats)}
+
+        count = 1 if self.dry else FRAMES
+        if self.part("keyframe", keyframe):
+            for number in range(1, count + 1):
+                if not self.part(f"frame {number}", lambda number=number: frame(number)):  # type: ignore[misc]
+                    break
+
+
+class Steps:
+    """A progress callback that counts steps, keeps the latest splats and ends training when its time is up."""
+
+    def __init__(self, seconds: float | None, total: int = 0) -> None:
+        self._start, self._limit = time.monotonic(), math.inf if seconds is None else seconds
+        self.done, self.total, self.seconds = 0, total, 0.0
+        self.latest: list[Gaussians] = []
+
+    def __call__(self, done: int, total: int, **figures: Any) -> None:
+        """Called after each step."""
+        self.done, self.total = done, max(self.total, total)
+        if done < total and time.monotonic() - self._start > self._limit:
+            raise TimeIsUp
+
+    def keep(self, step: int, gaussians: Gaussians) -> None:
+        """Keep a snapshot."""
+        self.latest = [gaussians.clone()]
+
+    def run(self, train: Callable[[], Gaussians]) -> Gaussians | None:
+        """The result of `train`; None if its time was up."""
+        if torch.cuda.is_available():
+            torch.cuda.reset_peak_memory_stats()
+        self._start = time.monotonic()
+        try:
+            found = train()
+            if torch.cuda.is_available():
+                torch.cuda.synchronize()
+        except TimeIsUp:
+            found = None
+        self.seconds = time.monotonic() - self._start
+        return found
+
+    def report(self) -> Report:
+        """Steps done and planned, seconds of training, and seconds that all steps would take at this rate."""
+        rate = self.done / max(self.seconds, 1e-9)
+        peak = torch.cuda.max_memory_allocated() if torch.cuda.is_available() else 0
+        return {
+            "steps": self.done,
+            "steps_planned": self.total,
+            "training_seconds": round(self.seconds, 2),
+            "steps_per_second": round(rate, 1),
+            "all_steps_seconds": round(self.total / max(rate, 1e-9), 1),
+            "gpu_peak_mib": round(peak / 2**20) or None,
+        }
+
+
+def machine() -> Report:
+    """GPU, versions and load."""
+    found: Report = {
+        "system": platform.platform(),
+        "cores": len(os.sched_getaffinity(0)),
+        "load": os.getloadavg()[0],
+        "torch": torch.__version__,
+        "cuda": torch.version.cuda,
+        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+    }
+    with contextlib.suppress(ImportError):
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            found["gsplat"] = version("gsplat")
+        except PackageNotFoundError:
+            found["gsplat"] = None
+    return found
+
+
+@contextlib.contextmanager
+def busy() -> Iterator[Callable[[], Report]]:
+    """Within the block, read the GPU's utilization twice a second; the result gives the mean in percent."""
+    values: list[float] = []
+    query = ["nvidia-smi", "--query-gpu=utilization.gpu", "--format=csv,noheader,nounits", "--id=0", "-lms", "500"]
+    try:
+        process = subprocess.Popen(query, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    except OSError:
+        yield lambda: {"gpu_busy_percent": None}
+        return
+
+    def read() -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            with contextlib.suppress(ValueError):
+                values.append(float(line))
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    try:
+        yield lambda: {"gpu_busy_percent": round(statistics.mean(values), 1) if values else None}
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def sample(scale: float) -> Footage:
+    """The sample capture with its clean plates."""
+    capture = load_config(ROOT / "sample_configs" / "quickstart.yaml").capture.replace(scale=scale)
+    return open_footage(capture, read_rig(capture.root / "cameras.json"))
+
+
+def quality(footage: Footage, frame: int, splats: Sequence[Gaussians]) -> float:
+    """Mean PSNR of the last splats in the held-out cameras, dB."""
+    found = []
+    for name in footage.held_out_cameras:
+        view = TrainingView.from_view(footage.view(name, frame), splats[-1].device, 0.0, use_plate=False)
+        black = torch.zeros(3, device=splats[-1].device)
+        with torch.no_grad():
+            found.append(float(psnr(rasterize(splats[-1], view.camera, black).image, view.composited(black))))
+    return round(statistics.mean(found), 2)
+
+
+def show(report: Report) -> None:
+    """Print the report as a table."""
+    table = Table(title=f"{report['machine']['gpu'] or 'CPU'}{', dry run' if report['dry_run'] else ''}")
+    for name in ("part", "seconds", "steps", "per second", "all steps, s", "GPU busy", "peak MiB", "PSNR", ""):
+        table.add_column(name, justify="left" if name in ("part", "") else "right")
+    for name, part in report["parts"].items():
+        steps = f"{part['steps']:,} of {part['steps_planned']:,}" if "steps" in part else ""
+        cells = [part.get(key) for key in ("steps_per_second", "all_steps_seconds", "gpu_busy_percent", "gpu_peak_mib")]
+        cells.append(part.get("psnr"))
+        note = part.get("error", "")
+        if "cases" in part:
+            note = "; ".join(
+                f"{case['splats']:,} at {case['width']}x{case['height']}: {case['forward_ms']:.2f} ms, "
+                f"with gradients {case['both_ms']:.2f} ms"
+                for case in part["cases"]
+            )
+        if "tests" in part:
+            note = note or f"{part['tests'] - part['skipped']} passed, {part['skipped']} skipped"
+        table.add_row(
+            name, f"{part['seconds']:.1f}", steps, *("" if cell is None else f"{cell}" for cell in cells), note
+        )
+    console.print(table)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the check. Returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--dry-run", action="store_true", help="on the CPU, tiny")
+    parser.add_argument("--out", type=Path, default=Path("gpu.json"), help="report (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    check = Check(options.dry_run, SECONDS)
+    if check.part("kernels", check.kernels):
+        check.part("tests", check.tests)
+        check.part("rasterizer", check.rasterizer)
+        check.training()
+    options.out.write_text(json.dumps(check.report, indent=2) + "\n")
+    show(check.report)
+    console.print(f"Report: {options.out}")
+    return 1 if any("error" in part for part in check.report["parts"].values()) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

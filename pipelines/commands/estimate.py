@@ -1,0 +1,135 @@
+"""`v3studio estimate`: how long a run will take, and how much memory and disk it needs."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from studio.environment import keep_freed_memory
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from pipelines.estimate import Estimate
+    from pipelines.stages.base import Context
+
+_HELP = "estimate minutes, memory and disk space of a run on this machine"
+_NOTE = """Reads some images of the footage and rehearses some steps of training, about 20 seconds on an idle machine.
+Nothing is written. The cameras must be known, by a file or by a take whose stage calibrate is finished; the time of
+the calibration itself is not estimated. Times hold for the load that the machine has now.
+"""
+
+
+def register(commands: Any) -> None:
+    """Add the command to the parser."""
+    parser = commands.add_parser(
+        "estimate",
+        help=_HELP,
+        description=_HELP[0].upper() + _HELP[1:] + ".",
+        epilog=_NOTE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings, or the folder of a take")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    parser.set_defaults(command=_estimate)
+
+
+def _estimate(arguments: argparse.Namespace) -> int:
+    keep_freed_memory()  # as a run does
+    import json
+
+    from pipelines.commands.working import working
+    from pipelines.estimate.estimate import estimate
+    from pipelines.estimate.rehearsal import load, rehearse
+    from pipelines.estimate.work import Work
+
+    with ExitStack() as stack:
+        context = _context(arguments, stack)
+        bake = context.config.bake
+        known = bake.profile == "motion" and bake.stream_version == 3 and not bake.ladder
+        qp = bake.qp if known and bake.target_kb_per_frame is None and bake.target_psnr is None else None
+        now = load()
+        work = Work.of(context)
+        found = estimate(work, rehearse(context, work, stack.enter_context(working("rehearsal", None))), qp)
+    if arguments.json:
+        print(json.dumps({**found.to_json(), "load": now}), file=arguments.output)
+    else:
+        _print(found, work.threads, now)
+    return 0
+
+
+def _context(arguments: argparse.Namespace, stack: ExitStack) -> Context:
+    """The context of a take whose cameras are known: the given one, or a temporary one."""
+    from pipelines.config import load_config
+    from pipelines.runs.runner import run
+    from pipelines.stages.base import Context
+    from pipelines.takes.take import Take
+
+    if arguments.config.is_dir():
+        take = Take.open(arguments.config)
+        context = Context(take, load_config(take.config, arguments.overrides))
+        if not take.rig.is_file():
+            raise _unknown(f"v3studio calibrate {arguments.config}")
+        return context
+    config = load_config(arguments.config, arguments.overrides)
+    take = Take.create(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "take")
+    context = Context(take, config)
+    from pipelines.stages.calibrate import has_camera_file
+
+    if not has_camera_file(context):
+        raise _unknown(f"v3studio calibrate {arguments.config} --take DIR")
+    run(take, config, lambda event: None, stages=["calibrate"], command="v3studio estimate")
+    return context
+
+
+def _unknown(command: str) -> StudioError:
+    return StudioError(
+        "estimate.no_cameras",
+        "the cameras are not known yet, and training cannot be rehearsed without them",
+        fix=f"Run `{command}` first, then estimate the take.",
+    )
+
+
+def _print(found: Estimate, threads: int, now: float | None) -> None:
+    from rich.table import Table
+
+    from pipelines.estimate.estimate import stream_range
+    from pipelines.reports.terminal import console, duration
+
+    screen, table = console(), Table()
+    for name, side in (("stage", "left"), ("time", "right"), ("memory", "right"), ("disk", "right"), ("", "left")):
+        table.add_column(name, justify=side)  # type: ignore[arg-type]
+    for stage in found.stages:
+        disk = "" if stage.bytes is None else _size(stage.bytes)
+        spread = stream_range(stage) if stage.stage == "bake" else None
+        if spread is not None:
+            disk = f"{_size(spread[0])} to {_size(spread[1])}"
+        table.add_row(
+            stage.stage,
+            "" if stage.seconds is None else duration(stage.seconds),
+            "" if stage.memory is None else _size(stage.memory),
+            disk,
+            stage.remark,
+        )
+    screen.print(table)
+    low, high = found.range
+    screen.print(
+        f"About {duration(found.seconds)}, most likely {duration(low)} to {duration(high)}; "
+        f"{found.splats:,} splats per frame; up to {_size(found.memory)} of memory"
+    )
+    if now is not None and now > 0.5 * threads:
+        screen.print(
+            f"Other programs are running (load {now:.1f}, {threads} threads): without them, the run takes less time."
+        )
+
+
+def _size(count: int) -> str:
+    """Bytes as "450 kB", "12 MB" or "1.4 GB" (decimal)."""
+    for unit, name in ((1e9, "GB"), (1e6, "MB")):
+        if count >= unit:
+            return f"{count / unit:.1f} {name}" if count < 10 * unit else f"{count / unit:.0f} {name}"
+    return f"{count / 1e3:.0f} kB"

@@ -1,0 +1,151 @@
+"""Minutes, memory and bytes of each stage, from counted work and measured seconds per unit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+from pipelines.estimate.rehearsal import Measured
+from pipelines.estimate.work import Work
+from studio.json_types import JsonObject
+
+UNCERTAINTY = 0.25
+"""Of the time: about one run in ten is further off, most often because splats become more or fewer than assumed."""
+
+_BYTES_A_MASK_PIXEL, _BYTES_A_VOXEL = 6, 16
+"""Of the visual hull; the longest side of a performer's box is about twice the others, so a quarter of the voxels."""
+
+_BYTES_A_SPLAT = 0.96
+"""Of a stream of version 3 per splat and frame at QP 24: measured on the sample capture, groups of 15 frames."""
+_BYTES_A_QP = 0.0754
+"""Natural logarithm of the ratio of bytes from one QP to the next lower one, on the same capture."""
+_STREAM_SPREAD = 2.0
+"""Fast motion needs about twice the bytes, slow motion half."""
+
+
+@dataclass(frozen=True)
+class StageEstimate:
+    """One stage.
+
+    Attributes:
+        stage: its name.
+        seconds: expected duration; None if it cannot be known.
+        memory: expected peak memory of the process in bytes.
+        bytes: expected bytes on disk; None if it cannot be known.
+        remark: what the figures assume, one sentence; may be empty.
+    """
+
+    stage: str
+    seconds: float | None
+    memory: int | None
+    bytes: int | None
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A run.
+
+    Attributes:
+        stages: in order.
+        splats: per frame, assumed.
+        processor: share of the processor that the measurement got, 0 to 1.
+    """
+
+    stages: tuple[StageEstimate, ...]
+    splats: int
+    processor: float
+
+    @property
+    def seconds(self) -> float:
+        """Expected duration of all stages that can be estimated."""
+        return sum(stage.seconds or 0.0 for stage in self.stages)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Seconds between which most runs end."""
+        return self.seconds * (1 - UNCERTAINTY), self.seconds * (1 + UNCERTAINTY)
+
+    @property
+    def memory(self) -> int:
+        """Expected peak memory of the process, bytes."""
+        return max(stage.memory or 0 for stage in self.stages)
+
+    def to_json(self) -> JsonObject:
+        """For `--json`."""
+        low, high = self.range
+        return {
+            "stages": [asdict(stage) for stage in self.stages],
+            "seconds": round(self.seconds, 1),
+            "seconds_low": round(low, 1),
+            "seconds_high": round(high, 1),
+            "memory": self.memory,
+            "splats": self.splats,
+            "processor": round(self.processor, 3),
+        }
+
+
+def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
+    """The stages after calibration.
+
+    Args:
+        work: what the run has to do.
+        measured: seconds per unit of work.
+        qp: of a stream of version 3 with the profile `motion`; None for others, whose size is not estimated.
+    """
+    splats, frames = work.splats, work.frames
+    sh = 3 * (work.train.sh_degree + 1) ** 2
+    cameras, evaluated = work.train_cameras, work.evaluated_cameras
+    # Reading the footage shares the processor with training. Images are masked once if the cache holds them.
+    reading = measured.view * cameras * frames / work.threads
+    opening = measured.camera * (cameras + work.held_out_cameras) / work.threads
+    hull = measured.hull_fixed * cameras / min(cameras, 12) + measured.hull_square * work.resolution**2
+    hulls = len(work.groups) * hull
+    return Estimate(
+        (
+            StageEstimate(
+                "initialize",
+                hulls + opening + measured.view * cameras * len(work.groups) / work.threads,
+                measured.memory + _BYTES_A_MASK_PIXEL * work.pixels + _BYTES_A_VOXEL * work.resolution**3,
+                len(work.groups) * (work.points * 27 + 100_000 * 19),
+            ),
+            StageEstimate(
+                "train",
+                work.waves({count: _group(work, measured, count) for count in set(work.groups)}) + reading,
+                measured.memory + work.at_once * work.memory_of_group,
+                frames * splats * 4 * (11 + sh),
+                "assumes that keyframes keep as many splats as they start with, before pruning",
+            ),
+            StageEstimate(
+                "bake",
+                measured.baked_frame * frames,
+                measured.memory,
+                None if qp is None else round(frames * splats * _BYTES_A_SPLAT * math.exp(_BYTES_A_QP * (24 - qp))),
+                "not estimated for this profile or version" if qp is None else "half to twice, depending on the motion",
+            ),
+            StageEstimate(
+                "evaluate",
+                (measured.evaluated_view + measured.view) * evaluated * frames,
+                measured.memory,
+                None,
+            ),
+        ),
+        splats,
+        measured.processor,
+    )
+
+
+def stream_range(stage: StageEstimate) -> tuple[int, int] | None:
+    """Bytes between which most streams are; None if they are not estimated."""
+    return None if stage.bytes is None else (round(stage.bytes / _STREAM_SPREAD), round(stage.bytes * _STREAM_SPREAD))
+
+
+def _group(work: Work, measured: Measured, frames: int) -> float:
+    """Seconds to train a group of this many frames."""
+    train, before = work.train, work.splats_before_pruning
+    after = work.pruning_rounds * train.prune_finetune_iterations
+    seconds = measured.keyframe_step * (before * train.keyframe_iterations + (before + work.splats) / 2 * after)
+    for position in range(1, frames):
+        seconds += measured.frame + measured.motion_step * train.motion_steps(position == 1)
+        seconds += measured.finetune_step * train.finetune_iterations
+    return seconds

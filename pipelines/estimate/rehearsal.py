@@ -1,0 +1,304 @@
+"""Measures this machine with the footage itself: some images, a coarse hull, and some steps of each kind of training.
+
+All groups that would be trained in parallel are rehearsed in parallel, so that what they share (memory bandwidth,
+caches) slows the rehearsal as it will slow the run.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+import psutil
+
+from pipelines.estimate.work import Work
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.base import Context
+from pipelines.stages.group_scheduler import run_groups
+from studio.progress import ProgressFn, no_progress
+
+if TYPE_CHECKING:
+    from studio.capture import FootageView
+    from studio.gaussians import Gaussians
+    from studio.meshing import InitResult
+    from studio.training import TrainingView, TrainSettings
+
+SECONDS = 12.0
+"""Of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning."""
+_CAMERAS = 12
+"""Most cameras that are read; more would take minutes for large rigs."""
+_RESOLUTIONS = (32, 96, 144)
+"""Of the hulls that are made; the first only loads the libraries. A hull's time is a constant plus one that grows with
+the square of its resolution, as the number of its triangles does."""
+_UNSTEADY = 0.25
+"""The first part of the steps of each kind, which is not measured."""
+
+
+class _Enough(Exception):
+    """Ends training in a rehearsal."""
+
+
+@dataclass
+class Measured:
+    """Seconds per unit of work, on this machine at its present load.
+
+    Attributes:
+        camera: extra time of a camera's first image (opening the file, estimating its background).
+        view: decoding, masking and cropping one image.
+        hull_fixed, hull_square: a hull of resolution r takes hull_fixed + hull_square r^2.
+        keyframe_step: one step per splat of the keyframe before pruning.
+        motion_step, finetune_step: one step of a later frame, with its final number of splats.
+        frame: a later frame, apart from its steps.
+        evaluated_view: rendering and comparing one view of the evaluation.
+        baked_frame: encoding and decoding one frame.
+        memory: bytes of the process after the rehearsal.
+        processor: share of the processor that the rehearsal got, 0 to 1; the rest went to other programs or was idle.
+    """
+
+    camera: float = 0.0
+    view: float = 0.0
+    hull_fixed: float = 0.0
+    hull_square: float = 0.0
+    keyframe_step: float = 0.0
+    motion_step: float = 0.0
+    finetune_step: float = 0.0
+    frame: float = 0.0
+    evaluated_view: float = 0.0
+    baked_frame: float = 0.0
+    memory: int = 0
+    processor: float = 1.0
+
+
+@dataclass
+class _Steps:
+    """A progress callback that notes when each step ended and ends training after `limit` seconds."""
+
+    limit: float
+    check: Callable[[], None]
+    ends: list[float] = field(default_factory=list)
+
+    def __call__(self, done: int, total: int, **figures: Any) -> None:
+        self.check()
+        now = time.perf_counter()
+        self.ends.append(now)
+        if now - self.ends[0] > self.limit:
+            raise _Enough
+
+    @property
+    def seconds(self) -> float:
+        """Mean of the steady steps."""
+        first = min(int(len(self.ends) * _UNSTEADY), len(self.ends) - 2)
+        return (self.ends[-1] - self.ends[first]) / (len(self.ends) - 1 - first)
+
+
+def rehearse(context: Context, work: Work, progress: ProgressFn = no_progress) -> Measured:
+    """Measure the work of a take whose cameras are known; about 20 s on an idle machine.
+
+    Args:
+        context: of the take.
+        work: what the run has to do.
+        progress: called with parts done and parts; may raise Cancelled.
+
+    Raises:
+        StudioError: the footage cannot be read, or the masks do not fit together.
+        Cancelled: raised by `progress`.
+    """
+    found, parts = Measured(), 4 + work.at_once
+    progress(0, parts)
+    views, training = _read(context, work, found)
+    progress(1, parts)
+    points = _hulls(context, views, found)
+    progress(2, parts)
+    results: list[_Training] = []
+    started, processor = time.perf_counter(), time.process_time()
+    lock, stop = threading.Lock(), Cancellation()
+
+    def train(index: int) -> None:
+        one = _Training(context, work, points, training, stop)
+        one.run()
+        with lock:
+            results.append(one)
+            progress(2 + len(results), parts)
+
+    run_groups(
+        {index: partial(train, index) for index in range(work.at_once)},
+        work.at_once,
+        [work.threads_per_group] * work.at_once,
+        stop,
+    )
+    for name in ("keyframe_step", "motion_step", "finetune_step", "frame"):
+        setattr(found, name, fmean(getattr(one.found, name) for one in results))
+    spent = time.process_time() - processor
+    found.processor = min(1.0, spent / ((time.perf_counter() - started) * work.at_once * work.threads_per_group))
+    splats = results[0].splats
+    progress(2 + work.at_once, parts)
+    found.evaluated_view = _evaluate(context, views[0], splats)
+    progress(3 + work.at_once, parts)
+    found.baked_frame = _bake(context, splats)
+    found.memory = psutil.Process().memory_info().rss
+    progress(parts, parts)
+    return found
+
+
+def _read(context: Context, work: Work, found: Measured) -> tuple[list[FootageView], list[TrainingView]]:
+    """Views of the first keyframe, and those that show the performer as training views."""
+    from studio.training import TrainingView
+
+    footage, settings = context.footage.calibrated, context.config.train
+    every = max(1, len(footage.train_cameras) // _CAMERAS)
+    names = footage.train_cameras[::every][:_CAMERAS]
+    frames = context.groups[0].frames[:2]
+    seconds: list[float] = []
+    views: list[FootageView] = []
+    training: list[TrainingView] = []
+    for position, frame in enumerate(frames):
+        begun = time.perf_counter()
+        for name in names:
+            context.cancellation.check()
+            view = footage.view(name, frame)
+            if not (view.matte > 127).any():
+                continue
+            seen = TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates)
+            if position == 0:
+                views.append(view)
+                training.append(seen)
+        seconds.append((time.perf_counter() - begun) / len(names))
+    found.view = seconds[-1]
+    found.camera = max(0.0, seconds[0] - seconds[-1])
+    return views, training
+
+
+def _hulls(context: Context, views: list[FootageView], found: Measured) -> InitResult:
+    """Initial points, on a coarse hull."""
+    from studio.meshing import initialize_points
+
+    settings, seconds = context.config.initialize, []
+    for resolution in _RESOLUTIONS:
+        faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))
+        coarse = settings.replace(resolution=resolution, max_faces=faces)
+        begun = time.perf_counter()
+        made = initialize_points(views, coarse, progress=lambda done, total, **_: context.cancellation.check())
+        seconds.append(time.perf_counter() - begun)
+    _, low, high = _RESOLUTIONS
+    found.hull_square = max(0.0, seconds[2] - seconds[1]) / (high**2 - low**2)
+    found.hull_fixed = max(0.0, seconds[1] - found.hull_square * low**2)
+    return made
+
+
+class _Training:
+    """The rehearsal of one group: steps of each kind."""
+
+    def __init__(
+        self, context: Context, work: Work, points: InitResult, training: list[TrainingView], stop: Cancellation
+    ) -> None:
+        self._context, self._work, self._points, self._training, self._stop = context, work, points, training, stop
+        self.found = Measured()
+        self.splats: Gaussians
+
+    def run(self) -> None:
+        """Measure."""
+        self._keyframe()
+        self._later_frame()
+
+    def _check(self) -> None:
+        self._stop.check()
+        self._context.cancellation.check()
+
+    def _settings(self, **changes: Any) -> TrainSettings:
+        settings = self._context.config.train
+        changes = {"densify_from": settings.keyframe_iterations, "motion_first_iterations": None, **changes}
+        return settings.replace(**changes)
+
+    def _keyframe(self) -> None:
+        import torch
+
+        from studio.training import train_keyframe
+
+        keep_points = self._work.splats_before_pruning
+        points, colors = (
+            torch.from_numpy(array[:keep_points]).to(self._context.device)
+            for array in (self._points.points, self._points.colors)
+        )
+        latest: list[Gaussians] = []
+        steps = _Steps(SECONDS / 2, self._check)
+        settings = self._settings()
+
+        def keep(step: int, gaussians: Gaussians) -> None:
+            latest[:] = [gaussians]
+
+        options: Any = {"progress": steps, "snapshot": keep, "snapshot_every": 1}
+        with suppress(_Enough):
+            latest.append(train_keyframe(self._training, points, colors, settings, **options))
+        self.found.keyframe_step = steps.seconds / len(points)
+        splats = latest[-1].detach()
+        order = splats.logit_opacities.argsort(descending=True)[: self._work.splats]
+        self.splats = splats.map(lambda tensor: tensor[order].clone())
+
+    def _later_frame(self) -> None:
+        motion = self._steps_of(finetune_iterations=0)
+        self.found.motion_step = motion.seconds if motion.ends else 0.0
+        tuning = self._steps_of(motion_iterations=0)
+        self.found.finetune_step = tuning.seconds if tuning.ends else 0.0
+
+    def _steps_of(self, **changes: int) -> _Steps:
+        """Train one kind of step; the time until the first one is that of the frame."""
+        from studio.training import train_interframe
+
+        steps, settings = _Steps(SECONDS / 4, self._check), self._settings(**changes)
+        begun = time.perf_counter()
+        with suppress(_Enough):
+            train_interframe(self.splats, self._training, settings, before_previous=self.splats.clone(), progress=steps)
+        if steps.ends:
+            self.found.frame += steps.ends[0] - begun
+        return steps
+
+
+def _evaluate(context: Context, view: FootageView, splats: Gaussians) -> float:
+    """Seconds to draw and compare one view of the evaluation, apart from reading its image."""
+    import torch
+
+    from pipelines.reports.pictures import draw
+    from pipelines.stages.evaluate import padded_box
+    from studio.metrics import psnr, ssim
+    from studio.perceptual import SMALLEST
+
+    background = context.config.capture.background
+    box = padded_box(view.matte, context.config.evaluate.crop_padding)
+    assert box is not None  # only views that show the performer were kept
+    begun = time.perf_counter()
+    truth = torch.from_numpy(view.image[box]).float() / 255
+    for _ in ("trained", "decoded"):
+        drawn = torch.from_numpy(draw(splats, view.camera, background, context.device)[box])
+        psnr(drawn, truth)
+        ssim(drawn, truth)
+        if context.lpips is not None and min(drawn.shape[:2]) >= SMALLEST:
+            context.lpips(drawn, truth)
+    return time.perf_counter() - begun
+
+
+def _bake(context: Context, splats: Gaussians) -> float:
+    """Seconds per frame to encode and decode; with a ladder, of all renditions that need no training."""
+    from studio.stream import BakeSettings, bake_group
+
+    frames, bake = 4, context.config.bake
+    settings = BakeSettings(profile=bake.profile, qp=bake.qp, codec=bake.codec, preset=bake.preset)
+    still = splats.detach().to("cpu")
+    with tempfile.TemporaryDirectory() as folder:
+        begun = time.perf_counter()
+        bake_group([still] * frames, Path(folder), 0, 0, settings, threads=context.config.run.threads)
+        seconds = time.perf_counter() - begun
+    return max(1, len(bake.ladder)) * seconds / frames
+
+
+def load() -> float | None:
+    """Programs that wanted a core in the last minute, this one included; None where the system does not say."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None

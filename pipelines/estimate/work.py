@@ -1,0 +1,104 @@
+"""What a run has to do, counted from settings and footage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pipelines.stages.base import Context
+from pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_by_group
+from studio.training.settings import TrainSettings
+
+
+@dataclass(frozen=True)
+class Work:
+    """The work of a run.
+
+    Attributes:
+        train_cameras, held_out_cameras: numbers of cameras.
+        pixels: of all training images of one frame, uncropped.
+        groups: number of frames in each group.
+        at_once: groups that are trained in parallel.
+        threads: CPU threads of the run.
+        points: initial splats of a keyframe.
+        resolution: voxels along the longest side of the hull.
+        memory_of_group: bytes that training one group takes.
+        train: settings of training.
+    """
+
+    train_cameras: int
+    held_out_cameras: int
+    pixels: int
+    groups: tuple[int, ...]
+    at_once: int
+    threads: int
+    points: int
+    resolution: int
+    memory_of_group: int
+    train: TrainSettings
+
+    @classmethod
+    def of(cls, context: Context) -> Work:
+        """The work of a take whose cameras are known."""
+        footage, config = context.footage.calibrated, context.config
+        sizes = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
+        return cls(
+            train_cameras=len(footage.train_cameras),
+            held_out_cameras=len(footage.held_out_cameras),
+            pixels=sum(sizes),
+            groups=tuple(len(group.frames) for group in context.groups),
+            at_once=groups_at_once(context),
+            threads=context.threads,
+            points=config.initialize.points,
+            resolution=config.initialize.resolution,
+            memory_of_group=memory_of_group(context),
+            train=config.train,
+        )
+
+    @property
+    def frames(self) -> int:
+        """Frames of the take."""
+        return sum(self.groups)
+
+    @property
+    def threads_per_group(self) -> int:
+        """CPU threads of the first group."""
+        return threads_by_group(len(self.groups), self.at_once, self.threads)[0]
+
+    @property
+    def evaluated_cameras(self) -> int:
+        """Cameras that the evaluation measures."""
+        return self.held_out_cameras or self.train_cameras
+
+    @property
+    def splats_before_pruning(self) -> int:
+        """Of a keyframe, if densification and the removal of transparent splats cancel out. They nearly do on the
+        sample capture; how many splats footage needs is only known after training."""
+        return min(self.points, max(self.train.densify_max_splats, self.train.max_splats))
+
+    @property
+    def pruning_rounds(self) -> int:
+        """Rounds of pruning and fine-tuning of a keyframe."""
+        splats, rounds = self.splats_before_pruning, 0
+        while rounds < self.train.prune_rounds or splats > self.train.max_splats:
+            splats -= max(1, int(splats * self.train.prune_ratio))
+            rounds += 1
+        return rounds
+
+    @property
+    def splats(self) -> int:
+        """Of a trained frame."""
+        splats = self.splats_before_pruning
+        for _ in range(self.pruning_rounds):
+            splats -= max(1, int(splats * self.train.prune_ratio))
+        return splats
+
+    def waves(self, seconds_of_group: dict[int, float]) -> float:
+        """Seconds until all groups are done, `at_once` in parallel, in order.
+
+        Args:
+            seconds_of_group: by the number of frames in a group.
+        """
+        free = [0.0] * self.at_once
+        for frames in self.groups:
+            free[free.index(min(free))] += seconds_of_group[frames]
+        return max(free)

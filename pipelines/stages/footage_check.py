@@ -1,0 +1,72 @@
+"""The check of a take's footage, beside the training of its first frames."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.base import Context
+from studio.errors import Cancelled, Message, StudioError
+
+
+@contextmanager
+def footage_check(context: Context, frames: tuple[int, ...], stop: Cancellation) -> Iterator[None]:
+    """Check frames in a thread while the block trains; the block's end waits for the check.
+
+    Args:
+        context: of the stage.
+        frames: frame numbers to check.
+        stop: ends the training in the block; set when the check finds problems.
+
+    Raises:
+        StudioError: a frame cannot be read or has an empty matte. It names all problems, also if the block failed
+            first with one of them.
+        Cancelled: the run was cancelled.
+    """
+    from studio.capture import check_footage
+
+    footage, ended = context.footage.calibrated, Cancellation()
+    problems: list[Message] = []
+    failures: list[BaseException] = []
+
+    def report(done: int, total: int, **figures: Any) -> None:
+        context.cancellation.check()
+        ended.check()
+
+    def check() -> None:
+        try:
+            problems.extend(check_footage(footage, report, frames=frames))
+        except Cancelled:
+            pass
+        except BaseException as error:
+            failures.append(error)
+        if problems or failures:
+            stop.cancel()
+
+    thread = threading.Thread(target=check, name="check")
+    thread.start()
+    try:
+        yield
+    except StudioError:
+        thread.join()  # for the other problems
+        if not problems:
+            raise
+    except BaseException:
+        if not (problems or failures):
+            ended.cancel()
+            thread.join()
+            raise
+    thread.join()
+    context.cancellation.check()
+    if failures:
+        raise failures[0]
+    if problems:
+        first = problems[0]
+        raise StudioError(
+            first.code,
+            "\n".join(str(problem) for problem in problems),
+            **{**first.fields, "count": len(problems), "codes": [problem.code for problem in problems]},
+        )

@@ -1,0 +1,52 @@
+"""The GPU check runs all its parts on the CPU, and says which failed."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+spec = importlib.util.spec_from_file_location("gpu_check", ROOT / "benchmarks" / "gpu_check.py")
+assert spec is not None
+assert spec.loader is not None
+script = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(script)
+
+
+def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert script.main(["--dry-run", "--out", str(tmp_path / "gpu.json")]) == 0, capsys.readouterr().out
+    report = json.loads((tmp_path / "gpu.json").read_text())
+    parts = report["parts"]
+    assert list(parts) == ["kernels", "tests", "rasterizer", "keyframe", "frame 1"]
+    assert report["dry_run"] is True
+    assert (parts["keyframe"]["steps"], parts["frame 1"]["steps"]) == (9, 8)
+    assert parts["keyframe"]["steps_planned"] == 9
+    assert parts["frame 1"]["psnr"] > 5
+    assert parts["rasterizer"]["cases"][0]["both_ms"] > 0
+
+
+def test_training_that_runs_out_of_time_is_reported_with_its_steps() -> None:
+    steps = script.Steps(-1.0, 100)
+
+    def train() -> None:
+        for step in range(1, 101):
+            steps(step, 100)
+
+    assert steps.run(train) is None
+    report = steps.report()
+    assert (report["steps"], report["steps_planned"]) == (1, 100)
+    assert report["all_steps_seconds"] >= report["training_seconds"]
+
+
+def test_a_failed_part_does_not_end_the_check() -> None:
+    check = script.Check(True, 60.0)
+
+    def fail() -> None:
+        raise RuntimeError("no nvcc")
+
+    assert not check.part("kernels", fail)
+    assert check.part("tests", lambda: {"tests": 1})
+    assert check.report["parts"]["kernels"]["error"] == "RuntimeError: no nvcc"

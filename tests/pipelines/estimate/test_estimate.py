@@ -1,0 +1,100 @@
+"""Estimates: what is counted, and a rehearsal on the tiny capture."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipelines import cli
+from pipelines.estimate import Measured, Work, estimate, rehearsal
+from studio.training import TrainSettings, keyframe_steps
+
+SETTINGS = TrainSettings.model_validate(
+    {
+        "keyframe_iterations": 1000,
+        "prune_finetune_iterations": 100,
+        "motion_iterations": 50,
+        "motion_first_iterations": 80,
+        "finetune_iterations": 200,
+        "max_splats": 7000,
+    }
+)
+WORK = Work(
+    train_cameras=4,
+    held_out_cameras=2,
+    pixels=40_000,
+    groups=(5, 5, 3),
+    at_once=2,
+    threads=2,
+    points=10_000,
+    resolution=100,
+    memory_of_group=1_000_000,
+    train=SETTINGS,
+)
+
+
+def train_seconds(work: Work, measured: Measured) -> float:
+    (stage,) = (stage for stage in estimate(work, measured, None).stages if stage.stage == "train")
+    assert stage.seconds is not None
+    return stage.seconds
+
+
+def test_steps_are_counted_as_training_does_them() -> None:
+    assert WORK.splats == 7000
+    steps = SETTINGS.keyframe_iterations + WORK.pruning_rounds * SETTINGS.prune_finetune_iterations
+    assert steps == keyframe_steps(SETTINGS, WORK.points)
+    more = replace(WORK, train=SETTINGS.replace(max_splats=6000))
+    assert (more.pruning_rounds, more.splats) == (2, 4900)
+
+
+def test_groups_wait_for_a_free_worker() -> None:
+    # two workers: the first two groups take 50 s, then the third 30 s
+    assert WORK.waves({5: 50.0, 3: 30.0}) == 80.0
+    assert replace(WORK, at_once=3).waves({5: 50.0, 3: 30.0}) == 50.0
+
+
+def test_each_kind_of_step_is_paid_for() -> None:
+    # the busiest worker has the groups of 5 and 3 frames: two frames after a keyframe, and four others
+    assert train_seconds(WORK, Measured(motion_step=1.0)) == 2 * 80 + 4 * 50
+    assert train_seconds(WORK, Measured(finetune_step=1.0)) == 6 * 200
+    assert train_seconds(WORK, Measured(frame=1.0)) == 6
+    # 10,000 splats for 1000 steps and the mean of 10,000 and 7,000 for 100, in two keyframes
+    assert train_seconds(WORK, Measured(keyframe_step=1e-4)) == pytest.approx(2 * (1000 + 85))
+    # 13 frames of 4 cameras, on two threads
+    assert train_seconds(WORK, Measured(view=1.0)) == 26
+
+
+def test_a_hull_at_another_resolution() -> None:
+    stage = estimate(WORK, Measured(hull_fixed=1.0, hull_square=1e-4), None).stages[0]
+    assert stage.seconds == pytest.approx(3 * (1.0 + 1.0))
+
+
+def test_sizes() -> None:
+    train, bake = estimate(WORK, Measured(), 24).stages[1:3]
+    assert train.bytes == 13 * 7000 * 4 * (3 + 4 + 3 + 1 + 3 * (SETTINGS.sh_degree + 1) ** 2)
+    assert bake.bytes == round(13 * 7000 * 0.96)
+    assert estimate(WORK, Measured(), None).stages[2].bytes is None
+
+
+def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(rehearsal, "SECONDS", 0.2)
+    monkeypatch.setattr(rehearsal, "_RESOLUTIONS", (16, 20, 28))
+    before = sorted(project.rglob("*"))
+    assert cli.execute(["estimate", str(project / "ball.yaml"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [stage["stage"] for stage in found["stages"]] == ["initialize", "train", "bake", "evaluate"]
+    assert all(stage["seconds"] > 0 for stage in found["stages"])
+    assert found["seconds_low"] < found["seconds"] < found["seconds_high"]
+    assert found["memory"] > 10e6
+    assert found["splats"] == 280
+    assert sorted(project.rglob("*")) == before
+
+
+def test_cameras_must_be_known(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.execute(["estimate", str(project / "ball.yaml"), "--set", "capture.rig=null"]) == 1
+    error = capsys.readouterr().err
+    assert "the cameras are not known yet" in error
+    assert "v3studio calibrate" in error

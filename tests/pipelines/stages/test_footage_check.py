@@ -1,0 +1,81 @@
+"""The check of the footage runs beside training, and its findings come first."""
+
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.footage_check import footage_check
+from studio.capture import CaptureSettings, open_footage
+from studio.errors import Cancelled, StudioError
+from tests.support.errors import refuses
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> Path:
+    """Two cameras, three frames, each with a mask."""
+    mask = np.zeros((48, 64), np.uint8)
+    mask[10:30, 10:30] = 255
+    for camera in ("left", "right"):
+        for kind, image in (("images", np.full((48, 64, 3), 90, np.uint8)), ("masks", mask)):
+            (tmp_path / kind / camera).mkdir(parents=True)
+            for frame in range(3):
+                cv2.imwrite(str(tmp_path / kind / camera / f"{frame:03d}.png"), image)
+    return tmp_path
+
+
+def context_of(folder: Path) -> Any:
+    footage = open_footage(CaptureSettings(root=folder, masks="files"))
+    return cast(Any, SimpleNamespace(footage=SimpleNamespace(calibrated=footage), cancellation=Cancellation()))
+
+
+def test_sound_footage_does_not_disturb(folders: Path) -> None:
+    stop, trained = Cancellation(), []
+    with footage_check(context_of(folders), (0, 1, 2), stop):
+        trained.append(1)
+    assert trained
+    assert not stop.cancelled
+
+
+def test_a_problem_ends_training_and_is_reported(folders: Path) -> None:
+    (folders / "images" / "right" / "002.png").write_bytes(b"not an image")
+    stop = Cancellation()
+    with refuses("footage.image_unreadable", count=1), footage_check(context_of(folders), (0, 1, 2), stop):
+        while True:  # training, which only ends when it is told to
+            stop.check()
+
+
+def test_frames_that_are_not_asked_for_are_not_checked(folders: Path) -> None:
+    (folders / "images" / "right" / "002.png").write_bytes(b"not an image")
+    with footage_check(context_of(folders), (0, 1), Cancellation()):
+        pass
+
+
+def test_all_problems_are_named_if_training_meets_one_first(folders: Path) -> None:
+    for frame in (1, 2):
+        (folders / "images" / "left" / f"{frame:03d}.png").write_bytes(b"not an image")
+    with refuses("footage.image_unreadable", count=2), footage_check(context_of(folders), (0, 1, 2), Cancellation()):
+        raise StudioError("footage.image_unreadable", "cannot read frame 1")
+
+
+def test_other_errors_of_training_pass(folders: Path) -> None:
+    with refuses("training.diverged"), footage_check(context_of(folders), (0, 1, 2), Cancellation()):
+        raise StudioError("training.diverged", "the loss is NaN")
+
+
+def test_cancelling_ends_the_check(folders: Path) -> None:
+    context = context_of(folders)
+
+    def train() -> None:
+        with footage_check(context, (0, 1, 2), Cancellation()):
+            context.cancellation.cancel()
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        train()
+    assert not any(thread.name == "check" for thread in threading.enumerate())
