@@ -36,7 +36,7 @@ class ControlsPanel:
     ) -> None:
         self._player = player
         self._changed = changed
-        self.flow = Flow(0.4 * em, 1.5 * em)
+        self.flow = Flow(0.3 * em, 1.5 * em)
         self.widget = self.flow.widget
         self.widget.background_color = color(PANEL)
         self.buttons: dict[str, gui.Widget] = {}

@@ -43,7 +43,8 @@ def training_views(
         view = footage.view(cameras[number], frame)
         if not (view.matte > 127).any():
             return None
-        return TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates)
+        chroma = None if settings.chroma_siting == "none" else footage.chroma(cameras[number])
+        return TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates, chroma)
 
     views = []
     with ThreadPoolExecutor(min(readers, len(cameras)), thread_name_prefix="views") as pool:

@@ -16,6 +16,7 @@ from studio.capture.mattes.matte_source import MatteSource, PlateMatteSource, Re
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
+from studio.chroma import ChromaSampling
 from studio.errors import Message, StudioError
 
 
@@ -192,6 +193,16 @@ class Footage:
             cached = (warp.apply(raw, self._maps(camera, warp), smooth=True),)
             self._cache.put(key, *cached)
         return cached[0].copy()
+
+    def chroma(self, camera: str) -> ChromaSampling | None:
+        """Chroma grid of a camera's images; None without subsampling, for image files, and for images that are
+        undistorted or scaled, as these have no such grid.
+
+        Raises:
+            StudioError: `footage.unknown_camera`.
+        """
+        source = self._source(camera)
+        return source.chroma if self._warp(camera).is_identity else None
 
     def digest(self) -> str:
         """Hexadecimal digest of `files()`: names, sizes and contents (see `digest_files`)."""

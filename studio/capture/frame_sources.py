@@ -13,6 +13,7 @@ import numpy as np
 from studio.capture.images import has_alpha, image_size, read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.video import VideoReader
+from studio.chroma import ChromaSampling
 from studio.errors import StudioError
 
 
@@ -46,6 +47,11 @@ class FrameSource(Protocol):
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
         """The files that contain the given frames (None: all)."""
+        ...
+
+    @property
+    def chroma(self) -> ChromaSampling | None:
+        """Chroma grid of the frames; None: no subsampling, or not known (images)."""
         ...
 
 
@@ -113,6 +119,11 @@ class ImageSource:
         """See `FrameSource`."""
         return [self._paths[frame] for frame in (self.frames if frames is None else frames) if frame in self._paths]
 
+    @property
+    def chroma(self) -> ChromaSampling | None:
+        """See `FrameSource`."""
+        return None
+
 
 class ShiftedSource:
     """A `FrameSource` that compensates a sync offset: its frame f is frame f + offset of `source`."""
@@ -134,6 +145,11 @@ class ShiftedSource:
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
         """See `FrameSource`."""
         return self.source.files(None if frames is None else [frame + self.offset for frame in frames])
+
+    @property
+    def chroma(self) -> ChromaSampling | None:
+        """See `FrameSource`."""
+        return self.source.chroma
 
 
 class DecoderPool:
@@ -190,6 +206,11 @@ class VideoSource:
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
         """See `FrameSource`."""
         return [self.reader.path]
+
+    @property
+    def chroma(self) -> ChromaSampling | None:
+        """See `FrameSource`."""
+        return self.reader.chroma
 
 
 def decoder_limit(width: int, height: int) -> int:

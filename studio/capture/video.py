@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import bisect
+import functools
 import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studio.capture.chroma_grid import chroma_grid
 from studio.capture.frame_clock import frame_clock
 from studio.capture.media import open_media
+from studio.chroma import ChromaSampling
 from studio.errors import StudioError
 
 # swscale flags: bicubic, full horizontal chroma interpolation, accurate rounding. The default repeats chroma samples,
@@ -136,6 +139,15 @@ class VideoReader:
                     frame=index,
                 ) from None
         return np.ascontiguousarray(np.rot90(image, self._turns)) if self._turns else image
+
+    @functools.cached_property
+    def chroma(self) -> ChromaSampling | None:
+        """Chroma grid of the frames that `read` returns; None: no subsampling, or see `chroma_grid`."""
+        with open_media(self.path) as container:
+            container.streams.video[0].codec_context.thread_count = 1
+            frame = next(container.decode(video=0))
+            found = chroma_grid(frame, self._to_rgb, self._matrix)
+        return found and found.rotated(self._turns, *self._coded)
 
     def _to_rgb(self, frame: Any) -> np.ndarray:
         if frame.format.name == "gray":

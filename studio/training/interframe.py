@@ -17,6 +17,7 @@ from studio.training.coded_loss import CodedLoss
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
 from studio.training.noise import draw_seed
+from studio.training.refine import Refinement
 from studio.training.regularizers import simulate_quantization
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
@@ -209,6 +210,9 @@ def _fine_tune(
     rates = settings.rates.replace(means=settings.rates.means_finetune)
     optimizer = SplatOptimizer(warped, rates, extent, train_means=settings.finetune_means)
     stepper = Stepper(views, settings, generator)
+    if settings.final_iterations:
+        stepper.dropout = min(settings.dropout, settings.final_dropout)
+    refinement = Refinement(stepper, settings, moved=True)
     coding = coding_of(settings.regularize, previous)
     before = coding.coded_values(previous).detach()
     quantizer = coding.quantizer(before)
@@ -225,6 +229,10 @@ def _fine_tune(
     regularized = bool(settings.entropy_weight or settings.temporal_weight)
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians
+        if iteration == 1:
+            refinement.begin(gaussians.detach())
+        elif (iteration - 1) % settings.refine_every == 0:
+            refinement.refresh(gaussians.detach())
         figures: dict[str, float] = {}
         if regularized or settings.simulate_quantization:
             now = coding.coded_values(gaussians)

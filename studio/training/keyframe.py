@@ -12,6 +12,7 @@ from studio.errors import StudioError
 from studio.gaussians import SH_C0, Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.training.densify import density_control
+from studio.training.refine import Refinement
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import SnapshotFn, Stepper, check_finite
@@ -154,6 +155,7 @@ class _Run:
         self._extent = scene_extent(points)
         self._generator = torch.Generator().manual_seed(seed)
         self._stepper = Stepper(views, settings, self._generator)
+        self._refinement = Refinement(self._stepper, settings)
         start = initial_gaussians(points, colors, settings.sh_degree)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
         self._density = density_control(len(start), self._extent, settings, points.device)
@@ -178,12 +180,26 @@ class _Run:
             if self.done == settings.keyframe_iterations:
                 self._rounds = prune_rounds(settings, len(self.optimizer))
             return
+        self._refine()
         due = settings.keyframe_iterations + self._pruned * settings.prune_finetune_iterations
         if self._pruned < self._rounds and self.done == due:
             prune_by_opacity(self.optimizer, settings.prune_ratio)
             self._pruned += 1
         if settings.prune_finetune_iterations:
             self._advance(self.optimizer.gaussians, None)
+
+    def _refine(self) -> None:
+        """Refine the mattes if due, and set the dropout."""
+        settings = self._settings
+        if not settings.prune_finetune_iterations:
+            return
+        if self._total - self.done <= settings.final_iterations:
+            self._stepper.dropout = min(settings.dropout, settings.final_dropout)
+        since = self.done - settings.keyframe_iterations
+        if since == 0:
+            self._refinement.begin(self.optimizer.gaussians.detach())
+        elif since % settings.refine_every == 0:
+            self._refinement.refresh(self.optimizer.gaussians.detach())
 
     def _grow(self) -> None:
         settings, optimizer = self._settings, self.optimizer
@@ -236,6 +252,7 @@ class _Run:
             **{f"splats.{name}": value for name, value in self.optimizer.state().items()},
             **{f"density.{name}": value for name, value in self._density.state().items()},
             **{f"stepper.{name}": value for name, value in self._stepper.state().items()},
+            **{f"refinement.{name}": value for name, value in self._refinement.state().items()},
         }
 
     def restore(self, state: Checkpoint) -> None:
@@ -250,6 +267,7 @@ class _Run:
             self.optimizer.set_means_progress(self.done / self._settings.keyframe_iterations)
             self._density.restore(part("density."))
             self._stepper.restore(part("stepper."))
+            self._refinement.restore(part("refinement."))
             self._generator.set_state(state["generator"].cpu())
         except KeyError as error:
             raise StudioError(

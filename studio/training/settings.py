@@ -76,6 +76,38 @@ class TrainSettings(Settings):
     """If the capture has clean plates, compare the unmasked footage with splats rendered over the plate instead of
     masking the performer. Reduces the effect of matte errors."""
 
+    refine_mattes: Annotated[Literal["auto", "always", "never"], Heading("Refined mattes")] = "auto"
+    """Replace the mattes by those that all cameras agree on, the splats' own drawn alpha with twice the contrast, when
+    pruning of a keyframe and when fine-tuning of a later frame begin. auto: if the mattes differ from them by more than
+    refine_above. never: also leaves the weight of alpha_weight as it is."""
+
+    refine_above: float = Field(default=0.22, ge=0)
+    """For auto: mean distance between the outlines of given and refined mattes, in pixels. On the sample capture, it is
+    0.14 for exact mattes and 0.33 for those from clean plates."""
+
+    refine_moved_below: Annotated[float, _LATER] = Field(default=0.66, gt=0)
+    """For auto in later frames: above this distance, in pixels, the motion was not found. The given mattes are then
+    kept until fine-tuning has brought the splats closer."""
+
+    refine_every: int = Field(default=100, ge=1)
+    """Steps after which the mattes are refined again."""
+
+    refined_alpha_weight: float = Field(default=1.0, ge=0)
+    """alpha_weight from then on, if that is larger, also for mattes that auto found good."""
+
+    chroma_siting: Literal["auto", "left", "center", "none"] = "auto"
+    """Footage with subsampled chroma (4:2:0, 4:2:2) is compared with drawings that are subsampled in the same way, so
+    that colors that bled over outlines are not learned. The grid is that of the video. Where the encoder took its
+    samples: left (standard for H.264 and HEVC) or center (of many converters). auto: whichever fits the footage better.
+    none: no subsampling. Only for videos that are used at full size and without lens distortion."""
+
+    final_iterations: int = Field(default=400, ge=0)
+    """Last steps of a keyframe's fine-tuning with final_dropout, which all fine-tuning of later frames has as well. 0:
+    final_dropout is not used."""
+
+    final_dropout: float = Field(default=0.1, ge=0, lt=1)
+    """Fraction of the splats left out of these steps, if it is below dropout. Details become sharper."""
+
     crop_margin: float = Field(default=0.15, ge=0, le=10)
     """Padding of the performer's bounding box that images are cropped to, as a fraction of the box size (16 pixels are
     added)."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from studio.chroma import resampled
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.metrics import psnr
@@ -45,27 +46,53 @@ class Step:
 
 
 class Stepper:
-    """Renders random views over random backgrounds, both drawn by the generator, and computes equation 7."""
+    """Renders random views over random backgrounds, both drawn by the generator, and computes equation 7.
+
+    Args:
+        views: training views.
+        settings: weights of the losses.
+        generator: draws views, backgrounds and dropout.
+
+    Attributes:
+        dropout: fraction of the splats that a step with dropout leaves out.
+        alpha_weight: weight of the difference between drawn alpha and matte.
+        chroma_shift: drawings of views with subsampled chroma go through the same subsampling before they are compared;
+            this is the encoder's shift, see `studio.chroma.resampled`. None: they do not.
+    """
 
     def __init__(self, views: Sequence[TrainingView], settings: TrainSettings, generator: torch.Generator) -> None:
         self._settings = settings
         self._generator = generator
         self._views = Shuffled(views, generator)
         self._backgrounds = backgrounds(settings.background, generator, views[0].device)
+        self.dropout, self.alpha_weight = settings.dropout, settings.alpha_weight
+        self.chroma_shift: float | None = None
+
+    @property
+    def views(self) -> Sequence[TrainingView]:
+        """The training views; may be replaced by as many others."""
+        return self._views.views
+
+    @views.setter
+    def views(self, views: Sequence[TrainingView]) -> None:
+        self._views.views = views
 
     def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None, dropout: bool = False) -> Step:
         """Render the next view and compare it with the footage; with `dropout`, a random subset of the splats."""
         view, background = next(self._views), next(self._backgrounds)
-        if dropout and self._settings.dropout:
-            logits = drop_splats(gaussians.logit_opacities, self._settings.dropout, draw_seed(self._generator))
+        if dropout and self.dropout:
+            logits = drop_splats(gaussians.logit_opacities, self.dropout, draw_seed(self._generator))
             gaussians = replace(gaussians, logit_opacities=logits)
         target = view.composited(background)
         backdrop = view.backdrop(background)
         behind = background if backdrop is None else backdrop
         render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
-        loss = photometric_loss(render.image, target, self._settings.dssim_weight)
-        if self._settings.alpha_weight:
-            loss = loss + self._settings.alpha_weight * (render.alpha - view.matte).abs().mean()
+        image = render.image
+        if self.chroma_shift is not None and view.chroma is not None:
+            image = resampled(image, view.chroma, self.chroma_shift)
+        loss = photometric_loss(image, target, self._settings.dssim_weight)
+        if self.alpha_weight:
+            loss = loss + self.alpha_weight * (render.alpha - view.matte).abs().mean()
         return Step(loss, target, render, view)
 
     def state(self) -> dict[str, Tensor]:

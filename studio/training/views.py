@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from torch import Tensor
 
 from studio.cameras import Camera
+from studio.chroma import ChromaSampling
 from studio.errors import StudioError
 from studio.views import CapturedView
 
@@ -31,15 +33,22 @@ class TrainingView:
         plate: (H, W, 3) clean plate, same dtype, or None. With a plate, the performer is not cut out: on and around the
             performer, the footage is compared with the splats rendered over the plate. This models soft edges correctly
             and tolerates small matte errors.
+        chroma: chroma grid of `image`; None: no subsampling.
 
     Attributes:
-        camera, full_size: as above.
+        camera, full_size, chroma: as above.
     """
 
     def __init__(
-        self, camera: Camera, image: Tensor, matte: Tensor, full_size: tuple[int, int], plate: Tensor | None = None
+        self,
+        camera: Camera,
+        image: Tensor,
+        matte: Tensor,
+        full_size: tuple[int, int],
+        plate: Tensor | None = None,
+        chroma: ChromaSampling | None = None,
     ) -> None:
-        self.camera, self.full_size = camera, full_size
+        self.camera, self.full_size, self.chroma = camera, full_size, chroma
         self._image, self._matte, self._plate = image, matte, plate
         self._near = None if plate is None else surroundings(_floats(matte)).to(torch.uint8)
         self._cached: tuple[Tensor, Tensor, Tensor | None] | None = None
@@ -73,6 +82,7 @@ class TrainingView:
         device: torch.device | str = "cpu",
         crop_margin: float | None = None,
         use_plate: bool = True,
+        chroma: ChromaSampling | None = None,
     ) -> TrainingView:
         """Convert a view of the footage.
 
@@ -82,6 +92,7 @@ class TrainingView:
             crop_margin: crop to the bounding box of the matte, padded by this fraction of its size plus 16 pixels;
                 None: keep the full image.
             use_plate: False ignores the clean plate.
+            chroma: chroma grid of the view's image; None: no subsampling.
 
         Raises:
             StudioError: `matte.empty`: the matte does not contain any performer pixels.
@@ -91,6 +102,7 @@ class TrainingView:
         if crop_margin is not None:
             left, top, width, height = matte_box(matte, crop_margin, camera.name)
             camera = camera.cropped(left, top, width, height)
+            chroma = None if chroma is None else chroma.cropped(left, top)
             image = image[top : top + height, left : left + width]
             matte = matte[top : top + height, left : left + width]
             plate = None if plate is None else plate[top : top + height, left : left + width]
@@ -99,7 +111,18 @@ class TrainingView:
             # copy: a NumPy view of the crop would keep the full image in memory
             return torch.from_numpy(np.array(image, dtype=np.uint8, order="C")).to(device)
 
-        return cls(camera, tensor(image), tensor(matte), size, None if plate is None else tensor(plate))
+        return cls(camera, tensor(image), tensor(matte), size, None if plate is None else tensor(plate), chroma)
+
+    def with_matte(self, matte: Tensor) -> TrainingView:
+        """The same view with another (H, W) matte, 0 to 1. With a plate, the compared pixels stay the same."""
+        view = copy.copy(self)
+        if self._matte.is_floating_point():
+            view._matte = matte
+        else:  # a large view is stored as bytes
+            view._matte = (matte * 255 + 0.5).to(torch.uint8)
+        if self._cached is not None and self._plate is None:
+            view._cached = view._parts()
+        return view
 
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3) target image over a (3,) background color.
@@ -176,6 +199,9 @@ class Shuffled:
         views: at least one view.
         generator: draws the order of each epoch.
 
+    Attributes:
+        views: the views; may be replaced by as many others.
+
     Raises:
         StudioError: `training.no_views`: `views` is empty.
     """
@@ -188,7 +214,7 @@ class Shuffled:
                 fix="Remove at least one camera from capture.held_out",
                 setting="capture.held_out",
             )
-        self._views, self._generator = views, generator
+        self.views, self._generator = views, generator
         self._left: list[int] = []
 
     def __iter__(self) -> Iterator[TrainingView]:
@@ -196,8 +222,8 @@ class Shuffled:
 
     def __next__(self) -> TrainingView:
         if not self._left:
-            self._left = torch.randperm(len(self._views), generator=self._generator).tolist()
-        return self._views[self._left.pop(0)]
+            self._left = torch.randperm(len(self.views), generator=self._generator).tolist()
+        return self.views[self._left.pop(0)]
 
     def state(self) -> Tensor:
         """(M,) int64 indices of the remaining views of this epoch, in order."""

@@ -154,7 +154,7 @@ vec3 harmonics(vec3 d) {
 };
 
 /** Channels of a picture. */
-export function channelCount(profile: "motion" | "planes", shDegree: number): number {
+function channelCount(profile: "motion" | "planes", shDegree: number): number {
   // In the profile planes, each position coordinate has two planes.
   return (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;
 }

@@ -4,7 +4,7 @@ import { StreamError } from "../stream/errors.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import type { GpuTimes, Renderer } from "./renderer.ts";
-import { channelCount, ESCAPE_VERTEX, FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
+import { ESCAPE_VERTEX, FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
 /** Blocks per row of the block table, and its width in texels. */
 const BLOCKS_PER_ROW = 128;
@@ -329,52 +329,8 @@ export class WebGL2Renderer implements Renderer {
   }
 
   prepare(profile: "motion" | "planes", shDegree: number): void {
-    if (this.resources === null || this.setup !== null) return;
-    this.resources.project(profile, shDegree, false);
-    this.rehearse(profile, shDegree);
-  }
-
-  /** Draws a splat that is not visible: drivers finish compiling when they draw with the shaders for the first time. */
-  private rehearse(profile: "motion" | "planes", shDegree: number): void {
-    const channels = channelCount(profile, shDegree);
-    const motion = profile === "motion";
-    this.setGroup({
-      profile,
-      group: -1,
-      rendition: "",
-      bytes: 0,
-      frames: 1,
-      prepare: 0,
-      splats: 0,
-      shDegree,
-      tile: 1,
-      columns: channels,
-      rows: 1,
-      units: new Float32Array(2 * channels),
-      statics: motion ? new Uint32Array(4) : null,
-      blocks: motion ? 1 : 0,
-      lattice: motion ? { min: [0, 0, 0], step: 1, ratio: 1 } : null,
-      mirrored: [false, false, false],
-    });
-    this.setPicture({
-      frame: 0,
-      group: -1,
-      setup: null,
-      luma: new Uint8Array(channels),
-      blocks: motion ? new Float32Array(4 * BLOCK_TEXELS) : null,
-      escapes: null,
-      order: new Uint32Array(1),
-      count: 1,
-      timings: { decode: 0, dequantize: 0, sort: 0 },
-    });
-    const rotation = [1, 0, 0, 0, 1, 0, 0, 0, 1] as const;
-    this.draw({ width: 1, height: 1, fx: 1, fy: 1, cx: 0, cy: 0, rotation, translation: [0, 0, 1] }, null);
-    this.setup = null;
-    this.hasPicture = false;
-    // The first picture need not wait.
-    this.gl.deleteSync(this.fence);
-    this.gl.deleteQuery(this.query);
-    this.fence = this.query = null;
+    this.resources?.project(profile, shDegree, false);
+    if (profile === "motion") this.resources?.project(profile, shDegree, true);
   }
 
   setGroup(setup: GroupSetup): void {
@@ -466,8 +422,6 @@ export class WebGL2Renderer implements Renderer {
     gl.deleteSync(this.fence);
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
-    // Few pictures have escapes: their shader is compiled after the first picture.
-    if (this.setup?.profile === "motion" && this.setup.group >= 0) resources.project("motion", this.setup.shDegree, true);
   }
 
   /** Draws several views into parts of another framebuffer of this context, such as that of a WebXR session. */

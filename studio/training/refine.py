@@ -1,0 +1,128 @@
+"""Mattes that all cameras agree on: refined from the splats' own drawn alpha while they train.
+
+The matte of one picture is uncertain at outlines, in shadows and where performer and room have the same color. Splats
+have to agree with all pictures at once, so their drawn alpha, sharpened, is the better matte, also where each single
+one is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.training.chroma_siting import chroma_shift
+from studio.training.settings import TrainSettings
+from studio.training.step import Stepper
+from studio.training.views import TrainingView
+
+CONTRAST = 2.0
+"""Slope of `sharpened`: splats draw an outline about twice as soft as a camera does."""
+
+
+def sharpened(alpha: Tensor) -> Tensor:
+    """Alpha with twice the contrast around one half, clamped to 0 to 1; any shape."""
+    return ((alpha - 0.5) * CONTRAST + 0.5).clamp(0, 1)
+
+
+def drawn_matte(gaussians: Gaussians, view: TrainingView) -> Tensor:
+    """(H, W) the matte of a view as the splats see it, 0 to 1, without gradient."""
+    with torch.no_grad():
+        return sharpened(rasterize(gaussians, view.camera).alpha)
+
+
+def disagreement(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> float:
+    """How much the views' mattes differ from drawn ones: the sum of the absolute differences of all views, divided by
+    the length of the drawn outlines, in pixels.
+
+    About a quarter of a pixel for exact mattes and a trained keyframe.
+
+    Args:
+        drawn: (H, W) per view, 0 to 1, from `drawn_matte`.
+        views: with the mattes to compare, in the same order.
+    """
+    difference = sum(float((one - view.matte).abs().sum()) for one, view in zip(drawn, views, strict=True))
+    return difference / max(1.0, sum(_outline(one) for one in drawn))
+
+
+def _outline(matte: Tensor) -> float:
+    """Length of the outline at one half in pixels: sides between a pixel inside and one outside."""
+    inside = matte > 0.5
+    return float((inside[1:] != inside[:-1]).sum() + (inside[:, 1:] != inside[:, :-1]).sum())
+
+
+class Refinement:
+    """The last part of training a frame: mattes from the splats, which are drawn again and again, and chroma.
+
+    Args:
+        stepper: its views are replaced.
+        settings: see `TrainSettings`.
+        moved: the splats come from another frame. If they are far from the mattes, it is they that are wrong.
+
+    Attributes:
+        refined: whether the mattes are refined; None before `begin`.
+    """
+
+    def __init__(self, stepper: Stepper, settings: TrainSettings, moved: bool = False) -> None:
+        self._stepper, self._settings = stepper, settings
+        self._highest = settings.refine_moved_below if moved else math.inf
+        self.refined: bool | None = None
+        self._splats: Gaussians | None = None
+        self._siting_shift = 0.0
+
+    def begin(self, gaussians: Gaussians) -> None:
+        """Decide whether the mattes need it, refine them, and set the weights of the steps that follow."""
+        self._siting_shift = chroma_shift(gaussians, self._stepper.views, self._settings.chroma_siting)
+        drawn = self._drawn(gaussians)
+        self.refined = self._wants(drawn)
+        self._set(gaussians, drawn)
+
+    def refresh(self, gaussians: Gaussians) -> None:
+        """Draw the mattes again, after `begin`. Moved splats that were too far off may have come closer."""
+        drawn = self._drawn(gaussians)
+        if not self.refined and self._highest < math.inf:
+            self.refined = self._wants(drawn)
+        if self.refined:
+            self._set(gaussians, drawn)
+
+    def _drawn(self, gaussians: Gaussians) -> list[Tensor]:
+        if self._settings.refine_mattes == "never":
+            return []
+        return [drawn_matte(gaussians, view) for view in self._stepper.views]
+
+    def _wants(self, drawn: list[Tensor]) -> bool:
+        settings = self._settings
+        if settings.refine_mattes != "auto":
+            return settings.refine_mattes == "always"
+        return settings.refine_above < disagreement(drawn, self._stepper.views) < self._highest
+
+    def _set(self, gaussians: Gaussians, drawn: list[Tensor]) -> None:
+        stepper, settings = self._stepper, self._settings
+        if self.refined:
+            stepper.views = [view.with_matte(one) for view, one in zip(stepper.views, drawn, strict=True)]
+        self._splats = gaussians.clone()
+        if settings.refine_mattes != "never":
+            stepper.alpha_weight = max(stepper.alpha_weight, settings.refined_alpha_weight)
+        stepper.chroma_shift = None if settings.chroma_siting == "none" else self._siting_shift
+
+    def state(self) -> dict[str, Tensor]:
+        """What `restore` needs: the splats that drew the mattes, a hundredth of the mattes' size. Empty before
+        `begin`."""
+        if self._splats is None:
+            return {}
+        decided = {"refined": torch.tensor(bool(self.refined)), "siting_shift": torch.tensor(self._siting_shift)}
+        return {**decided, **{f"splats.{name}": value for name, value in self._splats.items()}}
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """Continue from a `state()`, bit for bit."""
+        if not state:
+            return
+        parts = {name.removeprefix("splats."): value for name, value in state.items() if name.startswith("splats.")}
+        device = self._stepper.views[0].device
+        splats = Gaussians(**{name: value.to(device) for name, value in parts.items()})
+        self.refined, self._siting_shift = bool(state["refined"]), float(state["siting_shift"])
+        self._set(splats, [drawn_matte(splats, view) for view in self._stepper.views] if self.refined else [])

@@ -1,0 +1,207 @@
+"""Mattes refined from the splats, on a ball whose exact mattes are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from studio.cameras import Camera
+from studio.chroma import ChromaSampling, resampled
+from studio.gaussians import Gaussians
+from studio.training import LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
+from studio.training.chroma_siting import chroma_shift
+from studio.training.keyframe import Checkpoint
+from studio.training.refine import Refinement, disagreement, drawn_matte, sharpened
+from studio.training.step import Stepper
+from tests.studio.training.test_group import HEIGHT, WIDTH, cameras
+
+SETTINGS = TrainSettings(
+    keyframe_iterations=150,
+    densify_until=0,
+    prune_finetune_iterations=100,
+    prune_ratio=0.05,
+    opacity_reg=0.0,
+    refine_above=0.65,  # the pictures are small, and outlines soft
+    refine_every=25,
+    final_iterations=40,
+    rates=LearningRates(opacity=0.15, means=2e-4),
+    checkpoint_every=0,
+)
+
+
+def box(x: int, y: int, width: int, height: int) -> torch.Tensor:
+    matte = torch.zeros(40, 50)
+    matte[y : y + height, x : x + width] = 1
+    return matte
+
+
+def view_with(matte: torch.Tensor) -> TrainingView:
+    K = np.array([[60.0, 0, 25], [0, 60.0, 20], [0, 0, 1]])
+    return TrainingView(Camera("a", 50, 40, K, np.eye(4)), torch.zeros(40, 50, 3), matte, (50, 40))
+
+
+def test_sharpened_has_twice_the_slope_around_one_half() -> None:
+    found = sharpened(torch.tensor([0.0, 0.25, 0.4, 0.5, 0.7, 0.75, 1.0]))
+    assert found.tolist() == pytest.approx([0, 0, 0.3, 0.5, 0.9, 1, 1])
+
+
+def test_disagreement_is_the_distance_of_outlines() -> None:
+    inner = box(15, 10, 20, 16)
+    assert disagreement([inner], [view_with(inner)]) == 0
+    # one pixel more on the left and right: 32 pixels, over an outline of 72
+    assert disagreement([inner], [view_with(box(14, 10, 22, 16))]) == pytest.approx(32 / 72)
+    assert disagreement([inner, inner], [view_with(inner), view_with(box(14, 10, 22, 16))]) == pytest.approx(32 / 144)
+
+
+def sphere(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
+    """(H, W, 3) colors and (H, W) exact matte of a shaded sphere of radius 0.5, from four by four rays per pixel."""
+    steps = (np.arange(4) + 0.5) / 4
+    x = (np.arange(WIDTH)[:, None] + steps).ravel()
+    y = (np.arange(HEIGHT)[:, None] + steps).ravel()
+    rays = np.stack([*np.meshgrid((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy), np.ones((len(y), len(x)))])
+    rays = np.tensordot(camera.rotation.T, rays / np.linalg.norm(rays, axis=0), 1)
+    along = -np.tensordot(camera.center, rays, 1)
+    inside = along**2 - camera.center @ camera.center + 0.5**2
+    normals = 2 * (camera.center[:, None, None] + rays * (along - np.sqrt(np.maximum(inside, 0))))
+    colors = 0.5 + 0.4 * np.sin(4 * normals + np.array([0.3, 1.1, 2.0])[:, None, None])
+
+    def mean(values: np.ndarray) -> torch.Tensor:
+        pixels = values.reshape(*values.shape[:-2], HEIGHT, 4, WIDTH, 4).mean((-3, -1))
+        return torch.from_numpy(pixels.astype(np.float32))
+
+    alpha = mean((inside > 0).astype(float))
+    return (mean(colors * (inside > 0)) / alpha.clamp_min(1e-3)).permute(1, 2, 0), alpha
+
+
+def shadowed(plates: bool) -> tuple[list[TrainingView], list[torch.Tensor]]:
+    """Views of the sphere in a noisy room, with mattes that are wrong in another way in each; and the exact mattes."""
+    random = torch.Generator().manual_seed(4)
+    views, exact = [], []
+    for index, camera in enumerate(cameras()):
+        plate = 0.3 + 0.4 * torch.rand(HEIGHT, WIDTH, 3, generator=random)
+        colors, matte = sphere(camera)
+        image = colors * matte[..., None] + plate * (1 - matte[..., None])
+        exact.append(matte)
+        wrong = torch.nn.functional.avg_pool2d(matte[None, None], 3, 1, 1)[0, 0]  # too soft
+        wrong = (wrong + 0.6 * (wrong > 0.02) * torch.rand(matte.shape, generator=random)).clamp(0, 1)  # and ragged
+        left = 28 if index % 2 else 22
+        wrong[36 : 38 + index % 3, left : left + 12] = 1  # a shadow below it
+        views.append(TrainingView(camera, image, wrong, (WIDTH, HEIGHT), plate if plates else None))
+    return views, exact
+
+
+def errors(mattes: list[torch.Tensor], exact: list[torch.Tensor]) -> float:
+    return float(torch.stack([(one - other).abs().mean() for one, other in zip(mattes, exact, strict=True)]).mean())
+
+
+def start() -> tuple[torch.Tensor, torch.Tensor]:
+    """1500 points on the sphere, and its colors."""
+    index = torch.arange(1500) + 0.5
+    polar, turn = torch.acos(1 - 2 * index / 1500), math.pi * (1 + 5**0.5) * index
+    unit = torch.stack([polar.sin() * turn.cos(), polar.cos(), polar.sin() * turn.sin()], -1)
+    return 0.49 * unit, 0.5 + 0.4 * torch.sin(4 * unit + torch.tensor([0.3, 1.1, 2.0]))
+
+
+@pytest.fixture(scope="module")
+def trained() -> Gaussians:
+    """Splats that were trained with exact mattes."""
+    views, exact = shadowed(plates=True)
+    views = [view.with_matte(matte) for view, matte in zip(views, exact, strict=True)]
+    return train_keyframe(views, *start(), SETTINGS.replace(alpha_weight=1.0, refine_mattes="never"))
+
+
+@pytest.mark.parametrize("plates", [True, False])
+def test_refined_mattes_are_closer_to_the_truth(plates: bool) -> None:
+    views, exact = shadowed(plates)
+    given = errors([view.matte for view in views], exact)
+    trained = train_keyframe(views, *start(), SETTINGS)
+    refined = errors([drawn_matte(trained, view) for view in views], exact)
+    assert refined < (0.85 if plates else 0.97) * given
+
+
+def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians) -> None:
+    views, exact = shadowed(plates=False)
+    settings = SETTINGS.replace(
+        alpha_weight=1.0,
+        refine_moved_below=2.0,
+        motion_iterations=0,
+        finetune_iterations=60,
+        hash_levels=4,
+        hash_log2_size=8,
+    )
+
+    def error(which: TrainSettings) -> float:
+        found = train_interframe(trained, views, which).gaussians
+        return errors([drawn_matte(found, view) for view in views], exact)
+
+    assert error(settings) < 0.95 * error(settings.replace(refine_mattes="never"))
+
+
+def test_auto_keeps_exact_mattes_and_refines_others(trained: Gaussians) -> None:
+    views, exact = shadowed(plates=True)
+    for mattes, refined in ((exact, False), ([view.matte for view in views], True)):
+        stepper = Stepper(
+            [view.with_matte(matte) for view, matte in zip(views, mattes, strict=True)], SETTINGS, torch.Generator()
+        )
+        refinement = Refinement(stepper, SETTINGS)
+        refinement.begin(trained)
+        assert refinement.refined == refined
+        assert stepper.alpha_weight == SETTINGS.refined_alpha_weight
+        found = [view.matte for view in stepper.views]
+        assert errors(found, exact) <= errors(mattes, exact)
+        assert all(torch.equal(one, other) for one, other in zip(found, mattes, strict=True)) != refined
+
+
+def test_splats_that_were_moved_badly_do_not_replace_mattes(trained: Gaussians) -> None:
+    views, exact = shadowed(plates=True)
+    views = [view.with_matte(matte) for view, matte in zip(views, exact, strict=True)]
+    stepper = Stepper(views, SETTINGS, torch.Generator())
+    refinement = Refinement(stepper, SETTINGS.replace(refine_above=0.0, refine_moved_below=0.8), moved=True)
+    refinement.begin(replace(trained, means=trained.means + 0.1))
+    assert refinement.refined is False
+    assert stepper.views is views
+    refinement.refresh(trained)
+    assert refinement.refined is True, "once they are where the performer is, they do"
+
+
+def test_a_new_matte_changes_the_target_only_without_a_plate() -> None:
+    color = torch.tensor([0.9, 0.1, 0.3])
+    for plates in (True, False):
+        view = shadowed(plates)[0][0]
+        other = view.with_matte(view.matte.roll(3, 1))
+        assert torch.equal(other.matte, view.matte.roll(3, 1))
+        assert torch.equal(other.composited(color), view.composited(color)) == plates
+
+
+def test_an_interrupted_keyframe_continues_to_the_same_bits() -> None:
+    views, _ = shadowed(plates=True)
+    kept: dict[int, Checkpoint] = {}
+
+    settings = SETTINGS.replace(keyframe_iterations=30, prune_finetune_iterations=60, checkpoint_every=5)
+
+    def keep(step: int, state: Checkpoint) -> None:
+        if step in (30, 40, 55, 75):  # before, within and after the first mattes; in the last part
+            kept[step] = {name: value.clone() for name, value in state.items()}
+
+    whole = train_keyframe(views, *start(), settings, checkpoint=keep)
+    assert len(kept) == 4
+    for state in kept.values():
+        again = train_keyframe(views, *start(), settings, resume=state)
+        assert all(torch.equal(one, other) for (_, one), (_, other) in zip(whole.items(), again.items(), strict=True))
+
+
+@pytest.mark.parametrize(("siting", "expected"), [("auto", 0.5), ("left", 0.0), ("center", 0.5), ("none", 0.0)])
+def test_siting_is_found_from_the_footage(siting: str, expected: float, trained: Gaussians) -> None:
+    """Footage that is decoded as left, and that was made with samples in the middle."""
+    sampling = ChromaSampling((2, 2), (0.0, 0.5), "left")
+    filmed: Callable[[TrainingView], torch.Tensor] = lambda view: resampled(view.image, sampling, 0.5)  # noqa: E731
+    views = [
+        TrainingView(view.camera, filmed(view), view.matte, view.full_size, view.plate, sampling)
+        for view in shadowed(plates=True)[0]
+    ]
+    assert chroma_shift(trained, views, siting) == expected
