@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from pipelines.runs.work_choices import CHAIN, FORMATS, GROUP_STAGE_NAMES
 from studio.errors import StudioError
 
 _EPILOG = """settings:
@@ -14,9 +15,6 @@ _EPILOG = """settings:
 
 Then `v3studio run TAKE` puts the groups together, does what is missing, and evaluates.
 """
-_STAGES = ("initialize", "train", "bake", "evaluate")
-_CHAIN = _STAGES[:3]
-_FORMATS = ("plain", "sbatch", "cuecmd", "deadline", "parallel")
 
 
 def register(commands: Any) -> None:
@@ -35,15 +33,15 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--stage",
         action="append",
-        choices=_STAGES,
+        choices=GROUP_STAGE_NAMES,
         metavar="STAGE",
-        help=f"{', '.join(_STAGES)}; may be repeated (default: {', '.join(_CHAIN)})",
+        help=f"{', '.join(GROUP_STAGE_NAMES)}; may be repeated (default: {', '.join(CHAIN)})",
     )
     parser.add_argument("--group", type=int, metavar="N", help="number of the group, counted from 0")
     parser.add_argument("--print-commands", action="store_true", help="print a command for each unfinished group")
     parser.add_argument(
         "--format",
-        choices=_FORMATS,
+        choices=FORMATS,
         default="plain",
         help="what --print-commands prints: one command a line, for GNU parallel, OpenCue's cuecmd, or Deadline's "
         "CommandScript, or a batch file for Slurm (default: plain)",
@@ -66,11 +64,12 @@ def _work(arguments: argparse.Namespace) -> int:
         )
     take = Take.open(arguments.take)
     config = load_config(take.config, arguments.overrides)
-    stages = tuple(arguments.stage or _CHAIN)
+    stages = tuple(arguments.stage or CHAIN)
     if arguments.print_commands:
         from pipelines.runs.print_commands import printed_commands
 
-        print(printed_commands(take, config, stages, arguments.format), end="", file=arguments.output)
+        text = printed_commands(take, config, stages, arguments.format, arguments.set)
+        print(text, end="", file=arguments.output)
         return 0
 
     from pipelines.runs.console import Bars, JsonLines

@@ -51,7 +51,7 @@ def running(take: Take) -> Running | None:
             elif f'"{Progress.kind}"' in line:
                 progress = line
     run, stage, last = (_parsed(line) for line in (begun, started, progress))
-    # commands that are no runs write no log: it is then of an earlier run
+    # commands other than runs do not write a log: it is then of an earlier run
     if not isinstance(run, RunStarted) or run.pid != found.pid or not isinstance(stage, StageStarted):
         return found
     return replace(found, stage=stage.stage, reason=stage.reason, progress=last if isinstance(last, Progress) else None)

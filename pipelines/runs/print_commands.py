@@ -6,16 +6,24 @@ import shlex
 from collections.abc import Sequence
 
 from pipelines.config import Config
-from pipelines.runs.work import CHAIN, cpus_of_group, known_groups
+from pipelines.config.loading import parse_override
+from pipelines.config.renamed import renamed_override
+from pipelines.runs.staleness import StageStatus
+from pipelines.runs.work import cpus_of_group, is_up_to_date, known_groups
+from pipelines.runs.work_choices import CHAIN
 from pipelines.stages import GROUP_STAGES
 from pipelines.stages.base import Context
 from pipelines.stages.group_scheduler import groups_at_once
 from pipelines.takes.take import Take
 
-FORMATS = ("plain", "sbatch", "cuecmd", "deadline", "parallel")
 
-
-def printed_commands(take: Take, config: Config, stages: Sequence[str] = CHAIN, form: str = "plain") -> str:
+def printed_commands(
+    take: Take,
+    config: Config,
+    stages: Sequence[str] = CHAIN,
+    form: str = "plain",
+    overrides: Sequence[str] = (),
+) -> str:
     """The text that `v3studio work --print-commands` prints.
 
     The commands name the CPU threads of a group, because the bytes of training depend on them, and on another machine
@@ -25,8 +33,10 @@ def printed_commands(take: Take, config: Config, stages: Sequence[str] = CHAIN, 
         take: the take; its cameras must be calibrated before the commands run.
         config: its settings.
         stages: what each command does of its group.
-        form: one of `FORMATS`: plain, cuecmd and parallel are one command a line; deadline is the same for Deadline's
-            plugin CommandScript; sbatch is a Slurm batch file with an array of tasks.
+        form: one of `work_choices.FORMATS`: plain, cuecmd and parallel are one command a line; deadline is the
+            same for Deadline's plugin CommandScript; sbatch is a Slurm batch file with an array of tasks.
+        overrides: settings of `config` that are not in the take's config.yaml, as "train.max_splats=5000". The
+            commands name them, since they read that file.
 
     Returns:
         text that ends with a newline; "" if all groups are finished.
@@ -37,25 +47,35 @@ def printed_commands(take: Take, config: Config, stages: Sequence[str] = CHAIN, 
     context = Context(take, config)
     groups = known_groups(context)
     chosen = [stage for stage in GROUP_STAGES if stage.name in stages]
-    todo = [group.index for group in groups if not all(stage.group_done(context, group) for stage in chosen)]
+    known: dict[str, StageStatus] = {}
+    todo = [group.index for group in groups if not all(is_up_to_date(stage, context, group, known) for stage in chosen)]
     if not todo:
         return ""
-    command = _command(take, context, [stage.name for stage in chosen])
+    command = _command(take, context, [stage.name for stage in chosen], overrides)
     if form == "sbatch":
-        cpus = cpus_of_group("train" if "train" in stages else chosen[0].name, context, todo[0])
+        longest = "train" if "train" in stages else chosen[0].name
+        # one number for all tasks: groups of the last round have more threads (`threads_by_group`)
+        cpus = max(cpus_of_group(longest, context, group) for group in todo)
         return _sbatch(take, command, todo, cpus, gpu=config.run.device not in ("auto", "cpu"))
     return "".join(f"{command} --group {group}\n" for group in todo)
 
 
-def _command(take: Take, context: Context, stages: Sequence[str]) -> str:
+def _command(take: Take, context: Context, stages: Sequence[str], overrides: Sequence[str]) -> str:
     words = ["v3studio", "work", str(take.root)]
     for stage in stages:
         words += ["--stage", stage]
+    for override in overrides:
+        name = renamed_override(*parse_override(override))[0]
+        if name == "capture.root":  # it is relative to the folder where this command runs
+            words.append(f"--set=capture.root={context.config.capture.root}")
+        elif name not in ("run.threads", "run.groups_at_once"):
+            words.append(f"--set={override}")
     words += ["--run.threads", str(context.threads), "--run.groups_at_once", str(groups_at_once(context))]
     return shlex.join(words)
 
 
 def _sbatch(take: Take, command: str, todo: Sequence[int], cpus: int, gpu: bool) -> str:
+    folder = str(take.private).replace("%", "%%")  # Slurm replaces %a and others
     lines = [
         "#!/bin/bash",
         f"#SBATCH --job-name={shlex.quote(f'v3studio {take.root.name}')}",
@@ -65,7 +85,7 @@ def _sbatch(take: Take, command: str, todo: Sequence[int], cpus: int, gpu: bool)
         *(["#SBATCH --gpus-per-task=1"] if gpu else []),
         "#SBATCH --requeue",
         "#SBATCH --open-mode=append",
-        f"#SBATCH --output={shlex.quote(f'{take.private}/slurm_%a.log')}",
+        f"#SBATCH --output={shlex.quote(f'{folder}/slurm_%a.log')}",
         f"exec {command} --group $SLURM_ARRAY_TASK_ID",
     ]
     return "\n".join(lines) + "\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 from dataclasses import asdict
 
 from pipelines.config import Config
@@ -57,7 +58,13 @@ def status_json(take: Take, config: Config) -> str:
     now = running(take)
     if now is None:
         return json.dumps({"take": str(take.root), "running": None, "stages": stages}, indent=1)
-    found: dict[str, object] = {"pid": now.pid, "command": now.command, "stage": now.stage, "reason": now.reason}
+    found: dict[str, object] = {
+        "pid": now.pid,
+        "host": now.host or socket.gethostname(),
+        "command": now.command,
+        "stage": now.stage,
+        "reason": now.reason,
+    }
     if now.progress is not None:
         found |= {
             "fraction": now.progress.fraction,

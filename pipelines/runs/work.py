@@ -24,10 +24,6 @@ from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
-GROUP_STAGE_NAMES = tuple(stage.name for stage in GROUP_STAGES)
-CHAIN = ("initialize", "train", "bake")
-"""Stages of a group that need nothing of other groups; `evaluate` needs the whole stream."""
-
 
 def work(
     take: Take,
@@ -45,7 +41,7 @@ def work(
     Args:
         take: the take. It is not locked, only the group is.
         config: its settings.
-        stages: names from `GROUP_STAGE_NAMES`.
+        stages: names from `work_choices.GROUP_STAGE_NAMES`.
         group: number of the group, counted from 0.
         emit: receives the events of the stages' work.
         cancellation: set it from another thread to cancel.
@@ -121,6 +117,21 @@ def cpus_of_group(stage: str, context: Context, group: int) -> int:
     return threads_of_groups(context)[group] if stage == "train" else context.threads
 
 
+def is_up_to_date(
+    stage: GroupStage, context: Context, group: Group, known: dict[str, StageStatus] | None = None
+) -> bool:
+    """Whether a stage has nothing to do for a group.
+
+    Args:
+        stage: the stage.
+        context: of the take.
+        group: the group.
+        known: status of whole stages, which is filled in; share it between groups only while nothing is written.
+    """
+    # an evaluation that is finished keeps no results of groups
+    return stage.group_done(context, group) or (stage.name == "evaluate" and _state(stage.name, context, known) == DONE)
+
+
 def limit_threads(threads: int) -> None:
     """Set the number of CPU threads of torch and of the kernels in this process."""
     import torch
@@ -142,7 +153,7 @@ def _work_on(stage: GroupStage, context: Context, group: Group) -> bool:
             reporter.log(f"group {group.index}: another process works on it; waiting")
 
     with context.take.group_locked(stage.name, group.index, waiting):
-        if stage.group_done(context, group) or (stage.name == "evaluate" and _state(stage.name, context) == DONE):
+        if is_up_to_date(stage, context, group):
             reporter.log(f"group {group.index}: {stage.name} is up to date")
             return False
         stage.run_group(context, group, reporter)

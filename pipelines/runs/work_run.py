@@ -9,7 +9,8 @@ from pipelines.config import Config
 from pipelines.events import Emit, RunFinished, RunStarted, StageFinished, StageStarted, as_message
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from pipelines.events.work_clock import counting_pauses
-from pipelines.runs.work import GROUP_STAGE_NAMES, work
+from pipelines.runs.work import work
+from pipelines.runs.work_choices import GROUP_STAGE_NAMES
 from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.errors import Cancelled, Message

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import os
+import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from pipelines.takes.atomic_files import remove, write_text
 from pipelines.takes.take import Take
+from studio.bounded_text import parse_json
+from studio.errors import StudioError, reason_of
 
 _LOOK = 0.5
 """Seconds between two looks for a request."""
@@ -16,21 +22,42 @@ _LOOK = 0.5
 def request_cancel(take: Take) -> None:
     """Ask the run in progress to stop; it does within seconds, and keeps finished work.
 
+    Nothing happens if no run is in progress.
+
     Raises:
-        OSError: the request cannot be written.
+        StudioError: the request cannot be written (`take.not_writable`).
     """
-    write_text(take.cancel_request, "")
+    for _ in range(20):  # a run that has just taken the lock writes who it is a moment later
+        holder = take.running()
+        if holder is None:
+            return
+        if "pid" in holder:
+            break
+        time.sleep(0.05)
+    try:
+        write_text(take.cancel_request, json.dumps({name: holder.get(name) for name in ("pid", "host")}))
+    except OSError as error:
+        raise StudioError(
+            "take.not_writable",
+            f"the request to stop the run cannot be written ({reason_of(error)})",
+            file=take.cancel_request,
+            fix="Stop the run where it was started, or from a machine that can write to the take.",
+        ) from error
 
 
 @contextmanager
 def cancelled_on_request(take: Take, cancel: Callable[[], None]) -> Iterator[None]:
-    """Within the block, `cancel` is called from another thread when a request arrives. Older requests are dropped."""
-    remove(take.cancel_request)
+    """Within the block, `cancel` is called from another thread when a request arrives.
+
+    Requests to other runs are dropped. One to this run may already be there: the take is locked before this begins.
+    """
+    if not _asked(take, anyone=False):
+        remove(take.cancel_request)
     over = threading.Event()
 
     def watch() -> None:
         while not over.wait(_LOOK):
-            if take.cancel_request.exists():
+            if _asked(take, anyone=True):
                 cancel()
                 return
 
@@ -42,3 +69,14 @@ def cancelled_on_request(take: Take, cancel: Callable[[], None]) -> Iterator[Non
         over.set()
         watcher.join()
         remove(take.cancel_request)
+
+
+def _asked(take: Take, anyone: bool) -> bool:
+    """Whether this process is asked to stop. `anyone`: also by a request that names no run, of an earlier version."""
+    try:
+        found = parse_json(take.cancel_request.read_bytes() or b"{}")
+    except (OSError, ValueError):
+        return False
+    if not isinstance(found, dict) or found.get("pid") is None:
+        return anyone
+    return (found["pid"], found.get("host")) == (os.getpid(), socket.gethostname())

@@ -290,6 +290,32 @@ def test_footage_that_is_gone_is_told_and_the_rest_still_stands(workspace: Works
     assert states(workspace)["bake"] == "done"
 
 
+def test_a_run_on_another_machine_is_not_looked_for_here(
+    workspace: Workspace, take_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take = Take.open(take_copy)
+    monkeypatch.setattr("gui.presenters.run.workspace.is_paused", lambda pid: pid == 7)
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    with take.locked("v3studio run"):
+        (take.private / "lock").write_text('{"pid": 7, "command": "v3studio run", "host": "another machine"}')
+        workspace.open(take)
+        wait(workspace, "seen", lambda: workspace.pid == 7)
+        workspace.poll()
+        workspace._look()
+        assert not workspace.paused, "process 7 of this machine is another one"
+        with monkeypatch.context() as change:
+            change.setattr("pipelines.takes.cancel_request.write_text", refuse)
+            workspace.cancel()
+        assert "the request to stop the run cannot be written (permission denied)" in workspace.message
+        assert not workspace.cancelling
+        workspace.cancel()
+        assert workspace.cancelling
+        assert '"pid": 7' in take.cancel_request.read_text()
+
+
 def test_damaged_settings_are_a_sentence(workspace: Workspace, take_copy: Path) -> None:
     (take_copy / "config.yaml").write_text("train: {qp: [")
     workspace.open(Take.open(take_copy))

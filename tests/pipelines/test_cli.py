@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 
@@ -136,6 +137,7 @@ def test_status_says_what_a_baking_take_is_doing(cli, start, finished, tmp_path)
     try:
         found = json.loads(cli("status", take, "--json").stdout)
         assert found["running"]["pid"] == process.pid
+        assert found["running"]["host"] == socket.gethostname()
         assert (found["running"]["stage"], found["running"]["reason"]) == ("bake", "forced")
         assert found["stages"]["bake"]["state"] == "running"
         text = cli("status", take).stdout

@@ -52,7 +52,7 @@ def _lane(canvas: Canvas, x: float, y: float, width: float, lane: GroupState, em
     color = _COLORS.get(lane.state, DIM)
     at = [x + share * width for share in _COLUMNS]
     room = [after - before - 0.5 * em for before, after in pairwise(at)]
-    again = f" ({lane.attempt}.)" if lane.attempt > 1 else ""
+    again = f" (attempt {lane.attempt})" if lane.attempt > 1 else ""
     canvas.text(at[0], y, str(lane.group), small, TEXT, width=room[0])
     canvas.text(at[1], y, f"{lane.state}{again}", small, color, width=room[1])
     node = f"{lane.node}, GPU {lane.gpu}" if lane.gpu else lane.node

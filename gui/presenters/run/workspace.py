@@ -143,7 +143,7 @@ class Workspace:
         """Look for changes on disk."""
         assert self.take is not None
         assert self._follower is not None
-        self.paused = self.pid is not None and is_paused(self.pid)
+        self.paused = self.pid is not None and not self._elsewhere and is_paused(self.pid)
         if self.job is None:
             anew, events = self._follower.poll()
             if anew and events:
@@ -263,7 +263,11 @@ class Workspace:
             pid = self.pid
             if self._elsewhere:
                 assert self.take is not None
-                request_cancel(self.take)
+                try:
+                    request_cancel(self.take)
+                except StudioError as error:
+                    self.message = str(error)
+                    return
                 self.cancelling = True
             elif pid is not None and stop_process(pid):
                 self.cancelling = True

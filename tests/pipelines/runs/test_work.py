@@ -12,6 +12,8 @@ import pytest
 
 from pipelines.events import Metrics, StageFinished, StageStarted, read_line
 from pipelines.runs.print_commands import ranges
+from pipelines.runs.work_choices import CHAIN, GROUP_STAGE_NAMES
+from pipelines.stages import GROUP_STAGES
 
 
 def events_in(text: str) -> list:
@@ -73,6 +75,7 @@ def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, proje
     assert results(take) == results(finished / "take")
     assert not list(take.rglob("*.partial*"))
     assert not (take / ".v3studio" / "work" / "evaluate").exists()
+    assert here("work", take, "--stage", "evaluate", "--print-commands").stdout == ""
 
 
 def test_commands_are_printed_for_each_kind_of_queue(project, here, tmp_path):
@@ -99,6 +102,32 @@ def test_commands_are_printed_for_each_kind_of_queue(project, here, tmp_path):
     ).stdout.split("\n")
     assert words[:4] == ["work", str(take), "--stage", "train"]
     assert words[-3:-1] == ["--group", "1"]
+
+
+def test_printed_commands_name_the_settings(project, here, monkeypatch):
+    take = project / "100% take"
+    assert here("calibrate", project / "ball.yaml", "--take", take).returncode == 0
+    monkeypatch.chdir(project)
+    given = ("--train.max-splats", "5000", "--set", "capture.root=capture", "--run.threads", "3")
+    plain = here("work", take, "--print-commands", *given).stdout.splitlines()
+    words = shlex.split(plain[0])
+    assert "--set=train.max-splats=5000" in words
+    assert f"--set=capture.root={project / 'capture'}" in words
+    assert " ".join(words).count("run.threads") == 1
+
+    # 2 groups of which 2 run at once, of 4 threads; then of 3 groups the last has all 4
+    batch = ("work", take, "--print-commands", "--format", "sbatch", "--run.threads", "4", "--run.groups-at-once", "2")
+    two = here(*batch).stdout
+    assert "#SBATCH --cpus-per-task=2\n" in two
+    assert "/100%% take/.v3studio/slurm_%a.log" in two
+    three = here(*batch, "--train.group_size", "2").stdout
+    assert "#SBATCH --array=0-2\n" in three
+    assert "#SBATCH --cpus-per-task=4\n" in three
+
+
+def test_stages_of_groups_are_named():
+    assert tuple(stage.name for stage in GROUP_STAGES) == GROUP_STAGE_NAMES
+    assert tuple(name for name in GROUP_STAGE_NAMES if name != "evaluate") == CHAIN
 
 
 def test_what_cannot_be_done_is_refused(project, here):

@@ -1,0 +1,65 @@
+"""Requests to cancel a run."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import threading
+
+import pytest
+
+from pipelines.takes import cancel_request
+from pipelines.takes.cancel_request import cancelled_on_request, request_cancel
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+WAIT = 60.0
+
+
+@pytest.fixture
+def take(tmp_path) -> Take:
+    return Take.create(tmp_path / "take")
+
+
+def test_a_request_that_comes_between_the_lock_and_the_watch_is_kept(take):
+    cancelled = threading.Event()
+    with take.locked("v3studio run"):
+        request_cancel(take)
+        with cancelled_on_request(take, cancelled.set):
+            assert cancelled.wait(WAIT)
+    assert not take.cancel_request.exists()
+
+
+@pytest.mark.parametrize(
+    "left", ["", json.dumps({"pid": os.getpid() + 1, "host": socket.gethostname()}), '{"pid": 7, "host": "other"}', "{"]
+)
+def test_a_request_to_another_run_is_dropped(take, left):
+    take.private.mkdir()
+    take.cancel_request.write_text(left)
+    cancelled = threading.Event()
+    with take.locked("v3studio run"), cancelled_on_request(take, cancelled.set):
+        assert not take.cancel_request.exists()
+        request_cancel(take)
+        assert cancelled.wait(WAIT)
+
+
+def test_a_request_of_an_earlier_version_names_no_run(take):
+    cancelled = threading.Event()
+    with take.locked("v3studio run"), cancelled_on_request(take, cancelled.set):
+        take.cancel_request.write_text("")
+        assert cancelled.wait(WAIT)
+
+
+def test_nothing_is_requested_without_a_run(take):
+    request_cancel(take)
+    assert not take.cancel_request.exists()
+
+
+def test_a_request_that_cannot_be_written_is_one_sentence(take, monkeypatch):
+    def refuse(*_: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(cancel_request, "write_text", refuse)
+    with take.locked("v3studio run"), pytest.raises(StudioError, match=r"read-only file system\). Stop the run where"):
+        request_cancel(take)
