@@ -27,13 +27,16 @@ def request_cancel(take: Take) -> None:
     Raises:
         StudioError: the request cannot be written (`take.not_writable`).
     """
-    for _ in range(20):  # a run that has just taken the lock writes who it is a moment later
-        holder = take.running()
+    holder = take.running()
+    for _ in range(20):
         if holder is None:
             return
         if "pid" in holder:
             break
-        time.sleep(0.05)
+        time.sleep(0.05)  # a run that has just taken the lock writes who it is a moment later
+        holder = take.running()
+    if holder is None:
+        return
     try:
         write_text(take.cancel_request, json.dumps({name: holder.get(name) for name in ("pid", "host")}))
     except OSError as error:
