@@ -488,8 +488,15 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
     words = [arguments.stage or "run"]
     words += ["--until", arguments.until] if arguments.until else []
     words += ["--force"] if arguments.stage and arguments.force else []
-    where = start_background(take, config, words)
-    print(f"The run goes on in the background ({where}).", file=arguments.output)
+    run = start_background(take, config, words)
+    if arguments.json:
+        found = {"take": str(take.root), "pid": run.pid, "host": run.host, "running": run.code is None}
+        print(json.dumps(found), file=arguments.output)
+        return 0
+    if run.code is not None:
+        print(f"Everything is up to date (process {run.pid} on {run.host} has ended).", file=arguments.output)
+        return 0
+    print(f"The run goes on in the background (process {run.pid} on {run.host}).", file=arguments.output)
     print(f"Show it: v3studio attach {shlex.quote(str(arguments.take))}", file=arguments.output)
     return 0
 

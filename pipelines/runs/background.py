@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import socket
-import time
 from collections.abc import Sequence
 
 from pipelines.config import Config
-from pipelines.events import RunStarted
-from pipelines.events.log_follower import LogFollower
-from pipelines.runs.launch import launch
+from pipelines.runs.launch import Launched, launch, until_begun
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
@@ -18,7 +14,7 @@ from studio.errors import StudioError
 _ERRORS = "background.log"
 
 
-def start_background(take: Take, config: Config, arguments: Sequence[str]) -> str:
+def start_background(take: Take, config: Config, arguments: Sequence[str]) -> Launched:
     """Start a run that goes on when this process ends.
 
     With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine.
@@ -29,7 +25,7 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> st
         arguments: of `v3studio`, without the take: ("run", "--until", "train").
 
     Returns:
-        where it runs, for people: "process 123 on node1".
+        the run, which has begun, or found everything up to date and ended.
 
     Raises:
         StudioError: another run is in progress (`take.locked`), it ended at once, or the cluster cannot be reached.
@@ -48,22 +44,13 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> st
         take.private.mkdir(parents=True, exist_ok=True)
         save_config(take.config, config)
     words = [*arguments, "--take", str(take.root), "--json"]
+    errors = take.private / _ERRORS
     if config.run.executor == "ray" and config.run.address.startswith("ray://"):
         from pipelines.runs.cluster.detached import start_on_head
 
-        return start_on_head(config.run.address, words, str(take.private / _ERRORS))
-    process = launch(words, take.private / _ERRORS)
-    log = LogFollower(take.log)
-    while process.poll() is None:
-        # its first event comes after it has checked the settings and the footage
-        if any(isinstance(event, RunStarted) and event.pid == process.pid for event in log.poll()[1]):
-            return f"process {process.pid} on {socket.gethostname()}"
-        time.sleep(0.1)
-    if process.returncode == 0:  # everything was up to date
-        return f"process {process.pid}, which has ended: everything is up to date"
-    lines = (take.private / _ERRORS).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    raise StudioError(
-        "run.failed",
-        (lines or ["the run ended at once"])[-1].removeprefix("error: "),
-        code_of_process=process.returncode,
-    )
+        found = start_on_head(config.run.address, words, str(take.log), str(errors))
+    else:
+        found = until_begun(launch(words, errors), take.log, errors)
+    if found.code:
+        raise StudioError("run.failed", found.error.removeprefix("error: "), code_of_process=found.code)
+    return found

@@ -3,16 +3,45 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+from pipelines.events import RunStarted
+from pipelines.events.log_follower import LogFollower
 
 _ROOT = Path(__file__).resolve().parents[2]
 
 
-def launch(words: Sequence[str], errors: Path) -> subprocess.Popen[bytes]:
-    """Start `v3studio WORDS` in a session of its own; standard error goes to a file."""
+@dataclass(frozen=True)
+class Launched:
+    """A run that was started and has begun, or ended at once.
+
+    Attributes:
+        pid: of its process.
+        host: name of the machine.
+        code: exit code; None if it goes on.
+        error: if the exit code is not 0, why.
+    """
+
+    pid: int
+    host: str
+    code: int | None = None
+    error: str = ""
+
+
+def launch(words: Sequence[str], errors: Path, variables: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
+    """Start `v3studio WORDS` in a session of its own; standard error goes to a file.
+
+    Args:
+        words: arguments of `v3studio`.
+        errors: the file.
+        variables: further variables of the environment.
+    """
     path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH")]))
     with errors.open("wb") as file:
         return subprocess.Popen(
@@ -21,5 +50,25 @@ def launch(words: Sequence[str], errors: Path) -> subprocess.Popen[bytes]:
             stdout=subprocess.DEVNULL,
             stderr=file,
             start_new_session=True,
-            env={**os.environ, "PYTHONPATH": path},
+            env={**os.environ, "PYTHONPATH": path, **(variables or {})},
         )
+
+
+def until_begun(process: subprocess.Popen[bytes], log: Path, errors: Path) -> Launched:
+    """Wait until a run has checked the settings and the footage, after which its first event comes, or has ended.
+
+    Args:
+        process: of the run, from `launch`.
+        log: the take's log.
+        errors: the file with its standard error.
+    """
+    host = socket.gethostname()
+    follower = LogFollower(log)
+    while process.poll() is None:
+        if any(isinstance(event, RunStarted) and event.pid == process.pid for event in follower.poll()[1]):
+            return Launched(process.pid, host)
+        time.sleep(0.1)
+    if process.returncode == 0:
+        return Launched(process.pid, host, 0)
+    lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    return Launched(process.pid, host, process.returncode, (lines or ["the run ended at once"])[-1])

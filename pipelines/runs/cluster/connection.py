@@ -13,6 +13,10 @@ from typing import Any
 from studio.errors import StudioError
 
 NAMESPACE = "v3studio"
+ADDRESS_VARIABLE = "V3STUDIO_RAY_ADDRESS"
+"""Environment variable of a detached run: the cluster's address on the machine where it runs, used instead of
+`run.address`."""
+
 CONNECT_SECONDS = 5.0
 """How long the head node may take to accept a connection."""
 
@@ -47,7 +51,7 @@ def connected(address: str, cpus: int) -> Iterator[Any]:
     """Connect to a cluster; at the end everything that was started through the connection is stopped.
 
     Args:
-        address: `run.address`.
+        address: `run.address`; the environment variable `ADDRESS_VARIABLE` overrides it.
         cpus: for "local", CPUs of the cluster that is started.
 
     Yields:
@@ -57,6 +61,7 @@ def connected(address: str, cpus: int) -> Iterator[Any]:
         StudioError: Ray is not installed (`cluster.no_ray`), nothing answers (`cluster.unreachable`), the token is
             wrong or missing (`cluster.token`), or the cluster has another version of Python or Ray (`cluster.version`).
     """
+    address = os.environ.get(ADDRESS_VARIABLE) or address
     ray = load_ray(address)
     if ray.is_initialized():  # in a process that already uses the cluster
         yield ray

@@ -3,58 +3,61 @@
 from __future__ import annotations
 
 import os
-import socket
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipelines.runs.cluster.connection import connected
-from pipelines.runs.launch import launch
+from pipelines.runs.cluster.connection import ADDRESS_VARIABLE, connected
+from pipelines.runs.launch import Launched, launch, until_begun
 from studio.errors import StudioError
 
 
 class Starter:
     """Actor that starts the process of a run on its node, and ends with it."""
 
-    def start(self, words: Sequence[str], errors: str) -> str:
-        """Start `v3studio WORDS`; returns where, for people. Raises OSError."""
+    def start(self, words: Sequence[str], log: str, errors: str) -> Launched:
+        """Start `v3studio WORDS`, and wait until it has begun or ended; see `until_begun`. Raises OSError."""
         import ray
 
+        # not as a setting: the run would write the address, which is for this node, to the take
         address = ray.get_runtime_context().gcs_address
-        process = launch([*words, "--run.address", address], Path(errors))
+        process = launch(words, Path(errors), {ADDRESS_VARIABLE: address})
+        found = until_begun(process, Path(log), Path(errors))
 
         def wait() -> None:
             process.wait()
+            time.sleep(5)  # the answer may still be on its way
             os._exit(0)
 
         threading.Thread(target=wait, daemon=True).start()
-        return f"process {process.pid} on {socket.gethostname()}"
+        return found
 
 
-def start_on_head(address: str, words: Sequence[str], errors: str) -> str:
-    """Start a run on the head node of a cluster.
+def start_on_head(address: str, words: Sequence[str], log: str, errors: str) -> Launched:
+    """Start a run on the head node of a cluster, and wait until it has begun or ended.
 
     Args:
         address: ray://HOST:PORT.
         words: arguments of `v3studio`.
+        log: the take's log, under the same path on the head node.
         errors: file for the standard error of the run, on the head node.
 
-    Returns:
-        where it runs.
-
     Raises:
-        StudioError: the cluster cannot be reached, or its head node does not see the take.
+        StudioError: the cluster cannot be reached, or its head node cannot start the run, for example because it does
+            not see the take.
     """
     with connected(address, 1) as ray:
         options = {"lifetime": "detached", "num_cpus": 0, "resources": {"node:__internal_head__": 0.001}}
         starter = ray.remote(Starter).options(**options).remote()
         try:
-            return str(ray.get(starter.start.remote(list(words), errors)))
-        except ray.exceptions.RayTaskError as error:
+            found: Launched = ray.get(starter.start.remote(list(words), log, errors))
+        except (ray.exceptions.RayError, ConnectionError) as error:
             ray.kill(starter)
-            lines = str(error).strip().splitlines()
+            lines = str(error).strip().splitlines() or [type(error).__name__]
             raise StudioError(
                 "cluster.not_visible",
                 f"the head node of {address} cannot start the run ({lines[-1]})",
                 fix="Mount the take under the same path there, and install the same version of V3 Studio.",
             ) from None
+        return found

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import time
 
 from pipelines.events import Metrics, RunFinished, read_line
+from pipelines.runs.launch import Launched
 
 
 def events_in(text: str) -> list:
@@ -51,3 +53,11 @@ def test_a_detached_run_that_ends_at_once_says_why(project, cli):
     done = cli("run", project / "ball.yaml", "--take", take, "--detach", "--capture.root", project / "nowhere")
     assert done.returncode == 1
     assert "nowhere" in done.stderr
+
+
+def test_with_json_a_detached_run_prints_one_object(project, here, monkeypatch):
+    found = Launched(pid=7, host="node1")
+    monkeypatch.setattr("pipelines.runs.background.start_background", lambda *_: found)
+    done = here("run", project / "ball.yaml", "--take", project / "take", "--detach", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"take": str(project / "take"), "pid": 7, "host": "node1", "running": True}

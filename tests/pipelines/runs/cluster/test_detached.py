@@ -1,0 +1,102 @@
+"""Starting a run on the head node, without a cluster: the actor's method is called in this process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pipelines.config import load_config
+from pipelines.runs.background import start_background
+from pipelines.runs.cluster import detached
+from pipelines.runs.cluster.connection import ADDRESS_VARIABLE
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+BEGINS = """
+import os, sys, time
+from pathlib import Path
+from pipelines.events import RunStarted
+event = RunStarted(take="t", stages=(), done=(), pid=os.getpid(), version="1")
+Path(sys.argv[1]).write_text(event.to_json() + "\\n")
+time.sleep(600)
+"""
+FAILS = "import sys; sys.exit('error: the footage is missing')"
+
+
+@pytest.fixture
+def take(tmp_path) -> Take:
+    return Take.create(tmp_path / "take")
+
+
+@pytest.fixture
+def cluster(monkeypatch, take):
+    """What was launched: `words`, `variables`, `process`; set `script` before."""
+    found = SimpleNamespace(script=FAILS, words=[], variables={}, process=None)
+
+    def launch(words, errors, variables=None):
+        found.words, found.variables = list(words), dict(variables or {})
+        with errors.open("wb") as file:
+            command = [sys.executable, "-c", found.script, str(take.log)]
+            found.process = subprocess.Popen(command, stderr=file)
+        return found.process
+
+    class Actor:
+        def __init__(self) -> None:
+            self.start = SimpleNamespace(remote=detached.Starter().start)
+
+    ray: Any = SimpleNamespace(
+        exceptions=SimpleNamespace(RayError=LookupError),
+        get_runtime_context=lambda: SimpleNamespace(gcs_address="127.0.0.1:6379"),
+        remote=lambda _: SimpleNamespace(options=lambda **_: SimpleNamespace(remote=Actor)),
+        get=lambda answer: answer,
+        kill=lambda _: None,
+    )
+
+    @contextmanager
+    def connected(address: str, cpus: int):
+        yield ray
+
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    monkeypatch.setattr(detached, "connected", connected)
+    monkeypatch.setattr(detached, "launch", launch)
+    monkeypatch.setattr(detached, "threading", SimpleNamespace(Thread=lambda **_: SimpleNamespace(start=bool)))
+    yield found
+    if found.process is not None:
+        found.process.kill()
+        found.process.wait()
+
+
+def settings():
+    return load_config(None, [("run.executor", "ray"), ("run.address", "ray://head:10001")])
+
+
+def test_the_run_gets_the_address_on_the_head_node_not_as_a_setting(take, cluster):
+    cluster.script = BEGINS
+    run = start_background(take, settings(), ("run",))
+    assert (run.pid, run.code) == (cluster.process.pid, None)
+    assert "--run.address" not in cluster.words
+    assert cluster.variables == {ADDRESS_VARIABLE: "127.0.0.1:6379"}
+    assert load_config(take.config).run.address == "ray://head:10001"
+
+
+def test_a_run_that_cannot_begin_on_the_head_node_says_why(take, cluster):
+    with pytest.raises(StudioError, match=r"^the footage is missing"):
+        start_background(take, settings(), ("run",))
+
+
+def test_a_connection_uses_the_address_of_the_environment(monkeypatch):
+    from pipelines.runs.cluster import connection
+
+    seen = []
+    monkeypatch.setattr(
+        connection, "load_ray", lambda address: seen.append(address) or SimpleNamespace(is_initialized=lambda: True)
+    )
+    monkeypatch.setenv(ADDRESS_VARIABLE, "127.0.0.1:6379")
+    with connection.connected("ray://head:10001", 1):
+        pass
+    assert seen == ["127.0.0.1:6379"]
