@@ -33,7 +33,7 @@ def groups_at_once(context: Context) -> int:
     asked, groups = context.config.run.groups_at_once, len(context.groups)
     if asked is not None:
         return min(asked, groups)
-    # a run on other machines may need a GPU that this one has not
+    # a run on other machines may need a GPU that this one does not have
     if context.config.run.device.startswith("cuda") or context.device != "cpu":
         return 1
     memory = psutil.virtual_memory().total // 2
