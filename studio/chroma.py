@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import torch
-from torch import Tensor
+if TYPE_CHECKING:
+    from torch import Tensor
 
 Siting = Literal["left", "center"]
 """Horizontal position of chroma samples: on the first luma sample of each group (MPEG-2, the default of H.264 and
@@ -78,6 +78,8 @@ def resampled(image: Tensor, sampling: ChromaSampling, shift: float = 0.0) -> Te
     Returns:
         (H, W, 3).
     """
+    import torch  # `v3studio status` opens footage and does not need it
+
     height, width, _ = image.shape
     (across, down), (x, y) = sampling.step, sampling.first
     left, columns, average_x = _averaging(across, x + shift, width)
@@ -113,6 +115,8 @@ def _averaging(step: int, first: float, size: int) -> tuple[int, int, list[float
 
 def _interpolated(low: Tensor, step: int, first: float, size: int) -> Tensor:
     """(C, H, `size`) linear interpolation of (C, H, samples) along the last axis."""
+    import torch
+
     if step == 1:
         return low
     count = low.shape[2] - 2

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import IO, Annotated, Literal
 
 from pydantic import Field
 
@@ -222,6 +223,21 @@ class QueueFile:
 
         self.change(again)
 
+    def claim(self) -> QueuedTake | None:
+        """The next take that waits, which now counts as running; None if there is none."""
+        found: list[QueuedTake] = []
+
+        def claimed(queue: Queue) -> Queue:
+            entry = next((entry for entry in queue.takes if entry.state == "waiting"), None)
+            if entry is None:
+                return queue
+            found.append(entry.having(state="running", started=now(), message=""))
+            takes = tuple(found[0] if other is entry else other for other in queue.takes)
+            return queue.model_copy(update={"takes": takes})
+
+        self.change(claimed)
+        return found[0] if found else None
+
     def is_run(self) -> bool:
         """Whether a program works through the queue."""
         try:
@@ -244,20 +260,29 @@ class QueueFile:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             file = self._lock("run").open("a")
         with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+            if not _lock_soon(file):
                 raise StudioError(
                     "queue.already_run",
                     "another program works through this queue",
                     file=self.path,
                     fix="`v3studio queue list` shows its progress.",
-                ) from None
+                )
             self.change(_interrupted)
             yield
 
     def _lock(self, name: str) -> Path:
         return self.path.with_name(f".{self.path.name}.{name}")
+
+
+def _lock_soon(file: IO[str]) -> bool:
+    """Try to get the lock; `is_run` of another program holds it briefly, hence several attempts."""
+    for _ in range(20):
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            time.sleep(0.05)
+    return False
 
 
 def _interrupted(queue: Queue) -> Queue:

@@ -52,8 +52,7 @@ def run_queue(
     """
     done = failed = 0
     with queue.running():
-        while (entry := _next(queue)) is not None:
-            queue.replace(entry.number, state="running", started=now(), message="")
+        while (entry := queue.claim()) is not None:
             starts(entry)
             try:
                 _wait_for_others(entry.take)
@@ -70,10 +69,6 @@ def run_queue(
             done, failed = done + (code == 0), failed + (code != 0)
             ended(entry.having(**after))
     return done, failed
-
-
-def _next(queue: QueueFile) -> QueuedTake | None:
-    return next((entry for entry in queue.read().takes if entry.state == "waiting"), None)
 
 
 def _wait_for_others(folder: Path) -> None:

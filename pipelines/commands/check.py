@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -50,16 +51,16 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
 
     take = Take.open(folder)
     report: ProgressFn
-    with working("check", None) as report:
-        found = check_take(take, ALL_STAGES, report)
-    if arguments.remove and found.damage:
-        with take.locked("v3studio check --remove"):
-            for damage in found.damage:
-                path = take.file(damage.file)
-                # never a folder, and nothing outside of the take, whatever a record says
-                if damage.file and path.is_file() and path.resolve().is_relative_to(take.root.resolve()):
-                    path.unlink()
-                take.forget(damage.stage)
+    # what is deleted must not have been made again since it was checked
+    with take.locked("v3studio check --remove") if arguments.remove else nullcontext():
+        with working("check", None) as report:
+            found = check_take(take, ALL_STAGES, report)
+        for damage in found.damage if arguments.remove else ():
+            path = take.file(damage.file)
+            # never a folder, and nothing outside of the take, whatever a record says
+            if damage.file and path.is_file() and path.resolve().is_relative_to(take.root.resolve()):
+                path.unlink()
+            take.forget(damage.stage)
     if arguments.json:
         print(found.model_dump_json(indent=1), file=arguments.output)
         return 1 if found.damage else 0

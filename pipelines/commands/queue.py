@@ -42,7 +42,7 @@ def register(commands: Any) -> None:
     move.add_argument("place", type=int, metavar="PLACE", help="1: it is the next one")
     move.set_defaults(command=_move)
 
-    remove = _kind(kinds, "remove", "take takes out of the queue; their folders are not touched")
+    remove = _kind(kinds, "remove", "remove takes from the queue; their folders are not touched")
     remove.add_argument("number", type=int, nargs="+", metavar="NUMBER", help="number of the take")
     remove.set_defaults(command=_remove)
 
@@ -80,7 +80,7 @@ def _add(arguments: argparse.Namespace) -> int:
                 option="TAKE",
             )
         config, take = None, config
-    # settings that cannot be are told now, not in the night
+    # report invalid settings now, not overnight
     load_config(Take.open(take).config if config is None else config, arguments.overrides)
     entry = _file(arguments).add(take, config, tuple(arguments.set))
     print(f"take {entry.number}: {entry.take}")
@@ -107,7 +107,7 @@ def _list(arguments: argparse.Namespace) -> int:
         shown.add_row(str(entry.number), state, escaped(str(entry.take)), *times, escaped(entry.message))
     console().print(shown)
     if not is_run and any(entry.state in ("waiting", "running") for entry in found.takes):
-        print("Nothing works through the queue; `v3studio queue run` starts it.")
+        print("The queue is not running; `v3studio queue run` starts it.")
     return 0
 
 

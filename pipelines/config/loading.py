@@ -12,7 +12,7 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from pipelines.config.config import Config
-from pipelines.config.renamed import first_tree, note_renames, renamed, renamed_override
+from pipelines.config.renamed import complete_older_take, first_tree, note_renames, renamed, renamed_override
 from studio.errors import Message, StudioError, reason_of
 from studio.json_types import JsonObject
 from studio.paths import need_utf8
@@ -73,7 +73,8 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
     """Read and validate settings.
 
     Args:
-        path: YAML file; None: the defaults. A relative `capture.root` is relative to this file's folder.
+        path: YAML file; None: the defaults. A relative `capture.root` is relative to this file's folder. In a take's
+            own file, settings of training that did not exist when it was written keep what was trained.
         overrides: (dotted name, value) pairs; later ones win. A relative `capture.root` is relative to the working
             directory.
 
@@ -85,6 +86,8 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
     if path is not None:
         values, changes = renamed(read_yaml(path), str(path))
         note_renames(str(path), changes)
+        if (path.parent / "take.json").is_file():
+            complete_older_take(values)
         _anchor_root(values, path.parent, str(path))
     given: set[str] = set()
     for old_name, old_value in overrides:

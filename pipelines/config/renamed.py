@@ -36,6 +36,14 @@ VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
 
 ADDED: JsonObject = {
     "train.regularize": "planes",
+    "train.refine_mattes": "never",
+    "train.refine_above": 0.22,
+    "train.refine_moved_below": 0.66,
+    "train.refine_every": 100,
+    "train.refined_alpha_weight": 1.0,
+    "train.chroma_siting": "none",
+    "train.final_iterations": 0,
+    "train.final_dropout": 0.1,
     "bake.stream_version": 2,
     "bake.ladder": [],
     "bake.first_group_size": None,
@@ -48,6 +56,9 @@ ADDED: JsonObject = {
 """Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior. This
 need not be the default, as for `bake.stream_version`."""
 
+KEPT_SECTIONS = ("train",)
+"""Sections in which the settings of an older take get the values of `ADDED`: a new default must not train it again."""
+
 REPORT_KEYS = {
     "explained": "match_inlier_ratio",
     "geometry.neighbours": "neighbors",
@@ -58,6 +69,20 @@ REPORT_KEYS = {
     "lenses": "intrinsics",
 }
 """Keys of calibrate/report.json, old to new; of a nested key the last part changes."""
+
+
+def complete_older_take(values: JsonObject) -> None:
+    """Add what the settings of an older take lack, at the value that keeps its results, to those of `KEPT_SECTIONS`.
+
+    Args:
+        values: sections as read from a take's config.yaml, which lists all settings that existed; changed in place.
+    """
+    for name, value in ADDED.items():
+        section, _, setting = name.partition(".")
+        found = values.get(section)
+        if section in KEPT_SECTIONS and isinstance(found, dict) and found:
+            found.setdefault(setting, value)
+
 
 RECORD_KEYS = {"ingredients": "params"}
 """Keys of a stage's record, old to new."""

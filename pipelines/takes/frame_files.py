@@ -131,10 +131,19 @@ def _load(path: Path) -> dict[str, Tensor]:
 
     data = path.read_bytes()
     tensors = load(data)
-    about = read_about(path)
-    if about is not None and about.digest and about.digest != _digest(data):
+    about = _metadata(data)
+    if about.digest and about.digest != _digest(data):
         raise SafetensorError("checksum differs")
     return tensors
+
+
+def _metadata(data: bytes) -> FrameMetadata:
+    """What `write_frame` noted in a file's header; from its bytes, since the file may be replaced meanwhile."""
+    try:
+        header = json.loads(data[_HEADER : _HEADER + _header_bytes(data)])
+        return FrameMetadata.model_validate_json(header.get("__metadata__", {}).get(_ENTRY, "{}"))
+    except ValueError:  # pydantic's ValidationError is one
+        return FrameMetadata()
 
 
 _HEADER = 8

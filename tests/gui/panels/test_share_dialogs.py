@@ -34,13 +34,16 @@ def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, t
     window.screenshot(artifacts / "serve.png")
     window.click("dialog save")
     state = window.wait_for("the code", lambda s: s["dialog"] == "serving" and s["widgets"].get("dialog qr"), 180)
-    window.drawn()
-    picture = window.screenshot(artifacts / "serving.png")
     assert state["serving"].startswith("http://")
-    left, top = window.point("dialog qr", 0, 0)
-    right, bottom = window.point("dialog qr", 1, 1)
-    code = cv2.imread(str(picture))[top:bottom, left:right]
-    assert cv2.QRCodeDetector().detectAndDecode(code)[0] == state["serving"]
+    for _ in range(30):  # on a busy machine, the dialog is on the screen some frames after the state says so
+        window.drawn()
+        picture = window.screenshot(artifacts / "serving.png")
+        left, top = window.point("dialog qr", 0, 0)
+        right, bottom = window.point("dialog qr", 1, 1)
+        read = cv2.QRCodeDetector().detectAndDecode(cv2.imread(str(picture))[top:bottom, left:right])[0]
+        if read:
+            break
+    assert read == state["serving"]
     port = state["serving"].rstrip("/").rpartition(":")[2]
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/manifest.json") as answer:
         assert answer.read() == (folder / "manifest.json").read_bytes()

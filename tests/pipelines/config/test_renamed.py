@@ -75,7 +75,8 @@ def test_digests_are_those_of_the_first_names(tmp_path: Path) -> None:
 
 
 def test_a_setting_added_later_makes_nothing_stale() -> None:
-    before = load_config(None, [("bake.stream_version", 2)])  # its default is another one now
+    others = ("bake.stream_version", "train.refine_mattes", "train.chroma_siting", "train.final_iterations")
+    before = load_config(None, [(name, table.ADDED[name]) for name in others])  # their defaults are other ones now
     for name, value in table.ADDED.items():
         section = name.partition(".")[0]
         found = value_of(before, name)
@@ -87,6 +88,21 @@ def test_a_setting_added_later_makes_nothing_stale() -> None:
     assert settings_of(changed, "train")["train.regularize"] == "motion"
     assert "regularize: motion" in digest_text(changed)
     assert "regularize" not in digest_text(Config())
+
+
+def test_an_older_take_keeps_what_it_trained(tmp_path: Path) -> None:
+    """Its settings lack those that came later; a new take's settings and a user's file have the defaults."""
+    older = "train: {group_size: 12}\n"
+    (tmp_path / "config.yaml").write_text(older)
+    assert load_config(tmp_path / "config.yaml").train.refine_mattes == "auto"
+    (tmp_path / "take.json").write_text("{}")
+    kept = load_config(tmp_path / "config.yaml")
+    assert (kept.train.refine_mattes, kept.train.chroma_siting, kept.train.final_iterations) == ("never", "none", 0)
+    assert kept.bake.stream_version == 3, "a bake takes seconds; status says what changed"
+    chosen = load_config(tmp_path / "config.yaml", [("train.refine_mattes", "always")])
+    assert chosen.train.refine_mattes == "always"
+    (tmp_path / "config.yaml").write_text(dump_config(Config()))
+    assert load_config(tmp_path / "config.yaml").train == Config().train
 
 
 def test_names_go_there_and_back() -> None:

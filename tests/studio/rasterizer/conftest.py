@@ -148,12 +148,15 @@ def assert_same(
         assert not len(error) or error.max() <= image, f"{name} is off by {error.max():.2e}"
     depth = (ours.depth - truth.depth).abs()[where] / truth.depth[where].clamp_min(1e-3)
     assert not len(depth) or depth.max() <= image, f"depth is off by {depth.max():.2e}"
+    largest = max((float(true.norm()) for true in truth.gradients.values()), default=0.0)
     for name, true in truth.gradients.items():
         mine = ours.gradients[name]
         assert torch.isfinite(mine).all(), f"the gradient of {name} is not finite"
         size, error = true.norm(), (mine - true).norm()
-        # The absolute term covers rounding where everything cancels.
-        assert error <= gradient * size + 1e-6, f"the gradient of {name} is off by {error / size:.2e} of {size:.2e}"
+        # The absolute term covers rounding where everything cancels, as in the turn of a splat that is almost round.
+        assert error <= gradient * size + 1e-6 * max(1.0, largest), (
+            f"the gradient of {name} is off by {error / size:.2e} of {size:.2e}"
+        )
 
 
 @pytest.fixture

@@ -36,6 +36,11 @@ def swap_groups(values):
         group["bytes"] = group["side"]["bytes"] + group["video"]["bytes"]
 
 
+def widen(values):
+    """64 columns of tiles of 272 pixels: a picture 17,408 pixels wide."""
+    values["groups"][0].update(splats=70_000, tile=272, columns=64)
+
+
 GROUP = ("groups", 0)
 # change, then location and violated rule, or another code than manifest.invalid
 DAMAGE = {
@@ -50,6 +55,7 @@ DAMAGE = {
     "a billion frames": (set_at((*GROUP, "frame_count"), 10**9), ("groups.0.frame_count", "less_than_equal")),
     "a tile of another size": (set_at((*GROUP, "tile"), 4096), ("groups.0", "tile_side")),
     "too few tiles": (set_at((*GROUP, "rows"), 1), ("groups.0", "tile_count")),
+    "a picture that decoders do not take": (widen, ("groups.0", "picture_size")),
     "a million columns": (set_at((*GROUP, "columns"), 10**6), ("groups.0.columns", "less_than_equal")),
     "a petabyte once decompressed": (
         set_at((*GROUP, "side", "raw_bytes"), 10**15),
