@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import hashlib
 import json
 import os
 import re
+import secrets
 import shutil
+import socket
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 PARTIAL = ".partial"
 """Part of every temporary name. Remaining files with this name are leftovers of killed processes and may be deleted."""
+
+_NAMED = rf"(?P<pid>[0-9]{{1,9}})(-(?P<machine>[0-9a-f]{{8}})-[0-9a-f]{{8}})?(?P<what>\.[a-z]+)?{re.escape(PARTIAL)}"
+"""Middle of a temporary name. Earlier versions wrote the process id only."""
+
+_ABANDONED_SECONDS = 3600.0
+"""Temporary files of other machines are leftovers if nothing was written to them for so long: whether their process
+runs cannot be known here."""
 
 _HERE = -100  # AT_FDCWD: relative paths are from the working folder
 _EXCHANGE = 2  # RENAME_EXCHANGE
@@ -48,15 +60,19 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
 
 
 def temporary_path(path: Path, what: str = "") -> Path:
-    """The temporary name of this process for a file or folder; `what` tells several apart (".old")."""
-    return path.with_name(f".{path.stem}.{os.getpid()}{what}{PARTIAL}{path.suffix}")
+    """A temporary name for a file or folder, different in each call; `what`, a dot and letters, tells several apart
+    (".old").
+
+    It tells the process and its machine: processes of several machines may write to one shared folder.
+    """
+    writer = f"{os.getpid()}-{_machine()}-{secrets.token_hex(4)}"
+    return path.with_name(f".{path.stem}.{writer}{what}{PARTIAL}{path.suffix}")
 
 
 def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path]:
     """Temporary files and folders in a folder whose process has ended, as after kill -9.
 
-    Processes of other machines, which the numbers in the names do not tell, count as ended: do not write to one target
-    from two machines at once.
+    Those of other machines are leftovers if nothing was written to them for an hour.
 
     Args:
         folder: where to look, not in the folders in it.
@@ -64,15 +80,46 @@ def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path
         what: as for `temporary_path`.
     """
     stem, suffix = (r".+", r"(\.[^.]*)?") if of is None else (re.escape(of.stem), re.escape(of.suffix))
-    named = re.compile(rf"\.{stem}\.(?P<pid>[0-9]{{1,9}}){re.escape(what + PARTIAL)}{suffix}")
+    named = re.compile(rf"\.{stem}\.{_NAMED}{suffix}")
     found = [(path, named.fullmatch(path.name)) for path in (folder.iterdir() if folder.is_dir() else ())]
-    return sorted(path for path, match in found if match is not None and not _running(int(match["pid"])))
+    return sorted(
+        path
+        for path, match in found
+        if match is not None and (match["what"] or "") == what and not _has_writer(path, match)
+    )
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether a file or folder has the temporary name of another process that runs."""
-    named = re.fullmatch(rf"\..+\.([0-9]{{1,9}})(\.[a-z]+)?{re.escape(PARTIAL)}(\.[^.]*)?", path.name)
-    return named is not None and int(named[1]) != os.getpid() and _running(int(named[1]))
+    """Whether a file or folder has the temporary name of another process that runs, or may run on another machine."""
+    named = re.fullmatch(rf"\..+\.{_NAMED}(\.[^.]*)?", path.name)
+    if named is None or (named["machine"] in (None, _machine()) and int(named["pid"]) == os.getpid()):
+        return False
+    return _has_writer(path, named)
+
+
+def _has_writer(path: Path, named: re.Match[str]) -> bool:
+    """Whether the process in a temporary name runs, or may run."""
+    if named["machine"] in (None, _machine()):
+        return _running(int(named["pid"]))
+    return time.time() - _last_written(path) < _ABANDONED_SECONDS
+
+
+def _last_written(path: Path) -> float:
+    """When a file, or one in a folder, was last changed; seconds since the epoch, 0 if it does not exist any more."""
+    last = 0.0
+    for one in (path, *path.rglob("*")):
+        with suppress(FileNotFoundError):
+            last = max(last, one.lstat().st_mtime)
+    return last
+
+
+@cache
+def _machine() -> str:
+    """8 hex digits for where this process's id is valid: the machine, or the container."""
+    place = socket.gethostname()
+    with suppress(OSError):  # containers may share the machine's name
+        place += f" {os.stat('/proc/self/ns/pid').st_ino}"
+    return hashlib.sha256(place.encode()).hexdigest()[:8]
 
 
 def remove_leftovers(folder: Path, of: Path | None = None) -> None:

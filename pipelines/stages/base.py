@@ -81,6 +81,8 @@ class Context:
     def lpips(self) -> Lpips | None:
         """The LPIPS metric, loaded on first access; None if `evaluate.lpips` is null.
 
+        On the CPU if there is an executor, which measures elsewhere: this machine may have no GPU.
+
         Raises:
             StudioError: the weights of the network cannot be downloaded or read.
         """
@@ -88,7 +90,7 @@ class Context:
             return None
         from studio.perceptual import Lpips
 
-        return Lpips(self.config.evaluate.lpips, self.device)
+        return Lpips(self.config.evaluate.lpips, self.device if self.executor is None else "cpu")
 
 
 @dataclass

@@ -76,14 +76,16 @@ class EvaluateStage:
         with self._reader(context) as reader:
             manifest = reader.manifest
             measured = Measured()
-            key = self._key(context)
             for group in context.groups:
-                found = read_measured(context.take, group.index, f"{key}-{group.index}")
+                key = self.group_key(context, group)
+                found = read_measured(context.take, group.index, key)
                 if found is None:
                     with context.take.group_locked(self.name, group.index, context.cancellation.check):
-                        share = [(group.first + frames) / len(footage.frames) for frames in (0, len(group.frames))]
-                        found = self._measure(context, group, reporter, reader, 0.95 * share[0], 0.95 * share[1])
-                        write_measured(context.take, group.index, f"{key}-{group.index}", found)
+                        found = read_measured(context.take, group.index, key)  # a worker may just have measured it
+                        if found is None:
+                            share = [(group.first + frames) / len(footage.frames) for frames in (0, len(group.frames))]
+                            found = self._measure(context, group, reporter, reader, 0.95 * share[0], 0.95 * share[1])
+                            write_measured(context.take, group.index, key, found)
                 measured.add(found)
         if not measured.frames:
             raise StudioError(
@@ -167,7 +169,7 @@ class EvaluateStage:
 
     @contextmanager
     def _reader(self, context: Context) -> Iterator[StreamReader]:
-        """The take's stream. Raises StudioError if it has not the take's frames."""
+        """The take's stream. Raises StudioError if it does not have the take's frames."""
         from studio.stream import StreamReader
 
         with StreamReader.open(context.take.stream) as reader:

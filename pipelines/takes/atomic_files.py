@@ -105,7 +105,8 @@ def sweep_partial(folder: Path) -> int:
     """Delete partially written files and folders that killed runs left under `folder`, and results that are empty, as
     a power cut leaves files whose names were on the disk before their bytes; returns how many.
 
-    Those of processes that still run stay: marks are written, and exports made, while a run goes on.
+    Those of processes that still run stay: marks are written, and exports made, while a run goes on. So do those of
+    other machines until nothing was written to them for an hour: groups may be worked on there.
     """
     found = [path for path in folder.rglob(f".*{PARTIAL}*") if path.name.startswith(".") and not is_being_written(path)]
     found += _empty_results(folder)
@@ -118,12 +119,14 @@ _NEVER_EMPTY = (".json", ".safetensors", ".checkpoint", ".ply")
 
 
 def _empty_results(folder: Path) -> list[Path]:
-    """Empty files of kinds that this program never writes empty, but not what a person made."""
+    """Empty files of kinds that this program never writes empty, but not what a person made, and no temporary ones:
+    those that are being written begin empty."""
     found = []
-    for root, _, names in os.walk(folder):
+    for root, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if PARTIAL not in name]
         for name in names:
             path = os.path.join(root, name)
-            if name.endswith(_NEVER_EMPTY) and name != "marks.json":
+            if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name != "marks.json":
                 with contextlib.suppress(FileNotFoundError):
                     if os.lstat(path).st_size == 0:
                         found.append(Path(path))

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from studio.atomic_files import remove_leftovers, temporary_path
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
@@ -81,9 +82,10 @@ def bake_group(
             setting="train.max_splats",
         )
     folder = directory / group_folder_name(group)
-    # a fixed name, so that the next run replaces the leftovers of a killed one
-    partial = directory / f".{folder.name}.partial"
+    partial = temporary_path(folder)
     try:
+        shutil.rmtree(directory / f".{folder.name}.partial", ignore_errors=True)  # of a killed run of earlier versions
+        remove_leftovers(directory, folder)
         if settings.stream_version == 3:
             return bake_ladder(
                 frames,

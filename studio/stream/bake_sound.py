@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from studio.atomic_files import temporary_path
 from studio.audio import SAMPLE_RATE, Cut, encode_sound
 from studio.errors import StudioError
 from studio.stream.bake_ladder import content_name
@@ -25,7 +26,7 @@ def bake_sound(cut: Cut, directory: Path) -> AudioEntry:
         StudioError: the sound cannot be read, or the file cannot be written.
     """
     folder = directory / FILES
-    partial = folder / ".sound.partial"
+    partial = temporary_path(folder / "sound")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         samples = encode_sound(cut.blocks(), str(partial), SAMPLE_RATE, cut.channels)

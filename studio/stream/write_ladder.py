@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from studio.atomic_files import write_bytes
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.bake_ladder import content_name
@@ -136,21 +136,16 @@ def _renditions(groups: Sequence[GroupLadder], fps: float) -> tuple[RenditionEnt
 
 
 def _write(path: Path, data: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.partial")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
+        write_bytes(path, data)
     except OSError as error:
         raise StudioError("bake.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
 
 
 def replace_manifest(path: Path, data: bytes) -> None:
     """Write the manifest, atomically. Raises StudioError."""
-    temporary = path.with_name(f".{path.name}.partial")
     try:
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
+        write_bytes(path, data)
     except OSError as error:
         raise StudioError(
             "bake.write_failed", f"the manifest cannot be written ({error.strerror or error})", file=path

@@ -3,10 +3,20 @@
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 
-from studio.atomic_files import PARTIAL, exchange, leftovers, remove_leftovers, temporary_path
+from studio import atomic_files as module
+from studio.atomic_files import (
+    PARTIAL,
+    atomic_path,
+    exchange,
+    is_being_written,
+    leftovers,
+    remove_leftovers,
+    temporary_path,
+)
 
 
 def dead_pid():
@@ -32,6 +42,55 @@ def test_only_what_ended_processes_left_is_removed(tmp_path):
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {*kept, mine.name, f".turn.{dead}.old{PARTIAL}.mp4"}
     remove_leftovers(tmp_path / "nowhere", target)
+
+
+def test_two_machines_with_the_same_process_id_write_one_file(tmp_path, monkeypatch):
+    """As containers do, in each of which the program is process 1."""
+    monkeypatch.setattr(os, "getpid", lambda: 1)
+    target = tmp_path / "background.npz"
+    with atomic_path(target) as first:
+        first.write_bytes(b"first")
+        with atomic_path(target) as second:
+            second.write_bytes(b"second")
+        assert target.read_bytes() == b"second"
+    assert target.read_bytes() == b"first"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path, monkeypatch):
+    target = tmp_path / "turn"
+    monkeypatch.setattr(module, "_machine", lambda: "0123abcd")
+    file, folder = temporary_path(tmp_path / "turn.mp4"), temporary_path(target)
+    monkeypatch.undo()
+    file.write_bytes(b"half")
+    (folder / "videos").mkdir(parents=True)
+    (folder / "videos" / "a.mp4").write_bytes(b"half")
+    hours_ago = time.time() - 2 * 3600
+    for path in (folder / "videos", folder):
+        os.utime(path, (hours_ago, hours_ago))
+    assert is_being_written(file)
+    assert is_being_written(folder), "a file in it is new"
+    assert leftovers(tmp_path) == []
+    for path in (file, folder / "videos" / "a.mp4"):
+        os.utime(path, (hours_ago, hours_ago))
+    assert not is_being_written(file)
+    assert leftovers(tmp_path) == sorted([file, folder])
+    assert leftovers(tmp_path, target) == [folder]
+
+
+def test_names_of_this_version_tell_whether_their_process_runs(tmp_path, monkeypatch):
+    """`what` is told apart, as are processes."""
+    dead = dead_pid()
+    monkeypatch.setattr(os, "getpid", lambda: dead)
+    new, old = temporary_path(tmp_path / "site"), temporary_path(tmp_path / "site", ".old")
+    monkeypatch.setattr(os, "getpid", os.getppid)
+    alive = temporary_path(tmp_path / "site")
+    monkeypatch.undo()
+    for path in (new, old, alive):
+        path.mkdir()
+    assert leftovers(tmp_path, tmp_path / "site") == [new]
+    assert leftovers(tmp_path, tmp_path / "site", ".old") == [old]
+    assert [is_being_written(path) for path in (new, old, alive)] == [False, False, True]
 
 
 def test_folders_are_swapped_in_one_step(tmp_path):

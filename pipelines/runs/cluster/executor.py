@@ -14,8 +14,9 @@ from typing import Any
 
 from pipelines.events import Metrics, Preview, Progress, Warned, parse_event
 from pipelines.runs.cluster.lanes import Lanes
+from pipelines.runs.cluster.mailbox import Mailbox
 from pipelines.runs.cluster.nodes import Nodes, Wanted
-from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
+from pipelines.runs.cluster.task import NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
 from pipelines.runs.work import cpus_of_group
 from pipelines.stages.base import Context, GroupStage, StageReporter
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
@@ -28,31 +29,11 @@ _WAIT = 0.3
 _AHEAD = 8
 """Tasks queued in Ray beyond those that fit, so that nodes never wait and a growing cluster sees the demand."""
 
-_VISIBLE_SECONDS = 20.0
-"""How long files that another node wrote may take to appear: network file systems cache folders."""
+_NO_NODE_SECONDS = 30.0
+"""How long a task may wait without a node that is large enough before people are told: one may be starting."""
 
 _PROGRAM_BYTES = 1 << 30
 """Memory of a worker process without images."""
-
-
-class Mailbox:
-    """Actor on the node of the run that collects the events of all tasks."""
-
-    def __init__(self) -> None:
-        self._letters: list[tuple[str, int, int, tuple[str, ...]]] = []
-
-    def started(self, group: int, attempt: int, node: str, gpu: str) -> None:
-        """A task has begun on a node."""
-        self._letters.append(("started", group, attempt, (node, gpu)))
-
-    def put(self, group: int, attempt: int, line: str) -> None:
-        """An event of a task, as JSON."""
-        self._letters.append(("event", group, attempt, (line,)))
-
-    def take(self) -> list[tuple[str, int, int, tuple[str, ...]]]:
-        """What arrived since the last call."""
-        letters, self._letters = self._letters, []
-        return letters
 
 
 @dataclass
@@ -65,7 +46,8 @@ class _Job:
         cpus: that it takes.
         attempt: 1 at first.
         lost: how often its worker was lost.
-        node: id of the node that it runs on.
+        node: id of the node that it runs on; "" while it waits for one, as far as is known.
+        wanted: what was asked for it.
     """
 
     group: Group
@@ -74,6 +56,7 @@ class _Job:
     attempt: int = 1
     lost: int = 0
     node: str = ""
+    wanted: Wanted | None = None
 
 
 @dataclass
@@ -132,9 +115,29 @@ class _Run:
         self._warned: set[str] = set()
         self._lanes = Lanes(stage.name, context.emit)
         self._figures: dict[str, Any] = {}
+        self._unfit_since: float | None = None
 
     def go(self, groups: Sequence[Group]) -> None:
-        """Run the groups; see `RayExecutor.run`."""
+        """Run the groups; see `RayExecutor.run`.
+
+        Raises:
+            StudioError: also if the connection to the cluster is lost (`cluster.lost`).
+        """
+        from ray.exceptions import RayError
+
+        try:
+            self._go(groups)
+        except BrokenPipeError:  # whoever reads the events is gone, not the cluster
+            raise
+        except (RayError, ConnectionError) as error:
+            raise StudioError(
+                "cluster.lost",
+                f"the connection to the cluster was lost ({_last_line(error)})",
+                fix="Check that its head node is running, and run again; finished work is kept.",
+                stage=self._stage.name,
+            ) from error
+
+    def _go(self, groups: Sequence[Group]) -> None:
         ray = self._ray
         for group in groups:
             cpus = cpus_of_group(self._stage.name, self._context, group.index)
@@ -145,6 +148,7 @@ class _Run:
             while self._queue or self._running:
                 self._context.cancellation.check()
                 self._submit()
+                self._look_for_nodes()
                 done, _ = ray.wait(list(self._running), timeout=_WAIT, fetch_local=False)
                 self._read_mail()
                 for reference in done:
@@ -169,6 +173,7 @@ class _Run:
             if self._nodes.excluded:
                 options["label_selector"] = {"ray.io/node-id": f"!in({','.join(sorted(self._nodes.excluded))})"}
             self._queue.popleft()
+            job.wanted = wanted
             task = GroupTask(
                 take=str(self._context.take.root),
                 footage=str(self._context.config.capture.root),
@@ -181,6 +186,33 @@ class _Run:
                 python=versions()[1],
             )
             self._running[self._task.options(**options).remote(task, self._executor.mailbox)] = job
+
+    def _look_for_nodes(self) -> None:
+        """Warn of groups that no node can run: Ray lets them wait, as a larger node may join."""
+        unfit = next(
+            (
+                job
+                for job in self._running.values()
+                if not job.node and job.wanted is not None and self._nodes.fitting(job.wanted) == 0
+            ),
+            None,
+        )
+        if unfit is None or unfit.wanted is None:
+            self._unfit_since = None
+            return
+        now = time.monotonic()
+        if self._unfit_since is None:
+            self._unfit_since = now
+        if now - self._unfit_since >= _NO_NODE_SECONDS:
+            self._warn(
+                Message(
+                    "cluster.no_node",
+                    f"group {unfit.group.index} is waiting for a node with {unfit.wanted}; the cluster has "
+                    f"{self._nodes.sizes()}",
+                    fix="Add a larger node, or lower run.gpus_per_group or run.memory_per_group.",
+                    fields={"group": unfit.group.index},
+                )
+            )
 
     def _settings(self) -> tuple[tuple[str, Any], ...]:
         """What a node must not choose itself: the bytes of training depend on the number of threads."""
@@ -210,17 +242,19 @@ class _Run:
         )
 
     def _read_mail(self) -> None:
-        for kind, group, attempt, content in self._ray.get(self._executor.mailbox.take.remote()):
-            job = next(
-                (one for one in self._running.values() if (one.group.index, one.attempt) == (group, attempt)), None
-            )
+        jobs = {(self._stage.name, job.group.index, job.attempt): job for job in self._running.values()}
+        for kind, about, content in self._ray.get(self._executor.mailbox.take.remote()):
+            job = jobs.get(about)
             if job is None:  # of an attempt that was given up, or of an earlier stage
                 continue
             if kind == "started":
-                job.node = content[0]
-                self._lanes.running(job.group, self._nodes.name(job.node), content[1], job.attempt)
+                self._started(job, *content)
             else:
                 self._forward(job, parse_event(content[0]))
+
+    def _started(self, job: _Job, node: str, gpu: str = "") -> None:
+        job.node = node
+        self._lanes.running(job.group, self._nodes.name(node), gpu, job.attempt)
 
     def _forward(self, job: _Job, event: Any) -> None:
         if isinstance(event, Progress):
@@ -239,17 +273,10 @@ class _Run:
         self._reporter.progress(self._lanes.fraction, self._lanes.label, **self._figures)
 
     def _end(self, job: _Job, reference: Any) -> None:
-        from ray.exceptions import OutOfMemoryError, RayError, RayTaskError, TaskUnschedulableError
+        from ray.exceptions import OutOfMemoryError, RayError, RayTaskError
 
         try:
-            problem = self._ray.get(reference)
-        except TaskUnschedulableError:
-            raise StudioError(
-                "cluster.no_node",
-                f"no node of the cluster can run group {job.group.index}",
-                fix="Check that all nodes see the take and the footage, and that they are large enough.",
-                group=job.group.index,
-            ) from None
+            node, problem = self._ray.get(reference)
         except RayTaskError as error:
             raise StudioError(
                 "cluster.task_failed",
@@ -263,13 +290,15 @@ class _Run:
         except RayError as error:
             self._lost(job, type(error).__name__)
         else:
+            if not job.node:  # its letter is late
+                self._started(job, node)
             if problem is None:
                 self._arrived(job)
             else:
                 self._refused(job, problem)
 
     def _arrived(self, job: _Job) -> None:
-        until = time.monotonic() + _VISIBLE_SECONDS
+        until = time.monotonic() + VISIBLE_SECONDS
         while not self._stage.group_done(self._context, job.group):
             self._context.cancellation.check()
             if time.monotonic() > until:
@@ -286,7 +315,7 @@ class _Run:
         self._finished(job.group)
 
     def _refused(self, job: _Job, message: Message) -> None:
-        if message.code == NOT_VISIBLE and job.node:
+        if message.code == NOT_VISIBLE:
             self._nodes.excluded.add(job.node)
             if self._nodes.usable():
                 self._warn(message)
@@ -300,12 +329,17 @@ class _Run:
     def _lost(self, job: _Job, reason: str) -> None:
         job.lost += 1
         name = self._nodes.name(job.node)
-        told = f"group {job.group.index}: its worker{f' on {name}' if job.node else ''} was lost ({reason})"
+        where = f" on {name}" if job.node else ""
+        told = f"group {job.group.index}: its worker{where} was lost ({reason})"
         if job.lost > self._context.config.run.retries:
+            if job.lost > 1:
+                told = f"group {job.group.index} lost {job.lost} workers, the last{where} ({reason})"
             self._lanes.failed(job.group, told)
             raise StudioError(
                 "cluster.worker_lost",
-                f"{told}, for the {job.lost}. time",
+                told
+                if job.lost == 1
+                else f"group {job.group.index} lost {job.lost} workers, the last{where} ({reason})",
                 fix="See the logs of Ray on that node; run.retries allows more attempts.",
                 group=job.group.index,
                 setting="run.retries",
@@ -352,10 +386,12 @@ class _Run:
                 continue
 
 
-def _task(task: GroupTask, mailbox: Any) -> Message | None:
+def _task(task: GroupTask, mailbox: Any) -> tuple[str, Message | None]:
+    """The node's id, and what `run_task` returns."""
     import ray
 
-    return run_task(task, mailbox, ray.get_runtime_context().get_node_id())
+    node = ray.get_runtime_context().get_node_id()
+    return node, run_task(task, mailbox, node)
 
 
 def _last_line(error: Exception) -> str:

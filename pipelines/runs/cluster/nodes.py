@@ -18,6 +18,17 @@ class Wanted:
     gpus: float
     memory: int
 
+    def __str__(self) -> str:
+        """For people: "4 CPUs, 1 GPU and 8.0 GB of memory"."""
+        return _amounts(self.cpus, self.gpus, self.memory)
+
+
+def _amounts(cpus: float, gpus: float, memory: float) -> str:
+    named = [f"{cpus:g} {'CPU' if cpus == 1 else 'CPUs'}"]
+    if gpus:
+        named.append(f"{gpus:g} {'GPU' if gpus == 1 else 'GPUs'}")
+    return f"{', '.join(named)} and {memory / 1e9:.1f} GB of memory"
+
 
 @dataclass(frozen=True)
 class _Node:
@@ -81,6 +92,12 @@ class Nodes:
     def fitting(self, wanted: Wanted) -> int:
         """How many such tasks fit the usable nodes at once."""
         return sum(self._found[key].fits(wanted) for key in self.usable())
+
+    def sizes(self) -> str:
+        """What the usable nodes have, for people: the sizes, each once, the largest first."""
+        found = [self._found[key].resources for key in self.usable()]
+        sizes = {tuple(one.get(name, 0.0) for name in ("CPU", "GPU", "memory")) for one in found}
+        return "; ".join(f"nodes with {_amounts(*size)}" for size in sorted(sizes, reverse=True)) or "no usable node"
 
     def on(self, node: str) -> Any:
         """Scheduling strategy for exactly this node."""

@@ -22,6 +22,15 @@ _PROGRESS_SECONDS = 0.5
 NOT_VISIBLE = "cluster.not_visible"
 """Code of the error of a node that does not see the take or the footage; another node may."""
 
+VISIBLE_SECONDS = 20.0
+"""How long files that another node wrote may take to appear: network file systems cache folders."""
+
+_MAY_BECOME_VISIBLE = (NOT_VISIBLE, "stage.dependency", "work.groups_unknown", "work.take_changed")
+"""Codes of errors before the work that an older state of the take may cause."""
+
+_LOOK_AGAIN = 1.0
+"""Seconds between two attempts."""
+
 
 @dataclass(frozen=True)
 class GroupTask:
@@ -61,7 +70,8 @@ def run_task(task: GroupTask, mailbox: Any, node: str) -> Message | None:
 
     Args:
         task: what to do.
-        mailbox: actor with a method `put(group, attempt, lines)` that receives events as JSON.
+        mailbox: actor with methods `started(stage, group, attempt, node, gpu)` and `put(stage, group, attempt, line)`,
+            which receives an event as JSON.
         node: id of this node.
 
     Returns:
@@ -80,11 +90,12 @@ def run_task(task: GroupTask, mailbox: Any, node: str) -> Message | None:
             if time.monotonic() - last < _PROGRESS_SECONDS and event.fraction < 1:
                 return
             last = time.monotonic()
-        mailbox.put.remote(task.group, task.attempt, event.to_json())
+        mailbox.put.remote(task.stage, task.group, task.attempt, event.to_json())
 
-    mailbox.started.remote(task.group, task.attempt, node, os.environ.get("CUDA_VISIBLE_DEVICES", ""))
+    mailbox.started.remote(task.stage, task.group, task.attempt, node, os.environ.get("CUDA_VISIBLE_DEVICES", ""))
     try:
-        _do(task, emit)
+        _refuse_other_versions(task)
+        _do_when_visible(task, emit)
     except StudioError as error:
         return _plain(error.message)
     return None
@@ -97,11 +108,7 @@ def _plain(message: Message) -> Message:
     return Message(message.code, message.problem, found.get("file"), found.get("value"), message.fix, fields)
 
 
-def _do(task: GroupTask, emit: Any) -> None:
-    from pipelines.config import load_config
-    from pipelines.runs.work import work
-    from pipelines.takes.take import Take
-
+def _refuse_other_versions(task: GroupTask) -> None:
     here = versions()
     if here != (task.version, task.python):
         raise StudioError(
@@ -111,6 +118,26 @@ def _do(task: GroupTask, emit: Any) -> None:
             fix="Install the same versions on all nodes.",
             node=socket.gethostname(),
         )
+
+
+def _do_when_visible(task: GroupTask, emit: Any) -> None:
+    """Do the task; what another node has just written may not be visible here yet."""
+    until = time.monotonic() + VISIBLE_SECONDS
+    while True:
+        try:
+            _do(task, emit)
+            return
+        except StudioError as error:
+            if error.message.code not in _MAY_BECOME_VISIBLE or time.monotonic() > until:
+                raise
+        time.sleep(_LOOK_AGAIN)
+
+
+def _do(task: GroupTask, emit: Any) -> None:
+    from pipelines.config import load_config
+    from pipelines.runs.work import work
+    from pipelines.takes.take import Take
+
     for path, what in ((Path(task.take, "take.json"), "take"), (Path(task.footage), "footage")):
         if not path.exists():
             raise StudioError(

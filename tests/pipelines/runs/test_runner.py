@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,10 @@ from PIL import Image
 from pipelines.config import load_config, parse_override
 from pipelines.events import Event, Metrics, Progress, RunFinished, RunStarted, StageFinished, StageStarted
 from pipelines.runs.runner import ALL_STAGES, run, status
+from pipelines.runs.work import work
 from pipelines.stages import stage_named
 from pipelines.stages.base import Context
-from pipelines.stages.evaluate import padded_box
+from pipelines.stages.evaluate import EvaluateStage, padded_box
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
@@ -373,3 +376,31 @@ def test_box_is_padded_and_stays_inside():
     assert padded_box(matte, 3) is None
     matte[5:8, 28] = 255
     assert padded_box(matte, 3) == (slice(2, 11), slice(25, 30))
+
+
+def test_a_group_that_a_worker_measures_meanwhile_is_not_measured_again(
+    project: Project, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock, measure = Take.group_locked, EvaluateStage._measure
+    measured: list[int] = []
+    config = load_config(project.folder / "ball.yaml", [])
+
+    @contextlib.contextmanager
+    def later(take: Take, stage: str, group: int, waiting: Any) -> Iterator[None]:
+        """A worker held the lock before."""
+        monkeypatch.setattr(Take, "group_locked", lock)
+        work(take, config, (stage,), group, lambda event: None)
+        monkeypatch.setattr(Take, "group_locked", later)
+        with lock(take, stage, group, waiting):
+            yield
+
+    def counted(stage: EvaluateStage, context: Context, group: Any, *arguments: Any) -> Any:
+        measured.append(group.index)
+        return measure(stage, context, group, *arguments)
+
+    monkeypatch.setattr(Take, "group_locked", later)
+    monkeypatch.setattr(EvaluateStage, "_measure", counted)
+    before = project.bytes_of(".")["evaluation.json"]
+    project.run(stages=["evaluate"], force=True)
+    assert measured == [0, 1]
+    assert project.bytes_of(".")["evaluation.json"] == before

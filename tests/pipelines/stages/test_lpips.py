@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -53,6 +54,19 @@ def measured(take: Take, *overrides: str, **options) -> list:
     config = load_config(take.root.parent / "ball.yaml", [parse_override(text) for text in overrides])
     run(take, config, events.append, **options)
     return events
+
+
+def test_a_run_on_other_machines_needs_no_gpu_for_it(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The machine of the run reads what the others measured."""
+    executor: Any = object()
+    monkeypatch.setattr("pipelines.runs.runner._executor", lambda *_: contextlib.nullcontext(executor))
+    monkeypatch.setattr("pipelines.runs.runner._run_stages", lambda *_: None)
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    changes = ("evaluate.lpips=alex", "run.device=cuda", "run.executor=ray")
+    measured(take, *changes)
+    assert StandIn.made == [("alex", "cpu")]
+    with refuses("run.no_gpu"):
+        measured(take, *changes[:2])
 
 
 def test_it_is_measured_as_psnr_is_and_stands_everywhere(

@@ -53,6 +53,17 @@ def test_sweep_takes_leftovers_only(tmp_path):
     ]
 
 
+def test_sweep_leaves_empty_files_that_are_being_written(tmp_path):
+    alive = os.getppid()
+    names = (f".frame_000001.{alive}.partial.safetensors", f".out.{alive}.partial/a.json")
+    being_written = [tmp_path / name for name in names]
+    for path in (*being_written, tmp_path / "frame_000002.safetensors"):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    assert sweep_partial(tmp_path) == 1
+    assert [path for path in sorted(tmp_path.rglob("*")) if path.is_file()] == being_written
+
+
 def test_digest_does_not_depend_on_the_order_of_keys():
     assert digest_of({"a": 1, "b": 2}) == digest_of({"b": 2, "a": 1})
     assert digest_of({"a": 1}) != digest_of({"a": 2})

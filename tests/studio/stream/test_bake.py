@@ -163,6 +163,18 @@ def test_what_a_killed_bake_left_is_cleared(tmp_path, make_frames):
     assert contents(tmp_path / "clean") == contents(tmp_path / "dirty")
 
 
+def test_a_group_that_is_baked_twice_at_once_is_whole(tmp_path, make_frames):
+    frames, again = make_frames(3, 100), []
+
+    def another(done, total, **figures):
+        if not again:
+            again.append(bake_group(frames, tmp_path, 0, 0, PLANES))
+
+    first = bake_group(frames, tmp_path, 0, 0, PLANES, progress=another)
+    assert first == again[0]
+    assert [path.name for path in tmp_path.iterdir()] == ["group_000"]
+
+
 def test_progress_counts_frames(tmp_path, make_frames):
     calls = []
     bake_group(

@@ -5,7 +5,8 @@
  *    its channels to eight words (position, inverse covariance, color, opacity, size).
  * 2. `splat` draws the quads in the sorted order, reading these words.
  *
- * A frame's escapes (codes that do not fit into a byte) are drawn as points over the result of the first pass.
+ * Splats with escapes (codes that do not fit into a byte) are projected a second time, from a small picture of floats, by the
+ * same program: another one would have to be compiled when the first of them appear, amid playback.
  */
 
 import { ALPHA_MAX, ALPHA_MIN, DILATION, NEAR } from "./renderer.ts";
@@ -20,18 +21,6 @@ precision highp sampler2D; precision highp usampler2D; precision highp isampler2
 /** A triangle that covers the viewport. */
 export const FULL_VERTEX = `${HEAD}
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
-
-/** One point per splat with escapes: its pixel, and the start and number of its escapes. */
-export const ESCAPE_VERTEX = `${HEAD}
-in ivec3 entry;
-uniform float tile;
-flat out ivec2 range;
-void main() {
-  vec2 pixel = vec2(entry.x % int(tile), entry.x / int(tile)) + 0.5;
-  gl_Position = vec4(pixel / tile * 2.0 - 1.0, 0.0, 1.0);
-  gl_PointSize = 1.0;
-  range = entry.yz;
-}`;
 
 /** Real spherical harmonics, in the order and with the signs of studio.rasterizer.harmonics. */
 const HARMONICS = [
@@ -61,18 +50,7 @@ export function colorSum(shDegree: number, first: number): string {
 }
 
 /** Reads channels of the picture: `v(c)` is the value of channel c. */
-function channels(count: number, escapes: boolean): string {
-  const patched = `
-flat in ivec2 range;
-uniform isampler2D escapeList;
-float code(int c) {
-  for (int i = 0; i < range.y; i++) {
-    int at = range.x + i;
-    ivec4 e = texelFetch(escapeList, ivec2(at & 1023, at >> 10), 0);
-    if (e.y == c) return float(e.z);
-  }
-  return byteAt(c);
-}`;
+function channels(count: number): string {
   return `
 uniform sampler2D luma;
 uniform vec2 units[${count}];
@@ -82,8 +60,7 @@ float byteAt(int c) {
   ivec2 corner = ivec2(c % layoutOf.y, c / layoutOf.y) * layoutOf.x;
   return floor(texelFetch(luma, corner + here, 0).r * 255.0 + 0.5);
 }
-${escapes ? patched : "float code(int c) { return byteAt(c); }"}
-float v(int c) { return code(c) * units[c].y + units[c].x; }`;
+float v(int c) { return byteAt(c) * units[c].y + units[c].x; }`;
 }
 
 const MOTION = (shDegree: number): string => `
@@ -163,7 +140,7 @@ function channelCount(profile: "motion" | "planes", shDegree: number): number {
  * The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
  * blue and opacity (half floats); 1 if the splat is visible.
  */
-export function projectFragment(profile: "motion" | "planes", shDegree: number, escapes: boolean): string {
+export function projectFragment(profile: "motion" | "planes", shDegree: number): string {
   return `${HEAD}
 layout(location = 0) out uvec4 first;
 layout(location = 1) out uvec4 second;
@@ -172,11 +149,12 @@ uniform vec3 translation, eye;
 uniform vec4 lens; // fx, fy, cx, cy
 uniform vec4 limits; // minimum and maximum x / z, then y / z
 uniform vec2 size;
-${channels(channelCount(profile, shDegree), escapes)}
+uniform ivec2 origin; // where the words of the first splat go
+${channels(channelCount(profile, shDegree))}
 ${profile === "motion" ? MOTION(shDegree) : PLANES(shDegree)}
 
 void main() {
-  here = ivec2(gl_FragCoord.xy);
+  here = ivec2(gl_FragCoord.xy) - origin;
   first = uvec4(0u);
   second = uvec4(0u);
   vec3 mean, scale;

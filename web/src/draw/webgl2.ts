@@ -3,24 +3,24 @@
 import { StreamError } from "../stream/errors.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
+import { escapedSplats } from "./escapes.ts";
 import type { GpuTimes, Renderer } from "./renderer.ts";
-import { ESCAPE_VERTEX, FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
+import { FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
 /** Blocks per row of the block table, and its width in texels. */
 const BLOCKS_PER_ROW = 128;
 const BLOCK_TEXELS = 5;
-/** Escapes per row of the escape texture. */
-const ESCAPES_PER_ROW = 1024;
 
 /** Texture units. */
 const LUMA = 0;
 const STATICS = 1;
 const BLOCKS = 2;
-const ESCAPES = 3;
+const ESCAPED_LUMA = 3;
 const WORDS0 = 4;
 const WORDS1 = 5;
 const DRAWING = 6;
 const ORDER = 7;
+const ESCAPED_STATICS = 8;
 
 /** Splats per row of the order texture. */
 const ORDER_WIDTH = 1024;
@@ -36,7 +36,7 @@ class Program {
   private checked = false;
   private readonly places = new Map<string, WebGLUniformLocation | null>();
 
-  constructor(gl: WebGL2RenderingContext, vertex: string, fragment: string, attribute?: string) {
+  constructor(gl: WebGL2RenderingContext, vertex: string, fragment: string) {
     this.gl = gl;
     this.handle = gl.createProgram();
     for (const [kind, source] of [
@@ -49,7 +49,6 @@ class Program {
       gl.attachShader(this.handle, shader);
       gl.deleteShader(shader);
     }
-    if (attribute !== undefined) gl.bindAttribLocation(this.handle, 0, attribute);
     gl.linkProgram(this.handle);
   }
 
@@ -171,14 +170,15 @@ class Resources {
   readonly luma: Texture;
   readonly statics: Texture;
   readonly blocks: Texture;
-  readonly escapes: Texture;
+  /** Splats with escapes: see `escapedSplats`. */
+  readonly escapedLuma: Texture;
+  readonly escapedStatics: Texture;
+  /** What the first pass writes: the tile of all splats, and above it the tile of those with escapes. */
   readonly words: readonly [Texture, Texture];
   readonly wordsFrame: WebGLFramebuffer;
   readonly order: Texture;
   readonly quads: WebGLBuffer;
   readonly quadsArray: WebGLVertexArrayObject;
-  readonly points: WebGLBuffer;
-  readonly pointsArray: WebGLVertexArrayObject;
   readonly emptyArray: WebGLVertexArrayObject;
   readonly splat: Program;
   readonly resolve: Program;
@@ -193,7 +193,8 @@ class Resources {
     this.luma = new Texture(gl, LUMA, [gl.R8, gl.RED, gl.UNSIGNED_BYTE]);
     this.statics = new Texture(gl, STATICS, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]);
     this.blocks = new Texture(gl, BLOCKS, [gl.RGBA32F, gl.RGBA, gl.FLOAT]);
-    this.escapes = new Texture(gl, ESCAPES, [gl.RGBA32I, gl.RGBA_INTEGER, gl.INT]);
+    this.escapedLuma = new Texture(gl, ESCAPED_LUMA, [gl.R32F, gl.RED, gl.FLOAT]);
+    this.escapedStatics = new Texture(gl, ESCAPED_STATICS, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]);
     this.words = [
       new Texture(gl, WORDS0, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]),
       new Texture(gl, WORDS1, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]),
@@ -207,37 +208,47 @@ class Resources {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.quads);
     const corners = Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 2, 1, 3][i % 6]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
-    this.pointsArray = gl.createVertexArray();
-    this.points = gl.createBuffer();
-    gl.bindVertexArray(this.pointsArray);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.points);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribIPointer(0, 3, gl.INT, 0, 0);
     gl.bindVertexArray(null);
     this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
     this.resolve = new Program(gl, FULL_VERTEX, RESOLVE_FRAGMENT);
     this.canvasTarget = new Target(gl, half);
   }
 
-  project(profile: "motion" | "planes", shDegree: number, escapes: boolean): Program {
-    const key = `${profile} ${shDegree} ${escapes}`;
+  project(profile: "motion" | "planes", shDegree: number): Program {
+    const key = `${profile} ${shDegree}`;
     let program = this.projects.get(key);
     if (program === undefined) {
-      const fragment = projectFragment(profile, shDegree, escapes);
-      program = new Program(this.gl, escapes ? ESCAPE_VERTEX : FULL_VERTEX, fragment, escapes ? "entry" : undefined);
+      program = new Program(this.gl, FULL_VERTEX, projectFragment(profile, shDegree));
       this.projects.set(key, program);
     }
     return program;
   }
 
+  private wordsWidth = 0;
+  private wordsHeight = 0;
+
+  /** Makes room for the words of the first pass; there may be more rows. */
+  resizeWords(width: number, height: number): void {
+    if (width === this.wordsWidth && height <= this.wordsHeight) return;
+    this.wordsWidth = width;
+    this.wordsHeight = height;
+    const { gl, words: [first, second] } = this;
+    first.resize(width, height);
+    second.resize(width, height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.wordsFrame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, first.handle, 0);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, second.handle, 0);
+    gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
+  }
+
   dispose(): void {
     const { gl } = this;
-    for (const texture of [this.luma, this.statics, this.blocks, this.escapes, this.order, ...this.words]) texture.dispose();
+    const { luma, statics, blocks, escapedLuma, escapedStatics, order, words } = this;
+    for (const texture of [luma, statics, blocks, escapedLuma, escapedStatics, order, ...words]) texture.dispose();
     this.canvasTarget.dispose();
     gl.deleteFramebuffer(this.wordsFrame);
     gl.deleteBuffer(this.quads);
-    gl.deleteBuffer(this.points);
-    for (const array of [this.quadsArray, this.pointsArray, this.emptyArray]) gl.deleteVertexArray(array);
+    for (const array of [this.quadsArray, this.emptyArray]) gl.deleteVertexArray(array);
     for (const program of [this.splat, this.resolve, ...this.projects.values()]) program.dispose();
   }
 }
@@ -270,7 +281,11 @@ export class WebGL2Renderer implements Renderer {
   private resources: Resources | null;
   private setup: GroupSetup | null = null;
   private hasPicture = false;
-  private escapePoints = 0;
+  /** Side of the tile of splats with escapes; 0 if the frame has none. */
+  private escapedSide = 0;
+  private escapedPixels = new Uint32Array(0);
+  /** By pixel, where the words of a splat with escapes are; 0 for others. */
+  private moved = new Uint32Array(0);
   private count = 0;
 
   /**
@@ -329,12 +344,11 @@ export class WebGL2Renderer implements Renderer {
   }
 
   prepare(profile: "motion" | "planes", shDegree: number): void {
-    this.resources?.project(profile, shDegree, false);
-    if (profile === "motion") this.resources?.project(profile, shDegree, true);
+    this.resources?.project(profile, shDegree);
   }
 
   setGroup(setup: GroupSetup): void {
-    const { resources, gl } = this;
+    const { resources } = this;
     if (resources === null) return;
     const { tile, columns, rows } = setup;
     this.setup = setup;
@@ -344,14 +358,10 @@ export class WebGL2Renderer implements Renderer {
       resources.statics.resize(tile, tile);
       resources.statics.fill(setup.statics, tile, tile);
     }
-    const [words0, words1] = resources.words;
-    if (words0.resize(tile, tile)) {
-      words1.resize(tile, tile);
-      gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
-      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, words0.handle, 0);
-      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, words1.handle, 0);
-      gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
-    }
+    this.escapedSide = 0;
+    this.escapedPixels = new Uint32Array(0);
+    this.moved = new Uint32Array(tile ** 2);
+    resources.resizeWords(tile, tile);
     if (setup.blocks > 0) resources.blocks.resize(BLOCKS_PER_ROW * BLOCK_TEXELS, Math.ceil(setup.blocks / BLOCKS_PER_ROW));
   }
 
@@ -360,14 +370,15 @@ export class WebGL2Renderer implements Renderer {
     if (resources === null || setup === null || setup.group !== picture.group) return;
     resources.luma.fill(picture.luma, setup.tile * setup.columns, setup.tile * setup.rows);
     if (picture.blocks !== null) this.fillBlocks(resources.blocks, picture.blocks, setup.blocks);
-    this.setEscapes(resources, picture.escapes);
+    this.setEscapes(resources, setup, picture);
     this.hasPicture = true;
     this.setOrder(picture.order, picture.count);
   }
 
-  setOrder(order: Uint32Array, count: number): void {
-    const { resources, gl } = this;
+  setOrder(pixels: Uint32Array, count: number): void {
+    const { resources, gl, moved } = this;
     if (resources === null) return;
+    const order = this.escapedSide === 0 ? pixels : pixels.map((pixel) => moved[pixel] || pixel);
     const rows = Math.floor(count / ORDER_WIDTH);
     resources.order.resize(ORDER_WIDTH, Math.max(1, Math.ceil(order.length / ORDER_WIDTH)));
     if (rows > 0) resources.order.fill(order, ORDER_WIDTH, rows);
@@ -389,25 +400,22 @@ export class WebGL2Renderer implements Renderer {
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, rows, rest * BLOCK_TEXELS, 1, gl.RGBA, gl.FLOAT, table, 4 * rows * width);
   }
 
-  private setEscapes(resources: Resources, escapes: Int32Array | null): void {
-    const { gl } = this;
-    this.escapePoints = 0;
-    if (escapes === null) return;
-    const count = escapes.length / 4;
-    const rows = Math.ceil(count / ESCAPES_PER_ROW);
-    const list = new Int32Array(4 * ESCAPES_PER_ROW * rows);
-    list.set(escapes);
-    resources.escapes.resize(ESCAPES_PER_ROW, rows);
-    resources.escapes.fill(list, ESCAPES_PER_ROW, rows);
-    const points: number[] = [];
-    for (let i = 0, begin = 0; i < count; i++)
-      if (i + 1 === count || escapes[4 * (i + 1)] !== escapes[4 * i]) {
-        points.push(escapes[4 * i], begin, i + 1 - begin);
-        begin = i + 1;
-      }
-    gl.bindBuffer(gl.ARRAY_BUFFER, resources.points);
-    gl.bufferData(gl.ARRAY_BUFFER, Int32Array.from(points), gl.DYNAMIC_DRAW);
-    this.escapePoints = points.length / 3;
+  private setEscapes(resources: Resources, setup: GroupSetup, { luma, escapes }: Picture): void {
+    for (const pixel of this.escapedPixels) this.moved[pixel] = 0;
+    this.escapedPixels = new Uint32Array(0);
+    this.escapedSide = 0;
+    if (escapes === null || escapes.length === 0) return;
+    const { tile, columns, rows } = setup;
+    const escaped = escapedSplats(setup, luma, escapes);
+    const { pixels, side } = escaped;
+    resources.escapedLuma.resize(side * columns, side * rows);
+    resources.escapedLuma.fill(escaped.luma, side * columns, side * rows);
+    resources.escapedStatics.resize(side, side);
+    resources.escapedStatics.fill(escaped.statics, side, side);
+    resources.resizeWords(tile, tile + side);
+    for (let k = 0; k < pixels.length; k++) this.moved[pixels[k]] = tile * (tile + Math.floor(k / side)) + (k % side);
+    this.escapedPixels = pixels;
+    this.escapedSide = side;
   }
 
   draw(pinhole: Pinhole, background: readonly [number, number, number] | null): void {
@@ -506,24 +514,31 @@ export class WebGL2Renderer implements Renderer {
     gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
     gl.viewport(0, 0, setup.tile, setup.tile);
     gl.bindVertexArray(resources.emptyArray);
-    this.useProject(resources, setup, pinhole, false);
+    const program = this.useProject(resources, setup, pinhole);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    if (this.escapePoints > 0) {
-      this.useProject(resources, setup, pinhole, true);
-      gl.bindVertexArray(resources.pointsArray);
-      gl.drawArrays(gl.POINTS, 0, this.escapePoints);
+    const { escapedSide: side } = this;
+    if (side > 0) {
+      gl.viewport(0, setup.tile, side, side);
+      resources.escapedLuma.bind();
+      resources.escapedStatics.bind();
+      gl.uniform1i(program.at("luma"), ESCAPED_LUMA);
+      gl.uniform1i(program.at("statics"), ESCAPED_STATICS);
+      gl.uniform2i(program.at("layoutOf"), side, setup.columns);
+      gl.uniform2i(program.at("origin"), 0, setup.tile);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
     }
     gl.bindVertexArray(null);
   }
 
-  private useProject(resources: Resources, setup: GroupSetup, pinhole: Pinhole, escapes: boolean): void {
+  private useProject(resources: Resources, setup: GroupSetup, pinhole: Pinhole): Program {
     const { gl } = this;
-    const program = resources.project(setup.profile, setup.shDegree, escapes);
+    const program = resources.project(setup.profile, setup.shDegree);
     program.use();
     resources.luma.bind();
     gl.uniform1i(program.at("luma"), LUMA);
     gl.uniform2fv(program.at("units"), setup.units);
     gl.uniform2i(program.at("layoutOf"), setup.tile, setup.columns);
+    gl.uniform2i(program.at("origin"), 0, 0);
     if (setup.lattice !== null) {
       resources.statics.bind();
       resources.blocks.bind();
@@ -535,11 +550,6 @@ export class WebGL2Renderer implements Renderer {
       gl.uniform1i(program.at("splats"), setup.splats);
       gl.uniform3i(program.at("mirrored"), ...(setup.mirrored.map(Number) as [number, number, number]));
     }
-    if (escapes) {
-      resources.escapes.bind();
-      gl.uniform1i(program.at("escapeList"), ESCAPES);
-      gl.uniform1f(program.at("tile"), setup.tile);
-    }
     // WebGL matrices are column-major: the rows are passed as columns of the transpose.
     gl.uniformMatrix3fv(program.at("rotation"), true, pinhole.rotation);
     gl.uniform3f(program.at("translation"), ...pinhole.translation);
@@ -547,6 +557,7 @@ export class WebGL2Renderer implements Renderer {
     gl.uniform4f(program.at("lens"), pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy);
     gl.uniform4f(program.at("limits"), ...fieldLimits(pinhole));
     gl.uniform2f(program.at("size"), pinhole.width, pinhole.height);
+    return program;
   }
 
   private resolveFrom(

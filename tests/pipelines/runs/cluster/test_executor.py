@@ -14,6 +14,7 @@ from pipelines.config import Config
 from pipelines.events import GroupState, Progress, Warned
 from pipelines.events.cancellation import Cancellation
 from pipelines.runs.cluster import executor as module
+from pipelines.runs.cluster import task as task_module
 from pipelines.runs.cluster.executor import RayExecutor
 from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
 from pipelines.stages.base import StageReporter
@@ -40,6 +41,8 @@ class FakeRay:
         self._cpus = cpus
         self.asked: list[dict[str, Any]] = []
         self.cancelled: list[Any] = []
+        self.late = False  # letters of started tasks never arrive
+        self.before: list[str] = []  # letters of the stage train that arrive with those of each task
 
     def nodes(self) -> list[dict[str, Any]]:
         resources = {"CPU": self._cpus, "memory": 8.0 * GB}
@@ -67,7 +70,10 @@ class FakeRay:
                 self.asked.append(given)
                 excluded = given.get("label_selector", {}).get("ray.io/node-id", "")
                 node = next(key for key in self.ids if key not in excluded)
-                mailbox.started.remote(task.group, task.attempt, node, "")
+                for line in self.before:
+                    mailbox.put.remote("train", task.group, task.attempt, line)
+                if not self.late:
+                    mailbox.started.remote(task.stage, task.group, task.attempt, node, "")
                 return Reference(task, node)
 
             return SimpleNamespace(remote=submit)
@@ -83,7 +89,7 @@ class FakeRay:
         outcome = self.behave(reference.task, reference.node)
         if isinstance(outcome, Exception):
             raise outcome
-        return outcome
+        return reference.node, outcome
 
     def cancel(self, reference: Any, force: bool) -> None:
         assert force
@@ -109,9 +115,9 @@ class Run:
     """A run of three groups; see `go`."""
 
     def __init__(
-        self, behave: Callable[[GroupTask, str], Outcome], nodes: int = 2, cpus: int = 1, retries: int = 1
+        self, behave: Callable[[GroupTask, str], Outcome], nodes: int = 2, cpus: int = 1, **settings: Any
     ) -> None:
-        self.ray, self.retries = FakeRay(behave, nodes, cpus), retries
+        self.ray, self.settings = FakeRay(behave, nodes, cpus), {"groups_at_once": 1, "retries": 1, **settings}
         self.events: list[Any] = []
         self.stage, self.cancellation = Bake(), Cancellation()
         self.finished: list[int] = []
@@ -120,9 +126,7 @@ class Run:
         groups = cut_into_groups(range(6), 2)
         context: Any = SimpleNamespace(
             take=SimpleNamespace(root=Path("/take")),
-            config=Config.model_validate(
-                {"capture": {"root": "/footage"}, "run": {"groups_at_once": 1, "retries": self.retries}}
-            ),
+            config=Config.model_validate({"capture": {"root": "/footage"}, "run": self.settings}),
             threads=1,
             groups=groups,
             cancellation=self.cancellation,
@@ -170,8 +174,9 @@ def test_a_lost_worker_is_replaced():
 
 def test_a_group_that_loses_every_worker_ends_the_run():
     run = Run(lambda task, node: exceptions.WorkerCrashedError() if task.group == 0 else None)
-    with refuses("cluster.worker_lost", group=0):
+    with refuses("cluster.worker_lost", group=0) as caught:
         run.go()
+    assert "group 0 lost 2 workers, the last on node1 (WorkerCrashedError). See" in str(caught.value)
     assert run.states(0) == ["queued", "running", "retried", "running", "failed"]
     run = Run(run.ray.behave, retries=0)
     with refuses("cluster.worker_lost", group=0):
@@ -190,6 +195,57 @@ def test_a_node_that_does_not_see_the_footage_gets_nothing_more():
     assert run.ray.asked[-1]["label_selector"] == {"ray.io/node-id": f"!in({run.ray.ids[0]})"}
     with refuses(NOT_VISIBLE, file="/footage"):
         Run(behave, nodes=1).go()
+
+
+def test_a_node_that_does_not_see_the_footage_is_known_without_its_letter():
+    run = Run(lambda task, node: Message(NOT_VISIBLE, "node1 is blind", "/footage") if node[0] == "1" else None)
+    run.ray.late = True
+    run.go()
+    assert sorted(run.finished) == [0, 1, 2]
+    assert run.warnings() == [NOT_VISIBLE]
+    assert run.states(1)[-2:] == ["running", "done"]
+
+
+def test_late_letters_of_another_stage_are_dropped():
+    run = Run(lambda task, node: None)
+    late = Progress(stage="train", fraction=1.0, total_fraction=1.0, label="", figures={"psnr": 99.0})
+    run.ray.before = [late.to_json()]
+    run.go()
+    assert {event.psnr for event in run.events if isinstance(event, GroupState)} == {None}
+
+
+@pytest.mark.parametrize("error", [exceptions.RaySystemError("raylet is gone"), ConnectionError("shutting down")])
+def test_a_lost_cluster_is_one_sentence(monkeypatch, error):
+    def wait(*_: Any, **__: Any) -> Any:
+        raise error
+
+    run = Run(lambda task, node: None)
+    monkeypatch.setattr(run.ray, "wait", wait)
+    with refuses("cluster.lost"):
+        run.go()
+
+
+def test_whoever_stops_reading_the_events_is_not_the_cluster(monkeypatch):
+    run = Run(lambda task, node: None)
+    monkeypatch.setattr(Bake, "group_done", lambda *_: (_ for _ in ()).throw(BrokenPipeError()))
+    with pytest.raises(BrokenPipeError):
+        run.go()
+
+
+def test_groups_that_fit_no_node_are_told_once(monkeypatch):
+    monkeypatch.setattr(module, "_NO_NODE_SECONDS", 0.0)
+    run = Run(lambda task, node: None, gpus_per_group=2)
+    run.go()
+    told = [event for event in run.events if isinstance(event, Warned)]
+    assert [event.code for event in told] == ["cluster.no_node"]
+    assert (
+        "group 0 is waiting for a node with 1 CPU, 2 GPUs and 1.1 GB of memory; the cluster has nodes with 1 CPU and "
+        "8.6 GB of memory" in told[0].message
+    )
+    monkeypatch.setattr(module, "_NO_NODE_SECONDS", 30.0)
+    run = Run(run.ray.behave, gpus_per_group=2)
+    run.go()
+    assert run.warnings() == [], "a larger node may be starting"
 
 
 def test_out_of_memory_means_fewer_groups_on_a_node():
@@ -211,7 +267,7 @@ def test_what_a_task_refuses_ends_the_run():
 
 
 def test_files_that_do_not_arrive_are_told(monkeypatch):
-    monkeypatch.setattr(module, "_VISIBLE_SECONDS", 0.0)
+    monkeypatch.setattr(module, "VISIBLE_SECONDS", 0.0)
     run = Run(lambda task, node: None)
     run.stage.there = False
     with refuses("cluster.result_missing", group=0):
@@ -238,7 +294,9 @@ def sent(**changes: Any) -> GroupTask:
     return GroupTask(**values | changes)
 
 
-def test_a_node_says_what_it_lacks(tmp_path):
+def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
+    monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
+    monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
     mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
     other = run_task(sent(version="0.0.1"), mailbox, "")
     assert other is not None
@@ -251,6 +309,37 @@ def test_a_node_says_what_it_lacks(tmp_path):
     blind = run_task(sent(take=str(tmp_path)), mailbox, "")
     assert blind is not None
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/footage")
+
+
+@pytest.mark.parametrize("code", [NOT_VISIBLE, "stage.dependency", "work.take_changed"])
+def test_a_node_waits_for_what_another_one_wrote(monkeypatch, code):
+    looks = []
+
+    def do(task: GroupTask, emit: Any) -> None:
+        looks.append(task)
+        if len(looks) < 3:
+            raise StudioError(code, "not yet")
+
+    monkeypatch.setattr(task_module, "_do", do)
+    monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
+    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
+    assert run_task(sent(), mailbox, "") is None
+    assert len(looks) == 3
+
+
+def test_other_errors_of_a_task_are_told_at_once(monkeypatch):
+    looks = []
+
+    def do(task: GroupTask, emit: Any) -> None:
+        looks.append(task)
+        raise StudioError("run.no_gpu", "no GPU")
+
+    monkeypatch.setattr(task_module, "_do", do)
+    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
+    refused = run_task(sent(), mailbox, "")
+    assert refused is not None
+    assert refused.code == "run.no_gpu"
+    assert len(looks) == 1
 
 
 @pytest.fixture
