@@ -76,7 +76,7 @@ class TrainSettings(Settings):
     """If the capture has clean plates, compare the unmasked footage with splats rendered over the plate instead of
     masking the performer. Reduces the effect of matte errors."""
 
-    refine_mattes: Annotated[Literal["auto", "always", "never"], Heading("Refined mattes")] = "auto"
+    refine_mattes: Annotated[Literal["auto", "always", "never"], Heading("Refined mattes")] = "never"
     """Replace the mattes by those that all cameras agree on, the splats' own drawn alpha with twice the contrast, when
     pruning of a keyframe and when fine-tuning of a later frame begin. auto: if the mattes differ from them by more than
     refine_above. never: also leaves the weight of alpha_weight as it is."""
@@ -95,13 +95,13 @@ class TrainSettings(Settings):
     refined_alpha_weight: float = Field(default=1.0, ge=0)
     """alpha_weight from then on, if that is larger, also for mattes that auto found good."""
 
-    chroma_siting: Literal["auto", "left", "center", "none"] = "auto"
+    chroma_siting: Literal["auto", "left", "center", "none"] = "none"
     """Footage with subsampled chroma (4:2:0, 4:2:2) is compared with drawings that are subsampled in the same way, so
     that colors that bled over outlines are not learned. The grid is that of the video. Where the encoder took its
     samples: left (standard for H.264 and HEVC) or center (of many converters). auto: whichever fits the footage better.
     none: no subsampling. Only for videos that are used at full size and without lens distortion."""
 
-    final_iterations: int = Field(default=400, ge=0)
+    final_iterations: int = Field(default=0, ge=0)
     """Last steps of a keyframe's fine-tuning with final_dropout, which all fine-tuning of later frames has as well. 0:
     final_dropout is not used."""
 
