@@ -32,7 +32,9 @@ def test_a_request_that_comes_between_the_lock_and_the_watch_is_kept(take):
 
 
 @pytest.mark.parametrize(
-    "left", ["", json.dumps({"pid": os.getpid() + 1, "host": socket.gethostname()}), '{"pid": 7, "host": "other"}', "{"]
+    "left",
+    ["", json.dumps({"pid": os.getpid() + 1, "host": socket.gethostname()}), '{"pid": 7, "host": "other"}', "{"],
+    ids=["empty", "another process", "another host", "damaged"],
 )
 def test_a_request_to_another_run_is_dropped(take, left):
     take.private.mkdir()
