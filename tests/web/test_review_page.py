@@ -92,10 +92,14 @@ def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page, take):
     assert page.evaluate(LOOK, [0.45, 0.5])[3] == 255
     assert page.evaluate(LOOK, [0.55, 0.5])[3] == 0, "the decoded stream, which is drawn below"
 
+    page.evaluate("() => document.querySelector('v3-player').classList.add('idle')")  # as after some time of playing
     box = page.handle.locator("v3-player .wipe").bounding_box()
     at = box["y"] + box["height"] * 0.3
     page.handle.mouse.move(box["x"] + box["width"] * 0.5, at)
     page.handle.mouse.down()
+    assert not page.evaluate("() => document.querySelector('v3-player').classList.contains('idle')"), (
+        "controls are back"
+    )
     page.handle.mouse.move(box["x"] + box["width"] * 0.8, at, steps=4)
     page.handle.mouse.up()
     assert page.handle.locator("v3-player .wipe [role=slider]").get_attribute("aria-valuenow") == "80"

@@ -359,6 +359,10 @@ export class V3PlayerElement extends HTMLElement {
     this.addEventListener("pointermove", (event) => {
       if (event.pointerType === "mouse") this.awake();
     }, { signal });
+    // The comparison of the review lies over the picture and keeps its pointer events to itself.
+    this.addEventListener("pointerdown", (event) => {
+      if (event.composedPath().some((part) => part instanceof Element && part.classList.contains("wipe"))) this.awake();
+    }, { signal, capture: true });
     document.addEventListener("fullscreenchange", () => {
       const full = document.fullscreenElement === this;
       const button = this.part_<HTMLElement>("[data-act='full']");
