@@ -5,15 +5,15 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
+from pipelines.takes.take import lock_soon
 from studio.errors import StudioError
 
 State = Literal["waiting", "running", "done", "failed"]
@@ -260,7 +260,7 @@ class QueueFile:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             file = self._lock("run").open("a")
         with file:
-            if not _lock_soon(file):
+            if not lock_soon(file):
                 raise StudioError(
                     "queue.already_run",
                     "another program works through this queue",
@@ -272,17 +272,6 @@ class QueueFile:
 
     def _lock(self, name: str) -> Path:
         return self.path.with_name(f".{self.path.name}.{name}")
-
-
-def _lock_soon(file: IO[str]) -> bool:
-    """Try to get the lock; `is_run` of another program holds it briefly, hence several attempts."""
-    for _ in range(20):
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except BlockingIOError:
-            time.sleep(0.05)
-    return False
 
 
 def _interrupted(queue: Queue) -> Queue:

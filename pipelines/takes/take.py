@@ -286,7 +286,7 @@ class Take:
         self.private.mkdir(parents=True, exist_ok=True)
         path = self.private / "lock"
         with path.open("a+") as file:
-            if not _lock_soon(file):
+            if not lock_soon(file):
                 holder = self.running() or {}
                 pid, held_by = holder.get("pid"), holder.get("command", "v3studio")
                 raise StudioError(
@@ -359,8 +359,8 @@ class Take:
         remove(self.failure(stage))
 
 
-def _lock_soon(file: IO[str]) -> bool:
-    """Try to get the lock; `status` holds it briefly, hence several attempts."""
+def lock_soon(file: IO[str]) -> bool:
+    """Try to lock a file exclusively; who only asks whether it is locked holds it briefly, hence several attempts."""
     for attempt in range(5):
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
