@@ -23,7 +23,8 @@ class QueueActions:
         """Show the queue."""
         window = self._window
         take = window.workspace.take
-        self._dialog = QueueDialog(window.dialogs, self._queue, Opening(take.root if take is not None else None, window.open))
+        opening = Opening(take.root if take is not None else None, window.open)
+        self._dialog = QueueDialog(window.dialogs, self._queue, opening)
         self._dialog.show()
 
     def poll(self) -> bool:
