@@ -31,6 +31,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("camera", "Next capture camera (C)"),
             ("fullscreen", "Fullscreen (F)"),
             ("figures", "Inspector and log (I)"),
+            ("queue", "Queue of takes (Q)"),
         ),
     ),
     (
