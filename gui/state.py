@@ -24,6 +24,7 @@ class WindowState:
         opening: path or URL being opened; "" if none.
         dialog: name of the open dialog; "" if none.
         typing: whether the dialog's text field has the keyboard focus.
+        lines: what the dialog's list shows, where that changes by itself.
         stage, mode: the selected stage and the pressed buttons above the viewport.
         fullscreen, figures: whether the panels are hidden; whether the right panel is visible.
         stages: [state, words, detail] by stage.
@@ -57,6 +58,7 @@ class WindowState:
     opening: str
     dialog: str
     typing: bool
+    lines: list[str]
     stage: str
     mode: list[str]
     fullscreen: bool
@@ -103,6 +105,7 @@ class WindowState:
             opening=window.opening,
             dialog=window.dialogs.name,
             typing=window.dialogs.typing,
+            lines=window.dialogs.lines,
             stage=window.views.stage,
             mode=sorted(window.views.chosen()),
             fullscreen=window.layout.fullscreen,

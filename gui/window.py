@@ -216,6 +216,7 @@ class MainWindow:
         """After the last tick: end threads, close files. A job keeps running."""
         self.views.close()
         self.serving.stop()
+        self.actions.queue.close()
         self.workspace.close()
         self._opener.close()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
@@ -302,6 +303,7 @@ class MainWindow:
         changed |= self.actions.shares.poll()
         changed |= self.actions.points.poll()
         changed |= self.actions.cameras.poll()
+        changed |= self.actions.queue.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:

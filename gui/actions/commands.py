@@ -14,6 +14,7 @@ from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
 from gui.actions.output import OutputActions
 from gui.actions.points import PointActions
+from gui.actions.queue import QueueActions
 from gui.actions.shares import ShareActions
 from gui.panels.folder_dialog import ask_path
 from gui.panels.option_dialogs import ask_preferences
@@ -43,6 +44,7 @@ class Actions:
         self.points = PointActions(window)
         self.shares = ShareActions(window)
         self.cameras = CameraActions(window)
+        self.queue = QueueActions(window)
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
@@ -64,6 +66,7 @@ class Actions:
             "cameras": self.cameras.ask,
             "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
             "figures": window.layout.toggle_figures,
+            "queue": self.queue.show,
             "mark": self._marks.ask,
             "next_mark": lambda: self._marks.go(1),
             "previous_mark": lambda: self._marks.go(-1),
@@ -91,6 +94,7 @@ class Actions:
             "add_key": (key.K,),
             "fullscreen": (key.F,),
             "figures": (key.I,),
+            "queue": (key.Q,),
             "shortcuts": (key.QUESTION_MARK, key.SLASH),
             "previous_mark": (key.COMMA, key.LESS_THAN),
             "next_mark": (key.PERIOD, key.GREATER_THAN),

@@ -23,6 +23,7 @@ SHORTCUTS: tuple[tuple[str, str], ...] = (
     ("K", "add the view to the camera path"),
     ("F", "fullscreen viewport (Escape exits)"),
     ("I", "show or hide the inspector and log"),
+    ("Q", "show the queue of takes"),
     ("N, E, Delete, U, A", "points by hand: new, edit, remove mark, undo, toggle snapping"),
     ("Up, Down", "points by hand: select a point"),
     ("?", "show this list"),

@@ -33,6 +33,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("cameras", "Cameras: use, hold out..."),
             ("fullscreen", "Fullscreen (F)"),
             ("figures", "Inspector and log (I)"),
+            ("queue", "Queue of takes (Q)"),
         ),
     ),
     (

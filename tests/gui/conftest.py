@@ -129,6 +129,7 @@ class RunningWindow:
         self._entered = False
         self.environment = {
             **os.environ, "DISPLAY": display, "OMP_NUM_THREADS": "2", "XDG_CONFIG_HOME": str(log.parent / "config"),
+            "XDG_STATE_HOME": str(log.parent / "state"),
         }  # fmt: skip
         self.environment.pop("WAYLAND_DISPLAY", None)
         self.stderr = log.with_suffix(".stderr")
