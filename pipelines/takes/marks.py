@@ -70,7 +70,7 @@ class Mark(Result):
     """Who wrote the note, as they gave their name in the browser; "" for marks of the window."""
 
     view: MarkView | None = None
-    """None in marks of versions before 0.3."""
+    """None in marks that version 0.2 or earlier has made."""
 
     @property
     def words(self) -> str:
