@@ -53,6 +53,7 @@ ADDED: JsonObject = {
     "bake.splats": 1.0,
     "bake.b_frames": None,
     "bake.smooth_paths": None,
+    "bake.view_range": "auto",  # written with the next bake; nothing is baked again for it
     "capture.audio": None,
     "capture.audio_offset": 0.0,
 }

@@ -372,6 +372,7 @@ class BakeStage:
     def _metadata(self, context: Context, entries: Sequence[BakedGroup]) -> StreamMetadata:
         """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
         camera: nothing tells where the front is, and held-out cameras are chosen for other reasons."""
+        from studio.coverage import view_range
         from studio.stream import StreamMetadata
         from studio.stream.suggested_view import suggested_view
 
@@ -384,7 +385,11 @@ class BakeStage:
         high = np.max([box[1] for box in boxes], axis=0).tolist()
         camera = suggested_view(footage.rig[footage.train_cameras[0]], low, high, footage.rig.up)
         x, y, z = footage.rig.up.tolist()
-        return StreamMetadata(camera, context.config.capture.background, (x, y, z))
+        covered = None
+        if context.config.bake.view_range == "auto":
+            cameras = [footage.rig[name] for name in footage.train_cameras]
+            covered = view_range(cameras, (np.array(low) + np.array(high)) / 2)
+        return StreamMetadata(camera, context.config.capture.background, (x, y, z), covered)
 
     def _put_in_place(self, context: Context, new: Path) -> None:
         """Swap folders, in one step where the system can. If killed between the two renames that it takes elsewhere,

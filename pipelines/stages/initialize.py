@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from studio.capture import Footage, FootageView
 
 
+_LARGEST_GAPS = 0.1
+"""Share of the directions around the performer without a camera nearby that is worth a warning."""
+
+
 class TrainingViews(Sequence["FootageView"]):
     """The training views of one frame, read on access: those of a large rig do not fit into memory together."""
 
@@ -129,6 +133,8 @@ class InitializeStage:
         )
         for warning in found.warnings:
             reporter.warn(_in_group(warning, group.index))
+        if group.index == 0:
+            self._tell_coverage(context, reporter, found.points, found.normals)
         folder = context.take.initialize_group(group.index)
         folder.mkdir(parents=True, exist_ok=True)
         remove(folder / "report.json")
@@ -148,6 +154,34 @@ class InitializeStage:
         )
         write_model(folder / "report.json", report)
         reporter.metrics(report.model_dump(include={"points", "faces", "disagreement"}), group=group.index)
+
+    def _tell_coverage(
+        self, context: Context, reporter: StageReporter, points: np.ndarray, normals: np.ndarray
+    ) -> None:
+        """Log how well the training cameras cover the performer, and warn of gaps."""
+        from studio.coverage import coverage
+
+        footage = context.footage.calibrated
+        found = coverage([footage.rig[name] for name in footage.train_cameras], points, normals, footage.rig.up)
+        if found is None:
+            return
+        share, unseen = round(100 * found.outside), round(100 * found.unseen)
+        reporter.log(
+            f"coverage: {share}% of the directions around the performer are more than {found.angle:.0f} degrees from "
+            f"the nearest training camera ({found.farthest:.0f} degrees at most); {unseen}% of the surface faces fewer "
+            "than two cameras"
+        )
+        if found.outside > _LARGEST_GAPS:
+            reporter.warn(
+                Message(
+                    "coverage.gaps",
+                    f"no training camera is near {share}% of the directions around the performer (up to "
+                    f"{found.farthest:.0f} degrees away), and {unseen}% of the surface faces fewer than two cameras: "
+                    "views from there will be poor, and players fade them out",
+                    fix="Add cameras there, or let players show all views with bake.view_range = none.",
+                    fields={"setting": "bake.view_range", "outside": found.outside, "unseen": found.unseen},
+                )
+            )
 
     def _drop_leftovers(self, context: Context, groups: tuple[Group, ...]) -> None:
         wanted = {context.take.initialize_group(group.index) for group in groups}

@@ -161,6 +161,10 @@ class BakeSettings(Settings):
     """Frames of the stream's first group, so that playing starts after a small download; the rest of the trained group
     becomes a group of its own. null: groups as trained."""
 
+    view_range: Annotated[Literal["auto", "none"], Affects("manifest")] = "auto"
+    """Tell players from where the splats can be looked at. auto: up to 35 to 50 degrees from the nearest training
+    camera, depending on their spacing; beyond it, players fade the picture. none: from everywhere."""
+
     @model_validator(mode="after")
     def _combinations(self) -> Self:
         if self.ladder and self.stream_version == 2:

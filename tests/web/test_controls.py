@@ -480,3 +480,26 @@ def test_a_link_is_copied_without_the_clipboard_api(stream, open_page):
     assert field.evaluate("one => [one.selectionStart, one.selectionEnd]") == [0, len(address)]
     page.handle.keyboard.press("Escape")
     assert not field.is_visible()
+
+
+def test_the_picture_fades_where_nothing_was_filmed(site, open_page):
+    """The range of the stream: around the first view. Malformed ones count as not given."""
+    from studio.coverage import view_range
+
+    covered = view_range([support.camera(0)], (0, 0, 0)).to_json()
+    player = "const player = document.querySelector('v3-player');"
+    opacity = "Number(getComputedStyle(player.shadowRoot.querySelector('.stage > canvas')).opacity)"
+    support.bake(site.stream, lengths=(2,), metadata={"view_range": covered})
+    page = open_page("?t=0", **CALM)
+    assert page.evaluate(f"() => {{ {player} return {opacity}; }}") == 1
+    page.evaluate(f"() => {{ {player} player.setView({{ azimuth: 170 }}); }}")
+    page.wait(f"{opacity} < 0.2")
+    assert "Not filmed from here" in page.handle.locator("v3-player .notice").text_content()
+    page.evaluate(f"() => {{ {player} player.setView({{ azimuth: 20 }}); }}")
+    page.wait(f"{opacity} === 1")
+    shutil.rmtree(site.stream)
+    support.bake(site.stream, lengths=(2,), metadata={"view_range": {**covered, "angle": 0}})
+    page = open_page("?t=0", **CALM)
+    page.evaluate(f"() => {{ {player} player.setView({{ azimuth: 170 }}); }}")
+    page.wait("player.state.view.azimuth === 170")
+    assert page.evaluate(f"() => {{ {player} return {opacity}; }}") == 1

@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { OrbitCamera, type Pinhole } from "../src/draw/camera.ts";
+import { FADE, visibility } from "../src/draw/view_range.ts";
 import type { Player } from "../src/player/player.ts";
 import type { Camera, Vector } from "../src/stream/manifest.ts";
 import { clock, plural } from "../src/ui/format.ts";
@@ -86,4 +87,17 @@ void test("an intro shows what its cameras see", () => {
   assert.ok(Math.abs(Math.abs(halfway.azimuth) - 45) < 1);
   for (const wrong of ["", "[]", "{}", text.replace("1400", "-1").replace("1400", "-1"), text.replace('"time":7', '"time":5'), text.replace('"keys":[', '"keys":[null,')])
     assert.throws(() => readPath(wrong, { camera } as unknown as Player), /camera path/, wrong.slice(0, 60));
+});
+
+void test("the picture fades where no camera filmed from nearby", () => {
+  const range = { center: [1, 2, 3] as Vector, directions: [[1, 0, 0], [0, 1, 0]] as Vector[], angle: 40 };
+  const from = (degrees: number): Vector => {
+    const turn = (degrees * Math.PI) / 180;
+    return [1 + 5 * Math.cos(turn), 2 + 5 * Math.sin(turn), 3];
+  };
+  for (const inside of [0, 39, 90, 129, -39]) assert.equal(visibility(range, from(inside)), 1, String(inside));
+  assert.ok(Math.abs(visibility(range, from(130 + FADE / 2)) - 0.5) < 1e-6);
+  for (const outside of [-61, 151, 225]) assert.equal(visibility(range, from(outside)), 0, String(outside));
+  assert.equal(visibility(range, [1, 2, 9]), 0, "from above");
+  assert.equal(visibility(range, range.center), 1);
 });

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gui.presenters.drawing.canvas import Canvas
 from gui.presenters.playback import compare
 from gui.presenters.playback.compare import Box
 from gui.presenters.playback.image_zoom import ImageZoom
@@ -17,10 +18,14 @@ from gui.presenters.playback.sources import FrameSource
 from pipelines.stages.base import Context
 from pipelines.stages.footage import performer_over
 from studio.cameras import Camera, Rig
+from studio.coverage import ViewRange
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 KEPT_PICTURES = 9
+
+FAINTEST = 0.1
+"""How much of the picture is left where nothing was filmed."""
 
 Color = tuple[float, float, float]
 DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
@@ -195,6 +200,8 @@ class FrameRenderer:
                 image = self.draw(gaussians, camera, request.background)
                 if capture is not None:
                     request.image_zoom.mask_outside(image, capture)
+                else:
+                    image = faded(image, getattr(source, "view_range", None), camera, request.background)
                 kept = _Part(image, len(gaussians), loaded - start, time.perf_counter() - loaded, holder)
         self._kept[key] = kept
         self._kept.move_to_end(key)
@@ -233,6 +240,19 @@ def capture_camera(request: RenderRequest) -> Camera | None:
     if request.rig is None:
         raise StudioError("playback.no_cameras", "a stream has no capture cameras", fix="Open its take.")
     return request.rig[request.camera].undistorted()
+
+
+def faded(image: np.ndarray, covered: ViewRange | None, camera: Camera, background: Color) -> np.ndarray:
+    """The (H, W, 3) uint8 picture, faded to the background where no camera filmed from near `camera`, with a word."""
+    seen = 1.0 if covered is None else covered.visibility(camera.center)
+    if seen >= 1:
+        return image
+    weight, color = FAINTEST + (1 - FAINTEST) * seen, 255 * np.asarray(background, np.float32)
+    canvas = Canvas(1, 1)
+    canvas.pixels = (color + (image - color) * weight + 0.5).astype(np.uint8)
+    if seen <= 0.5:
+        compare.label(canvas, 12, 12, "Not filmed from here")
+    return canvas.pixels
 
 
 def ground_truth(request: RenderRequest, width: int, height: int) -> np.ndarray:

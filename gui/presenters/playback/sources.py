@@ -178,6 +178,7 @@ def open_path(place: Path | str) -> Opened:
 
 def _open_stream(place: Path | str, title: str) -> Opened:
     stream = StreamSource(place)
+    stream.fades = True  # a viewer sees what viewers elsewhere see; who works on a take sees everything
     opened = Opened(title, place, {stream.name: stream}, view=stream.suggested_camera)
     if opened.view is not None:
         opened.up = -opened.view.rotation[1]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from gui.presenters.playback.frame_cache import AHEAD, FrameCache
 from studio.cameras import Camera
+from studio.coverage import ViewRange
 from studio.errors import Message, StudioError
 from studio.gaussians import Gaussians
 
@@ -41,6 +42,8 @@ class StreamSource:
     """
 
     name = "decoded"
+    fades = False
+    """Whether views from where nothing was filmed are faded, as in other players."""
 
     def __init__(self, place: Path | str) -> None:
         from studio.playback import Shared
@@ -191,6 +194,13 @@ class StreamSource:
     def manifest(self) -> Manifest:
         """The stream's manifest."""
         return self._reader.manifest
+
+    @property
+    def view_range(self) -> ViewRange | None:
+        """From where the stream can be looked at, if views from elsewhere are to be faded."""
+        from studio.stream import StreamMetadata
+
+        return StreamMetadata.from_json(self._reader.manifest.metadata).view_range if self.fades else None
 
     @property
     def suggested_camera(self) -> Camera | None:

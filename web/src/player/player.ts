@@ -3,8 +3,9 @@
  * due. The main thread only uploads and draws.
  */
 
-import { depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View } from "../draw/camera.ts";
+import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View } from "../draw/camera.ts";
 import type { Renderer } from "../draw/renderer.ts";
+import { visibility } from "../draw/view_range.ts";
 import { WebGL2Renderer } from "../draw/webgl2.ts";
 import { requestWebGPU, WebGPURenderer } from "../draw/webgpu.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
@@ -430,6 +431,12 @@ export class Player {
 
   get view(): View {
     return this.camera.view;
+  }
+
+  /** How much of the picture to show from this view, 0 to 1: below 1, no camera filmed from near here. */
+  get visibility(): number {
+    const range = this.info?.viewRange ?? null;
+    return range === null ? 1 : visibility(range, centerOf(this.pinhole()));
   }
 
   set view(view: PartialView) {

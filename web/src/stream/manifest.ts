@@ -4,6 +4,7 @@
  * Reads versions 1 (`planes`), 2 and 3. Additions of later versions are parsed only here.
  */
 
+import type { ViewRange } from "../draw/view_range.ts";
 import { StreamError } from "./errors.ts";
 
 export const FORMAT = "v3studio-stream";
@@ -13,6 +14,7 @@ export const MANIFEST_NAME = "manifest.json";
 
 const MAX_SPLATS = 4 << 20;
 const MAX_GROUP_FRAMES = 10_000;
+const MAX_DIRECTIONS = 256;
 const MAX_FRAMES = 100_000_000;
 const MAX_GROUPS = 1_000_000;
 const MAX_FILE_BYTES = 2 ** 30;
@@ -191,6 +193,7 @@ export interface Manifest {
   readonly camera: Camera | null;
   readonly up: Vector | null;
   readonly background: Vector | null;
+  readonly viewRange: ViewRange | null;
   readonly title: string | null;
   /** Whether groups are still being added. */
   readonly live: boolean;
@@ -449,6 +452,24 @@ function readCamera(metadata: Values): Camera | null {
   });
 }
 
+function readViewRange(metadata: Values): ViewRange | null {
+  return optional(() => {
+    const range = new Reader(metadata["view_range"], "view_range");
+    const values = metadata["view_range"] as Values;
+    const list = values["directions"] as unknown[];
+    if (!Array.isArray(list) || list.length < 1 || list.length > MAX_DIRECTIONS) throw new StreamError("directions");
+    const directions = list.map((value) => {
+      const [x, y, z] = new Reader({ value }, "directions").vector("value");
+      const length = Math.hypot(x, y, z);
+      if (!(length > 0.5)) throw new StreamError("directions");
+      return [x / length, y / length, z / length] as const;
+    });
+    const angle = range.number("angle", 0, 180);
+    if (!(angle > 0)) throw new StreamError("angle");
+    return { center: range.vector("center"), directions, angle };
+  });
+}
+
 type Profile = "motion" | "planes";
 type Content = Pick<Manifest, "frameCount" | "shDegree" | "renditions" | "spans" | "groups" | "pages" | "audio" | "totalBytes">;
 
@@ -683,6 +704,7 @@ export function parseManifest(text: string, bytes: number): Manifest {
     camera: readCamera(metadata),
     up: up !== null && up.some((value) => value !== 0) ? up : null,
     background: background?.every((value) => value >= 0 && value <= 1) === true ? background : null,
+    viewRange: readViewRange(metadata),
     live: version >= 3 && values["live"] === true,
     title: typeof metadata["title"] === "string" ? metadata["title"].slice(0, 200) : null,
   };

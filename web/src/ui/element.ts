@@ -24,6 +24,8 @@ import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 /** Milliseconds without user input until the controls hide. */
 const IDLE = 3000;
 const NOTICE = 5000;
+/** Opacity of the picture where nothing was filmed. */
+const FAINTEST = 0.1;
 
 /** The type of `state`, which is also sent to a page that embeds the player in an iframe. */
 export interface PlayerState {
@@ -63,6 +65,8 @@ export class V3PlayerElement extends HTMLElement {
   private lifetime: AbortController | null = null;
   private idleTimer = 0;
   private noticeTimer = 0;
+  /** Whether the view is from where nothing was filmed. */
+  private outside = false;
   private isReady = false;
   /** Time and view of a link, applied once the stream has been opened. */
   private startAt: number | null = null;
@@ -292,6 +296,7 @@ export class V3PlayerElement extends HTMLElement {
       if (this.startView !== null) player.view = this.startView;
       if (this.startAt !== null) player.seek(this.startAt);
       this.startView = this.startAt = null;
+      this.fade(player.visibility);
       this.tell("opened", { frameCount: info.frameCount, fps: info.fps, duration: player.duration, title: info.title });
     });
     player.on("ready", () => {
@@ -332,6 +337,7 @@ export class V3PlayerElement extends HTMLElement {
       this.timeline?.updateBuffered();
     });
     player.on("view", (view) => {
+      this.fade(player.visibility);
       this.tell("view", view);
     });
     player.on("waiting", (waiting) => {
@@ -743,6 +749,15 @@ export class V3PlayerElement extends HTMLElement {
     this.noticeTimer = setTimeout(() => {
       element.classList.remove("shown");
     }, NOTICE);
+  }
+
+  /** Fades the picture where no camera filmed from nearby, down to a hint of it, and says why. */
+  private fade(visibility: number): void {
+    const canvas = this.part_<HTMLElement>(".stage > canvas");
+    canvas.style.opacity = visibility < 1 ? String(FAINTEST + (1 - FAINTEST) * visibility) : "";
+    const outside = visibility <= 0.5;
+    if (outside && !this.outside) this.notice("Not filmed from here.");
+    this.outside = outside;
   }
 
   private showFailure(message: string): void {

@@ -1,5 +1,6 @@
 /** Messages between the page and the worker. */
 
+import type { ViewRange } from "../draw/view_range.ts";
 import type { Camera, Vector } from "../stream/manifest.ts";
 import type { EarlyPort } from "../player/early_files.ts";
 import type { EmbeddedFiles } from "./embedded.ts";
@@ -82,6 +83,7 @@ export interface StreamInfo {
   readonly camera: Camera | null;
   readonly up: Vector | null;
   readonly background: Vector | null;
+  readonly viewRange: ViewRange | null;
   readonly title: string | null;
   /** Whether groups are still being added. */
   readonly live: boolean;

@@ -305,6 +305,7 @@ export class Session {
       camera: manifest.camera,
       up: manifest.up,
       background: manifest.background,
+      viewRange: manifest.viewRange,
       title: manifest.title,
       live: manifest.live,
       hasSound: manifest.audio !== null,

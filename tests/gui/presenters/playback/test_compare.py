@@ -9,8 +9,11 @@ import pytest
 
 from gui.presenters.drawing.palette import ACCENT, GROUND
 from gui.presenters.playback import compare
+from gui.presenters.playback.frame_renderer import faded
 from gui.presenters.playback.image_zoom import ImageZoom
 from studio.cameras import Camera
+from studio.coverage import view_range
+from tests.support.rigs import camera_at
 
 
 def plain(value: int, width: int = 80, height: int = 60) -> np.ndarray:
@@ -93,3 +96,15 @@ def test_the_performer_fills_the_picture() -> None:
     inside = (pixels > 0).all(axis=1) & (pixels < [300, 200]).all(axis=1)
     assert inside.mean() > 0.95
     assert np.ptp(pixels[:, 1]) > 120
+
+
+def test_views_from_where_nothing_was_filmed_are_faded():
+    covered = view_range([camera_at("cam0", (3.0, 0.0, 0.0))], (0, 0, 0))
+    picture = np.full((60, 200, 3), 200, np.uint8)
+    near = faded(picture, covered, camera_at("near", (2.0, 0.5, 0.0)), (0, 0, 1))
+    assert (near == picture).all()
+    assert (faded(picture, None, camera_at("back", (-2.0, 0.0, 0.0)), (0, 0, 1)) == picture).all()
+    back = faded(picture, covered, camera_at("back", (-2.0, 0.0, 0.0)), (0, 0, 1))
+    assert back[-1, -1].tolist() == [20, 20, 250], "a tenth of the picture over the background"
+    assert len(np.unique(back.reshape(-1, 3), axis=0)) > 2, "and a word"
+    assert (picture == 200).all(), "the drawing itself is kept"

@@ -1,0 +1,169 @@
+"""How well a rig covers a performer: which directions have a camera nearby, and which surfaces are seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from studio.cameras import Camera
+from studio.json_types import JsonObject
+
+LEAST_ANGLE, MOST_ANGLE = 35.0, 50.0
+"""Degrees to the nearest camera up to which a view is good: three quarters of the typical distance between neighboring
+cameras, within these bounds."""
+
+FADE = 20.0
+"""Degrees beyond it in which players fade the picture."""
+
+_FACING = math.cos(math.radians(75))
+_MOST_DIRECTIONS = 256
+
+
+@dataclass(frozen=True, eq=False)
+class ViewRange:
+    """From where a stream can be looked at.
+
+    Attributes:
+        center: (3,) middle of the scene, world units.
+        directions: (N, 3) unit vectors from there to the training cameras, N >= 1.
+        angle: degrees to the nearest direction up to which views are good, above 0, at most 180.
+    """
+
+    center: np.ndarray
+    directions: np.ndarray
+    angle: float
+
+    def angle_from(self, eye: Sequence[float] | np.ndarray) -> float:
+        """Degrees between the direction to `eye` (3,) and the nearest one; 0 in the center."""
+        towards = np.asarray(eye, np.float64) - self.center
+        return float(self.angles(towards[None])[0])
+
+    def angles(self, towards: np.ndarray) -> np.ndarray:
+        """(M,) degrees between each direction (M, 3), of any length, and the nearest of `directions`."""
+        length = np.linalg.norm(towards, axis=1, keepdims=True)
+        unit = np.divide(towards, length, out=np.zeros_like(towards), where=length > 0)
+        nearest = np.clip((unit @ self.directions.T).max(1), -1, 1)
+        return np.where(length[:, 0] > 0, np.degrees(np.arccos(nearest)), 0.0)
+
+    def visibility(self, eye: Sequence[float] | np.ndarray) -> float:
+        """How much of the picture players show from `eye` (3,): 1 within the range, 0 from `FADE` degrees beyond."""
+        return float(np.clip(1 - (self.angle_from(eye) - self.angle) / FADE, 0, 1))
+
+    def to_json(self) -> JsonObject:
+        """For the stream's metadata; docs/STREAM.md."""
+        return {
+            "center": [round(float(value), 6) for value in self.center],
+            "directions": [[round(float(value), 4) for value in one] for one in self.directions],
+            "angle": round(self.angle, 2),
+        }
+
+    @classmethod
+    def from_json(cls, values: Any) -> ViewRange | None:
+        """Read `to_json`; None if it is malformed."""
+        try:
+            center = np.array(values["center"], np.float64)
+            directions = np.array(values["directions"], np.float64)
+            angle = float(values["angle"])
+        except (TypeError, ValueError, KeyError, OverflowError):
+            return None
+        if center.shape != (3,) or directions.ndim != 2 or directions.shape[1] != 3:
+            return None
+        if not 1 <= len(directions) <= _MOST_DIRECTIONS or not 0 < angle <= 180:
+            return None
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
+        if not (np.isfinite(center).all() and np.isfinite(length).all() and (length > 0.5).all()):
+            return None
+        return cls(center, directions / length, angle)
+
+
+def view_range(cameras: Iterable[Camera], center: Sequence[float] | np.ndarray) -> ViewRange | None:
+    """The range of views of training cameras around the middle of a scene.
+
+    Args:
+        cameras: training cameras. Of more than 256, every n-th counts.
+        center: (3,) middle of the scene, world units.
+
+    Returns:
+        None without cameras outside of the center.
+    """
+    middle = np.asarray(center, np.float64)
+    towards = np.array([camera.center - middle for camera in cameras]).reshape(-1, 3)
+    length = np.linalg.norm(towards, axis=1, keepdims=True)
+    directions = (towards / np.maximum(length, 1e-12))[length[:, 0] > 1e-9]
+    directions = directions[:: max(1, -(-len(directions) // _MOST_DIRECTIONS))]
+    if not len(directions):
+        return None
+    spacing = LEAST_ANGLE
+    if len(directions) > 1:
+        cosines = directions @ directions.T
+        np.fill_diagonal(cosines, -1)
+        spacing = float(np.median(np.degrees(np.arccos(np.clip(cosines.max(1), -1, 1)))))
+    return ViewRange(middle, directions, min(MOST_ANGLE, max(LEAST_ANGLE, 0.75 * spacing)))
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What a rig does not see.
+
+    Attributes:
+        outside: share of the horizontal directions around the performer that are outside of the view range, 0 to 1.
+        farthest: largest angle between such a direction and the nearest camera, degrees.
+        unseen: share of the surface that faces fewer than two cameras, 0 to 1. What hides it is not considered.
+        angle: of the view range, degrees.
+    """
+
+    outside: float
+    farthest: float
+    unseen: float
+    angle: float
+
+
+def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray, up: np.ndarray) -> Coverage | None:
+    """Measure a rig.
+
+    Args:
+        cameras: training cameras.
+        points, normals: (N, 3) samples of the surface, N >= 1, world units; normals of any length point outwards.
+        up: (3,) direction that points up.
+
+    Returns:
+        None without cameras outside of the performer.
+    """
+    found = view_range(cameras, points.mean(0))
+    if found is None:
+        return None
+    upright = up / np.linalg.norm(up)
+    side = np.cross(upright, np.eye(3)[np.abs(upright).argmin()])
+    side /= np.linalg.norm(side)
+    turn = np.radians(np.arange(0, 360, 5))[:, None]
+    # at the height of the cameras, which need not be that of the performer's middle
+    height = float(np.median(found.directions @ upright))
+    around = height * upright + math.sqrt(max(0.0, 1 - height**2)) * (
+        np.cos(turn) * side + np.sin(turn) * np.cross(upright, side)
+    )
+    angles = found.angles(around)
+    return Coverage(
+        float((angles > found.angle).mean()),
+        float(angles.max()),
+        float((facing_cameras(cameras, points, normals) < 2).mean()),
+        found.angle,
+    )
+
+
+def facing_cameras(cameras: Iterable[Camera], points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """(N,) number of cameras that have each point in the picture and see its surface at less than 75 degrees."""
+    unit = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    count = np.zeros(len(points), np.int64)
+    for camera in cameras:
+        towards = camera.center - points
+        towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+        x, y, z = camera.rotation @ points.T + camera.translation[:, None]
+        depth = np.where(z > 0, z, np.inf)
+        u, v = camera.fx * x / depth + camera.cx, camera.fy * y / depth + camera.cy
+        inside = (z > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+        count += inside & ((unit * towards).sum(1) > _FACING)
+    return count
