@@ -168,12 +168,15 @@ def link_or_copy(source: str, target: str) -> None:
         shutil.copy2(source, target)
 
 
+_DISK_FAILED = (errno.EIO, errno.ESTALE, errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN, errno.EREMOTEIO)
+
+
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Turn "no space left" and "permission denied" inside the block into a StudioError.
+    """Turn what a disk does to any program inside the block into a StudioError: it is full, fails, or refuses.
 
     Raises:
-        StudioError: `take.disk_full` or `take.not_writable`.
+        StudioError: `take.disk_full`, `take.file_too_large`, `take.disk_failed` or `take.not_writable`.
     """
     try:
         yield
@@ -184,6 +187,21 @@ def disk_errors(folder: Path) -> Iterator[None]:
                 "the disk is full",
                 file=folder,
                 fix="Free some space and run again; finished work is kept.",
+            ) from error
+        if error.errno == errno.EFBIG:
+            raise StudioError(
+                "take.file_too_large",
+                "a file would be larger than the file system, or a limit of this session, allows",
+                file=error.filename or folder,
+                fix="Look at `ulimit -f`, or choose a folder on another file system, and run again; finished work is "
+                "kept.",
+            ) from error
+        if error.errno in _DISK_FAILED:
+            raise StudioError(
+                "take.disk_failed",
+                f"the disk cannot be read or written ({error.strerror})",
+                file=error.filename or folder,
+                fix="Check the disk or the network drive and run again; finished work is kept.",
             ) from error
         if error.errno in (errno.ENOTDIR, errno.EEXIST):
             raise StudioError(
