@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipelines.config.renamed import first_path
 from studio.atomic_files import PARTIAL, atomic_path, is_being_written, remove, write_bytes, write_json, write_text
+from studio.bounded_files import read_bounded
 from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError, reason_of
 from studio.json_types import JsonObject
@@ -64,7 +65,7 @@ def read_json(path: Path) -> Any:
         StudioError: `take.file_not_found` or `take.damaged`.
     """
     try:
-        return parse_json(path.read_bytes())
+        return parse_json(read_bounded(path))
     except FileNotFoundError:
         raise StudioError("take.file_not_found", "no such file", file=path) from None
     except (OSError, TextError) as error:
