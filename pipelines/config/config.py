@@ -102,7 +102,7 @@ class RunSettings(Settings):
 
     executor: Annotated[Literal["local", "ray"], Heading("Several machines")] = "local"
     """Where groups run. local: in this process. ray: as tasks of a Ray cluster, which needs the extra cluster; all
-    nodes must see the take and the footage under the same paths."""
+    nodes must see the take and the footage, if under other paths, see paths."""
 
     address: str = Field(default="local", min_length=1)
     """The Ray cluster: HOST:PORT of its head node from a node of the cluster, ray://HOST:10001 from outside, auto for

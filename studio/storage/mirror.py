@@ -76,7 +76,7 @@ def _update(root: Path, store: Store, entries: dict[str, Entry], cache: str) -> 
         elif read_pointer(path) != pointer:
             write_bytes(path, pointer_bytes(pointer))
     with ThreadPoolExecutor(_PARALLEL, thread_name_prefix="fetch") as pool:
-        list(pool.map(lambda one: _fetch(*one, store), small))
+        list(pool.map(lambda one: _fetch(one[0], one[1], store), small))
     _forget(root, set(entries))
 
 
