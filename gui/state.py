@@ -24,6 +24,7 @@ class WindowState:
         opening: path or URL being opened; "" if none.
         dialog: name of the open dialog; "" if none.
         typing: whether the dialog's text field has the keyboard focus.
+        lines: what the dialog's list shows, where that changes by itself.
         stage, mode: the selected stage and the pressed buttons above the viewport.
         fullscreen, figures: whether the panels are hidden; whether the right panel is visible.
         stages: [state, words, detail] by stage.
@@ -33,6 +34,9 @@ class WindowState:
         left_out: messages about damaged groups that playback skipped.
         what, compare, wipe: source on screen, comparison mode, position of the wipe, 0 to 1.
         camera: capture camera; "" for the free view.
+        alone: the camera that Capture shows alone; "" for all.
+        menu_camera: the camera whose menu is open; "" if none is.
+        places: the middle of what shows a camera, 0 to 1 across and down the viewport; those in front last.
         shown: frame of the newest picture; None if there is none.
         settled: whether the newest picture shows what was last requested.
         pictures: number of pictures shown so far.
@@ -54,6 +58,7 @@ class WindowState:
     opening: str
     dialog: str
     typing: bool
+    lines: list[str]
     stage: str
     mode: list[str]
     fullscreen: bool
@@ -71,6 +76,9 @@ class WindowState:
     compare: str
     wipe: float
     camera: str
+    alone: str
+    menu_camera: str
+    places: dict[str, list[float]]
     shown: int | None
     settled: bool
     pictures: int
@@ -97,6 +105,7 @@ class WindowState:
             opening=window.opening,
             dialog=window.dialogs.name,
             typing=window.dialogs.typing,
+            lines=window.dialogs.lines,
             stage=window.views.stage,
             mode=sorted(window.views.chosen()),
             fullscreen=window.layout.fullscreen,
@@ -114,6 +123,9 @@ class WindowState:
             compare=player.mode,
             wipe=round(player.wipe, 3),
             camera=player.camera,
+            alone=window.views.capture.camera,
+            menu_camera=window.camera_menu.camera,
+            places=_places(window),
             shown=player.picture.frame if player.picture else None,
             settled=window.views.settled,
             pictures=window.pictures,
@@ -134,6 +146,13 @@ class WindowState:
         )
 
 
+def _places(window: Shell) -> dict[str, list[float]]:
+    view, size = window.views.stage_view, window.viewport.picture_size
+    if view is None:
+        return {}
+    return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in view.places}
+
+
 def _widgets(window: Shell) -> dict[str, gui.Widget]:
     settings = window.stages.settings[window.stages.selected]
     return {
@@ -145,6 +164,7 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         **window.controls.buttons,
         **window.stages.buttons,
         "error setting": window.stages.link,
+        **{f"camera {key}": button for key, button in window.camera_menu.buttons.items()},
         **{key: button for (stage, key), button in window.modes.buttons.items() if stage == window.views.stage},
         **{f"dialog {key}": widget for key, widget in window.dialogs.widgets.items()},
         "settings filter": settings.filter,

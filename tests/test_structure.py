@@ -87,6 +87,7 @@ PIPELINES = (
     "cli",
     "commands",
     "ablation",
+    "comparison",
     "estimate",
     "share",
     "review",

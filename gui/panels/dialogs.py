@@ -28,6 +28,7 @@ class Dialogs:
         widgets: widgets of the open dialog by key; empty if none is open.
         name: name of the open dialog; "" if none is open.
         typing: whether its text field has the keyboard focus.
+        lines: what the list in it shows, where that changes by itself.
     """
 
     def __init__(self, window: gui.Window) -> None:
@@ -36,6 +37,7 @@ class Dialogs:
         self.widgets: dict[str, gui.Widget] = {}
         self.name = ""
         self.typing = False
+        self.lines: list[str] = []
         self._drawn: int | None = None
         self._confirm: int | None = None  # frames to draw until the dialog is confirmed
         self._field: gui.TextEdit | None = None
@@ -52,7 +54,7 @@ class Dialogs:
         self._early = []
         if self.name:
             self._window.close_dialog()
-        self.widgets, self.name = {}, ""
+        self.widgets, self.name, self.lines = {}, "", []
 
     def show(
         self,

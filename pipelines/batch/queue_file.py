@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import json
 import os
+import signal
+import socket
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -173,7 +176,7 @@ class QueueFile:
                     "queue.running",
                     f"take {number} is running",
                     value=number,
-                    fix="Stop `v3studio queue run` with Ctrl-C first.",
+                    fix="First run `v3studio queue stop`.",
                 )
             found.append(entry)
             return queue.model_copy(update={"takes": tuple(e for e in queue.takes if e.number != number)})
@@ -249,6 +252,40 @@ class QueueFile:
             return False
         return False
 
+    def stop(self) -> int:
+        """Stop the program that works through the queue; its take keeps finished work and waits again.
+
+        Returns:
+            the process ID of the program, which ends within seconds.
+
+        Raises:
+            StudioError: no program does it (`queue.not_run`), or it cannot be stopped from here, because it runs on
+                another machine or belongs to another user (`queue.cannot_stop`).
+        """
+        held = self.is_run()
+        try:
+            holder = json.loads(self._lock("run").read_text(encoding="utf-8")) if held else {}
+            pid, host = int(holder["pid"]), str(holder["host"])
+        except (OSError, ValueError, KeyError, TypeError):  # it has just ended, or has not written it yet
+            raise StudioError(
+                "queue.not_run",
+                "the queue is not running",
+                file=self.path,
+                fix="`v3studio queue run` starts it.",
+            ) from None
+        try:
+            if host != socket.gethostname():
+                raise PermissionError
+            os.kill(pid, signal.SIGTERM)
+        except OSError:
+            raise StudioError(
+                "queue.cannot_stop",
+                f"process {pid} on {host} works through the queue and cannot be stopped from here",
+                file=self.path,
+                fix="Stop it on that machine, as the user who started it.",
+            ) from None
+        return pid
+
     @contextlib.contextmanager
     def running(self) -> Iterator[None]:
         """For the program that works through the queue. Takes that another one left running wait again.
@@ -267,6 +304,9 @@ class QueueFile:
                     file=self.path,
                     fix="`v3studio queue list` shows its progress.",
                 )
+            file.truncate(0)
+            file.write(json.dumps({"pid": os.getpid(), "host": socket.gethostname()}))
+            file.flush()
             self.change(_interrupted)
             yield
 

@@ -37,6 +37,9 @@ def register(commands: Any) -> None:
     run = _kind(kinds, "run", "run all takes that wait, also those that are added meanwhile")
     run.set_defaults(command=_run)
 
+    stop = _kind(kinds, "stop", "stop the program that runs the queue; its take keeps finished work and waits again")
+    stop.set_defaults(command=_stop)
+
     move = _kind(kinds, "move", "move a take that waits")
     move.add_argument("number", type=int, metavar="NUMBER", help="number of the take, from `v3studio queue list`")
     move.add_argument("place", type=int, metavar="PLACE", help="1: it is the next one")
@@ -88,8 +91,10 @@ def _add(arguments: argparse.Namespace) -> int:
 
 
 def _list(arguments: argparse.Namespace) -> int:
+    from pipelines.batch.progress import progress_words
     from pipelines.reports.tables import escaped, table_of
     from pipelines.reports.terminal import console
+    from pipelines.takes.take import Take
 
     queue = _file(arguments)
     found = queue.read()
@@ -99,12 +104,15 @@ def _list(arguments: argparse.Namespace) -> int:
     if not found.takes:
         print("The queue is empty.")
         return 0
-    shown = table_of("number", "state", "take", "added", "ended", "message", left=(1, 2, 3, 4, 5))
+    shown = table_of("number", "state", "progress", "take", "added", "ended", "message", left=(1, 2, 3, 4, 5, 6))
     is_run = queue.is_run()
     for entry in found.takes:
         state = "interrupted" if entry.state == "running" and not is_run else entry.state
         times = (text.replace("T", " ").removesuffix("+00:00") for text in (entry.added, entry.finished))
-        shown.add_row(str(entry.number), state, escaped(str(entry.take)), *times, escaped(entry.message))
+        progress = progress_words(Take(entry.take)) if state == "running" else ""
+        shown.add_row(
+            str(entry.number), state, escaped(progress), escaped(str(entry.take)), *times, escaped(entry.message)
+        )
     console().print(shown)
     if not is_run and any(entry.state in ("waiting", "running") for entry in found.takes):
         print("The queue is not running; `v3studio queue run` starts it.")
@@ -141,6 +149,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
+
+
+def _stop(arguments: argparse.Namespace) -> int:
+    print(f"stopping process {_file(arguments).stop()}")
+    return 0
 
 
 def _move(arguments: argparse.Namespace) -> int:

@@ -283,6 +283,7 @@ class BakeStage:
 
     def _bake(self, context: Context, group: Part, reporter: StageReporter, start: float, stop: float) -> None:
         from studio.stream import bake_group
+        from studio.stream.suggested_view import seen_box
 
         remove(self._note(context, group))
         label, bake = f"group {group.index}", context.config.bake
@@ -309,6 +310,7 @@ class BakeStage:
             contribution=DrawnContribution(context, group.trained.index, group.indices),
             finetuned=lambda rung: finetuned[rung.kind],
         )
+        seen = seen_box(frames[index] for index in sorted({0, len(frames) // 2, len(frames) - 1}))
         folder = self._folder(context)
         if bake.stream_version == 3:
             files = {file.path: folder / file.path for file in entry.files}
@@ -321,6 +323,7 @@ class BakeStage:
                 files={name: path.stat().st_size for name, path in files.items()},
                 digests={name: digest_of_file(path) for name, path in files.items()},
                 entry=entry.to_dict(),
+                seen=None if seen is None else (tuple(seen[0].tolist()), tuple(seen[1].tolist())),
             ),
         )
 
@@ -373,9 +376,12 @@ class BakeStage:
         from studio.stream.suggested_view import suggested_view
 
         footage = context.footage.calibrated
-        boxes = [entry.bounding_box for entry in entries]
-        low = np.min([box.min for box in boxes], axis=0).tolist()
-        high = np.max([box.max for box in boxes], axis=0).tolist()
+        boxes = []
+        for part, entry in zip(self.parts(context), entries, strict=False):  # while live, of the first groups
+            note = read_model(self._note(context, part), BakedGroupNote)
+            boxes.append(note.seen or (entry.bounding_box.min, entry.bounding_box.max))
+        low = np.min([box[0] for box in boxes], axis=0).tolist()
+        high = np.max([box[1] for box in boxes], axis=0).tolist()
         camera = suggested_view(footage.rig[footage.train_cameras[0]], low, high, footage.rig.up)
         x, y, z = footage.rig.up.tolist()
         return StreamMetadata(camera, context.config.capture.background, (x, y, z))

@@ -63,6 +63,9 @@ class BakedGroupNote(Result):
     entry: dict[str, JsonValue]
     """The group's entry in manifest.json."""
 
+    seen: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    """Least and greatest corner of the box of what one sees, world units; None: not known, or nothing can be seen."""
+
 
 class FoundGroups(Result):
     """initialize/groups.json: where groups begin with train.grouping = motion."""

@@ -85,7 +85,7 @@ def open_footage(
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     cache = ByteCache(_cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20)
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
-    held_out = _held_out(spec, tuple(sources))
+    held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask
     matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder, device, threads)
     exact, exact_note = exact_mattes(spec, tuple(sources), masked)
@@ -348,7 +348,25 @@ def _warps(
     return warps
 
 
-def _held_out(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:
+def find_cameras(spec: CaptureSettings) -> tuple[str, ...]:
+    """Names of all cameras of the footage in order, also of those that `spec.cameras` leaves out. Reads no images.
+
+    Raises:
+        StudioError: there is no footage.
+    """
+    return tuple(dict.fromkeys(match.camera for match in _find_images(spec)[1]))
+
+
+def held_out_cameras(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The cameras that are held out, in order.
+
+    Args:
+        spec: settings of the footage.
+        names: all cameras that are used, in order.
+
+    Raises:
+        StudioError: a camera is unknown, or all of them would be held out.
+    """
     refuse_unknown_cameras(spec.held_out, names, "capture.held_out")
     nth = set(names[spec.held_out_every - 1 :: spec.held_out_every]) if spec.held_out_every else set()
     chosen = tuple(name for name in names if name in nth or name in spec.held_out)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 
 import numpy as np
 
 from studio.cameras import Camera, look_at_pose
+from studio.gaussians import Gaussians
 
 MARGIN = 1.08
 """How much larger than the scene's box the picture is."""
@@ -16,6 +17,25 @@ _EDGES = np.array([place for place in product((-1, 0, 1), repeat=3) if place.cou
 """(12, 3) middles of the edges of a cube from -1 to 1."""
 
 _NARROWEST = 0.02  # tangent of half the field of view, where the box is a point
+
+_SEEN = 0.05  # opacity of splats that count
+_STRAY = 0.001  # share of splats that may lie outside, on each side of each axis
+
+
+def seen_box(frames: Iterable[Gaussians]) -> tuple[np.ndarray, np.ndarray] | None:
+    """The box of what one sees in some frames: without faint splats, and without the few that lie far from all others.
+
+    Args:
+        frames: of a group, at least one.
+
+    Returns:
+        (3,) least and greatest corner, world units, float64; None if nothing can be seen.
+    """
+    found = [frame.means[frame.opacities.reshape(-1) >= _SEEN].detach().cpu().numpy() for frame in frames]
+    corners = [np.quantile(means.astype(np.float64), (_STRAY, 1 - _STRAY), axis=0) for means in found if len(means)]
+    if not corners:
+        return None
+    return np.min([low for low, _ in corners], axis=0), np.max([high for _, high in corners], axis=0)
 
 
 def suggested_view(camera: Camera, low: Sequence[float], high: Sequence[float], up: np.ndarray) -> Camera:

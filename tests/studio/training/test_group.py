@@ -117,6 +117,17 @@ def test_velocity_starts_from_the_last_motion(after: list[TrainingView]) -> None
     assert torch.allclose(moved, previous.means + SHIFT, atol=1e-6)
 
 
+def test_splats_that_are_too_faint_to_be_drawn_do_not_fly_on(after: list[TrainingView]) -> None:
+    settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_velocity=True)
+    previous, older = ball(torch.zeros(3)), ball(-SHIFT)
+    faint = torch.arange(len(previous)) < 10
+    logits = torch.where(faint, torch.logit(torch.tensor(0.0025)), previous.logit_opacities)
+    previous = replace(previous, logit_opacities=logits)
+    moved = train_interframe(previous, after, settings, before_previous=older).gaussians.means
+    assert torch.equal(moved[faint], previous.means[faint])
+    assert torch.allclose(moved[~faint], previous.means[~faint] + SHIFT, atol=1e-6)
+
+
 def test_velocity_filters_the_noise_of_single_splats(after: list[TrainingView]) -> None:
     previous, older = ball(torch.zeros(3)), ball(-SHIFT)
     noise = 0.3 * SHIFT.norm() * torch.randn(previous.means.shape, generator=torch.Generator().manual_seed(5))

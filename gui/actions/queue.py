@@ -1,0 +1,41 @@
+"""The queue of takes: shows its dialog and keeps it up to date."""
+
+from __future__ import annotations
+
+from gui.panels.queue_dialog import NAME, Opening, QueueDialog
+from gui.presenters.run.take_queue import TakeQueue
+from gui.shell import Shell
+
+
+class QueueActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: Shell) -> None:
+        self._window = window
+        self._queue = TakeQueue()
+        self._dialog: QueueDialog | None = None
+
+    def show(self) -> None:
+        """Show the queue."""
+        window = self._window
+        take = window.workspace.take
+        opening = Opening(take.root if take is not None else None, window.open)
+        self._dialog = QueueDialog(window.dialogs, self._queue, opening)
+        self._dialog.show()
+
+    def poll(self) -> bool:
+        """Call at each tick; returns whether something changed."""
+        if self._dialog is None or self._window.dialogs.name != NAME:
+            return False
+        if not self._queue.poll():
+            return False
+        self._dialog.update()
+        return True
+
+    def close(self) -> None:
+        """End the thread; the queue goes on."""
+        self._queue.close()

@@ -1,0 +1,18 @@
+"""What the run of a take in the queue is doing, in a few words."""
+
+from __future__ import annotations
+
+from pipelines.reports.terminal import duration
+from pipelines.runs.in_progress import running
+from pipelines.takes.take import Take
+
+
+def progress_words(take: Take) -> str:
+    """For people: "train 43%, 12 min 05 s left"; "starting" before the first stage. The time is that of the run."""
+    now = running(take)
+    if now is None or now.stage is None:
+        return "starting"
+    if now.progress is None:
+        return now.stage
+    left = now.progress.total_seconds_left
+    return f"{now.stage} {now.progress.fraction:.0%}{'' if left is None else f', {duration(left)} left'}"
