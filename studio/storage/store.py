@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from studio.errors import StudioError, reason_of
 from studio.storage.address import EXTRAS, checked
@@ -87,9 +87,9 @@ class Store:
             StudioError: `storage.*`.
         """
 
-        def find() -> dict[str, Any]:
+        def find() -> Mapping[str, Any]:
             try:
-                found: dict[str, Any] = self._files.find(self._path(below), detail=True, withdirs=False)
+                found: Mapping[str, Any] = self._files.find(self._path(below), detail=True, withdirs=False)
             except FileNotFoundError as error:
                 if "bucket" in str(error).lower() or "container" in str(error).lower():
                     raise
@@ -228,6 +228,6 @@ def without_secrets(text: str) -> str:
     return _SIGNED.sub(r"\1=***", text)
 
 
-def _entry(about: dict[str, Any]) -> Entry:
+def _entry(about: Mapping[str, Any]) -> Entry:
     tag = next((str(about[name]) for name in _TAGS if about.get(name)), "")
     return Entry(int(about.get("size") or about.get("Size") or 0), tag.strip('"'))

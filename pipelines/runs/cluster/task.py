@@ -53,7 +53,6 @@ class GroupTask:
 
     take: str
     footage: str
-    paths: tuple[tuple[str, tuple[str, ...]], ...]
     stage: str
     group: int
     attempt: int
@@ -61,6 +60,7 @@ class GroupTask:
     settings: tuple[tuple[str, Any], ...]
     version: str
     python: str
+    paths: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 def versions() -> tuple[str, str]:
@@ -144,9 +144,10 @@ def _do(task: GroupTask, emit: Any) -> None:
     from pipelines.takes.take import Take
     from studio.storage import is_address
 
-    take = Take.open(_here(Path(task.take, "take.json"), "take", task).parent)
+    about = _here(Path(task.take, "take.json"), "take", task)
     if not is_address(task.footage):
         _here(Path(task.footage), "footage", task)
+    take = Take.open(about.parent)
     config = load_config(take.config, task.settings)
     work(take, config, (task.stage,), task.group, emit, expected=task.key)
 
