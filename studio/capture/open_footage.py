@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from studio.cameras import Camera, Rig
-from studio.capture.checks import number_ranges
 from studio.capture.detect import detect_images
 from studio.capture.footage import Footage
+from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.choose import exact_mattes, mask_source

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.checks import number_ranges
 from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside
 from studio.capture.digest import digest_files
+from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from studio.capture.mattes.chroma_key import ChromaMatteSource, DespillingMatteSource
 from studio.capture.mattes.garbage_mattes import garbage_mattes
