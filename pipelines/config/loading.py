@@ -18,6 +18,7 @@ from studio.errors import Message, StudioError, reason_of
 from studio.json_types import JsonObject
 from studio.paths import need_utf8
 from studio.settings import Conflict, Settings, submodel
+from studio.storage import is_address
 from studio.violations import violation
 from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
@@ -179,6 +180,8 @@ def _anchor_root(values: JsonObject, folder: Path, where: str) -> None:
     """Make `capture.root` absolute, relative to `folder`. Raises StudioError if it cannot be a path."""
     capture = values.get("capture")
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
+        if is_address(capture["root"]):
+            return
         try:
             root = Path(capture["root"]).expanduser()
             root = root if root.is_absolute() else (folder.absolute() / root).resolve()
