@@ -7,7 +7,7 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from studio.errors import StudioError, reason_of
 from studio.storage.address import EXTRAS, checked
