@@ -44,10 +44,10 @@ from pipelines.config import load_config
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
 from pipelines.stages.contribution import DrawnContribution
-from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.atomic_files import write_text
+from studio.comparison import padded_box
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, ContributionFn, StreamReader, bake_group, write_manifest

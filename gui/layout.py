@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from open3d.visualization import gui
 
+from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
@@ -41,6 +42,7 @@ class Panels:
     inspector: InspectorPanel
     message: gui.Label
     status: gui.Label
+    camera_menu: CameraMenu
 
 
 class Layout:
@@ -101,6 +103,8 @@ class Layout:
         if self.fullscreen:
             panels.viewport.picture.place(x, y, width, height)
             self._place_message(context, x, y, width, height)
+            if panels.camera_menu.camera:
+                panels.camera_menu.place(context, area)
             return
         left = min(round(18 * em), width // 3)
         right = min(round(17 * em), width // 4) if figures else 0
@@ -131,6 +135,8 @@ class Layout:
         for fill, frame in zip(self.fills, frames, strict=True):
             fill.frame = gui.Rect(*frame)
         self._place_message(context, inner, y + row, view_width, bottom - y - row)
+        if panels.camera_menu.camera:
+            panels.camera_menu.place(context, area)
 
     def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
         message = self._panels.message

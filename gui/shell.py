@@ -7,12 +7,14 @@ from typing import Protocol
 from open3d.visualization import gui
 
 from gui.layout import Layout
+from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
+from gui.presenters.evaluation import Evaluation
 from gui.presenters.marks import Marks
 from gui.presenters.notices import Notices
 from gui.presenters.playback.player import PlayerPresenter
@@ -36,6 +38,8 @@ class Shell(Protocol):
     notices: Notices
     serving: Serving
     marks: Marks
+    evaluation: Evaluation
+    camera_menu: CameraMenu
     opening: str
     pictures: int
     wants_close: bool
@@ -67,3 +71,6 @@ class Shell(Protocol):
 
     def marks_changed(self) -> None:
         """Update the timeline's marks."""
+
+    def laid_out(self) -> None:
+        """Lay the window out again before it is next drawn."""

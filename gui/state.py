@@ -34,6 +34,9 @@ class WindowState:
         left_out: messages about damaged groups that playback skipped.
         what, compare, wipe: source on screen, comparison mode, position of the wipe, 0 to 1.
         camera: capture camera; "" for the free view.
+        alone: the camera that Capture shows alone; "" for all.
+        menu_camera: the camera whose menu is open; "" if none is.
+        places: the middle of what shows a camera, 0 to 1 across and down the viewport; those in front last.
         shown: frame of the newest picture; None if there is none.
         settled: whether the newest picture shows what was last requested.
         pictures: number of pictures shown so far.
@@ -73,6 +76,9 @@ class WindowState:
     compare: str
     wipe: float
     camera: str
+    alone: str
+    menu_camera: str
+    places: dict[str, list[float]]
     shown: int | None
     settled: bool
     pictures: int
@@ -117,6 +123,9 @@ class WindowState:
             compare=player.mode,
             wipe=round(player.wipe, 3),
             camera=player.camera,
+            alone=window.views.capture.camera,
+            menu_camera=window.camera_menu.camera,
+            places=_places(window),
             shown=player.picture.frame if player.picture else None,
             settled=window.views.settled,
             pictures=window.pictures,
@@ -137,6 +146,13 @@ class WindowState:
         )
 
 
+def _places(window: Shell) -> dict[str, list[float]]:
+    view, size = window.views.stage_view, window.viewport.picture_size
+    if view is None:
+        return {}
+    return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in view.places}
+
+
 def _widgets(window: Shell) -> dict[str, gui.Widget]:
     settings = window.stages.settings[window.stages.selected]
     return {
@@ -148,6 +164,7 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         **window.controls.buttons,
         **window.stages.buttons,
         "error setting": window.stages.link,
+        **{f"camera {key}": button for key, button in window.camera_menu.buttons.items()},
         **{key: button for (stage, key), button in window.modes.buttons.items() if stage == window.views.stage},
         **{f"dialog {key}": widget for key, widget in window.dialogs.widgets.items()},
         "settings filter": settings.filter,

@@ -51,6 +51,10 @@ class Gestures(Protocol):
         """Handle a left click."""
         ...
 
+    def context(self, x: float, y: float) -> None:
+        """Handle a right click."""
+        ...
+
     def hover(self, x: float, y: float) -> None:
         """Note the pointer position for the wheel."""
         ...
@@ -62,6 +66,10 @@ class Viewport:
     Args:
         gestures: returns the receiver for what is on screen.
         changed: called after each gesture.
+
+    Attributes:
+        clicked_at: where the last click was, window pixels.
+        picture_size: (width, height) of the newest picture, pixels.
     """
 
     def __init__(self, gestures: Callable[[], Gestures], changed: Callable[[], None]) -> None:
@@ -69,9 +77,9 @@ class Viewport:
         self._changed = changed
         self._last: tuple[float, float] | None = None
         self._pulling = False
-        self._clicking = False
-        self._start = (0.0, 0.0)
-        self._picture_size = (16, 16)
+        self._clicking = self._right = False
+        self.clicked_at = self._start = (0.0, 0.0)
+        self.picture_size = (16, 16)
         self.most_pixels = MAX_PIXELS
         self.picture = PictureWidget(self._on_mouse)
 
@@ -87,21 +95,23 @@ class Viewport:
 
     def show(self, pixels: np.ndarray) -> None:
         """Show a picture."""
-        self._picture_size = (pixels.shape[1], pixels.shape[0])
+        self.picture_size = (pixels.shape[1], pixels.shape[0])
         self.picture.show(pixels)
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind, gestures = gui.MouseEvent.Type, self._gestures()
         # Gestures are in widget pixels; the picture may have fewer.
-        scale = self._picture_size[0] / max(self.picture.size[0], 1)
+        scale = self.picture_size[0] / max(self.picture.size[0], 1)
         if event.type == kind.BUTTON_DOWN:
             self._last = self._start = (x, y)
             self._clicking = event.is_button_down(gui.MouseButton.LEFT)
+            self._right = event.is_button_down(gui.MouseButton.RIGHT)
             self._pulling = self._clicking and gestures.grabs(x * scale)
         elif event.type == kind.DRAG and self._last is not None:
-            if self._clicking and max(abs(x - self._start[0]), abs(y - self._start[1])) <= _STILL:
+            moved = max(abs(x - self._start[0]), abs(y - self._start[1]))
+            if (self._clicking or self._right) and moved <= _STILL:
                 return True  # an unsteady click is not a drag
-            self._clicking = False
+            self._clicking = self._right = False
             dx, dy = x - self._last[0], y - self._last[1]
             self._last = (x, y)
             if self._pulling:
@@ -109,14 +119,18 @@ class Viewport:
             else:
                 left = event.is_button_down(gui.MouseButton.LEFT)
                 turn = left and not event.is_modifier_down(gui.KeyModifier.SHIFT)
-                gestures.drag(*((dx, dy) if turn else (dx * scale, dy * scale)), turn, self._picture_size[1])
+                gestures.drag(*((dx, dy) if turn else (dx * scale, dy * scale)), turn, self.picture_size[1])
             self._changed()
         elif event.type == kind.BUTTON_UP:
-            if self._clicking and not self._pulling:
+            self.clicked_at = (self.picture.widget.frame.x + x, self.picture.widget.frame.y + y)
+            if self._right:
+                gestures.context(x * scale, y * scale)
+                self._changed()
+            elif self._clicking and not self._pulling:
                 gestures.click(x * scale, y * scale)
                 self._changed()
             self._last = None
-            self._pulling = self._clicking = False
+            self._pulling = self._clicking = self._right = False
         elif event.type == kind.WHEEL:
             gestures.hover(x * scale, y * scale)
             gestures.wheel(event.wheel_dy)

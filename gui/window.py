@@ -9,6 +9,7 @@ from open3d.visualization import gui, rendering
 from gui.actions import menus
 from gui.actions.commands import Actions
 from gui.layout import Layout, Panels
+from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
@@ -42,6 +43,14 @@ from studio.gaussians import Gaussians
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
 render frames. The longer one applies while rendering falls behind playback."""
+
+MODIFIERS = {
+    gui.KeyName.LEFT_CONTROL: "control",
+    gui.KeyName.RIGHT_CONTROL: "control",
+    gui.KeyName.META: "control",
+    gui.KeyName.LEFT_SHIFT: "shift",
+    gui.KeyName.RIGHT_SHIFT: "shift",
+}
 
 Loaded = tuple[Opened, Gaussians | None] | str
 
@@ -85,6 +94,7 @@ class MainWindow:
         self.close_requests = CloseRequests()
         self.wants_close = False
         self.ticks = 0
+        self._modifiers: set[object] = set()
         application = gui.Application.instance
         menus.build(application)
         self.window = application.create_window("V3 Studio", *size)
@@ -109,6 +119,7 @@ class MainWindow:
         self.modes = ModesPanel(self.views.choices(), em, self._chosen)
         self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, changed)
         self.inspector = InspectorPanel(em, changed)
+        self.camera_menu = CameraMenu(em, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
         self._pictures = (
@@ -117,7 +128,7 @@ class MainWindow:
         self.layout: Layout = Layout(
             Panels(
                 self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
-                self.inspector, self.message, self.status,
+                self.inspector, self.message, self.status, self.camera_menu,
             )
         )  # fmt: skip
         for widget in (
@@ -130,6 +141,7 @@ class MainWindow:
             *self.inspector.widgets,
             self.status,
             self.message,
+            self.camera_menu.widget,
         ):
             self.window.add_child(widget)
 
@@ -220,6 +232,7 @@ class MainWindow:
     def select(self, stage: str) -> None:
         """Show a stage."""
         self.stages.selected = stage
+        self.camera_menu.close()
         self.views.select(stage)
         self.window.set_needs_layout()
 
@@ -244,9 +257,13 @@ class MainWindow:
             return True
         if self.dialogs.key(event):
             return True
+        if event.key in MODIFIERS:
+            (self._modifiers.add if event.type == gui.KeyEvent.Type.DOWN else self._modifiers.discard)(event.key)
+            return False
         if event.type != gui.KeyEvent.Type.DOWN or self.dialogs.name:
             return False
-        action = self.actions.for_key(event)
+        held = {MODIFIERS[key] for key in self._modifiers}
+        action = self.actions.for_chord(event, "shift" in held) if "control" in held else self.actions.for_key(event)
         if action is None:
             return False
         action()
@@ -256,6 +273,8 @@ class MainWindow:
     def _escape(self) -> None:
         if self.dialogs.name:
             self.dialogs.escape()
+        elif self.camera_menu.close() or self.views.leave_camera():
+            pass
         elif self.layout.fullscreen:
             self.layout.set_fullscreen(False)
         self.changed()
@@ -283,6 +302,7 @@ class MainWindow:
                 self.exports.result = ""
         changed |= self.actions.shares.poll()
         changed |= self.actions.points.poll()
+        changed |= self.actions.cameras.poll()
         changed |= self.actions.queue.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
@@ -341,11 +361,14 @@ class MainWindow:
 
     def _read_evaluation(self) -> None:
         take, frames = self.workspace.take, self.player.transport.frame_count
-        if not self._evaluation_file.changed(take, frames):
+        camera = self.player.camera if self.views.shows_player else ""
+        if not self._evaluation_file.changed(take, frames, camera):
             return
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
-        series = {name: self.evaluation.series(name, frames) for name in ("psnr_trained", "psnr_decoded", "bytes")}
-        self.timeline.plots = plots_of(series, self.evaluation.mean)
+        camera = camera if camera in self.evaluation.cameras else ""
+        names = ("psnr_trained", "psnr_decoded", "bytes")
+        series = {name: self.evaluation.series(name, frames, camera) for name in names}
+        self.timeline.plots = plots_of(series, camera or self.evaluation.mean)
         self._waveform = None
         self.timeline.explanation = self.evaluation.explanation
 
@@ -360,6 +383,10 @@ class MainWindow:
     def marks_changed(self) -> None:
         """Update the timeline's marks."""
         self.timeline.marks = tuple(sorted(self.marks.notes))
+
+    def laid_out(self) -> None:
+        """Lay the window out again before it is next drawn."""
+        self.window.set_needs_layout()
 
     def _set_text(self, label: gui.Label, text: str) -> bool:
         if label.text == text:

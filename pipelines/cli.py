@@ -42,7 +42,7 @@ GROUPS = {
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
     "Keep takes": ("check",),
-    "Research": ("ablate",),
+    "Research": ("compare", "ablate"),
 }
 """Commands in the order of `v3studio --help`."""
 
@@ -139,6 +139,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         ablate,
         attach,
         check,
+        compare,
         estimate,
         export,
         import_splats,
@@ -202,6 +203,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     publish.register(commands)
     export.register(commands)
     import_splats.register(commands)
+    compare.register(commands)
     ablate.register(commands)
 
     add_board_command(commands)

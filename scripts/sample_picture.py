@@ -18,9 +18,9 @@ from gui.presenters.drawing.canvas import Canvas
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw, to_bytes
 from pipelines.stages.base import Context
-from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
+from studio.comparison import padded_box
 from studio.stream import StreamReader
 
 HEIGHT, GAP, HEADER = 300, 6, 34

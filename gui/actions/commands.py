@@ -9,6 +9,7 @@ from typing import Any
 
 from open3d.visualization import gui
 
+from gui.actions.cameras import CameraActions
 from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
 from gui.actions.output import OutputActions
@@ -42,6 +43,7 @@ class Actions:
         self._marks, self._outputs = MarkActions(window), OutputActions(window)
         self.points = PointActions(window)
         self.shares = ShareActions(window)
+        self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
 
     def menu(self) -> dict[str, Action]:
@@ -52,6 +54,8 @@ class Actions:
             "open": self._ask_open,
             "recent": self._ask_recent,
             "address": self._ask_address,
+            "undo": self.undo,
+            "redo": self.redo,
             "screenshot": self._outputs.screenshot,
             "report": self._outputs.report,
             "preferences": lambda: ask_preferences(window.dialogs, window.preferences, self._save_preferences),
@@ -59,6 +63,7 @@ class Actions:
             "reset": window.views.reset,
             "background": window.player.next_background,
             "camera": window.player.next_camera,
+            "cameras": self.cameras.ask,
             "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
             "figures": window.layout.toggle_figures,
             "queue": self.queue.show,
@@ -116,6 +121,29 @@ class Actions:
             **self.points.keys(),
         }
         return actions.get(event.key)
+
+    def for_chord(self, event: gui.KeyEvent, shift: bool) -> Action | None:
+        """The action of a key pressed with Ctrl; None if it has none."""
+        key = gui.KeyName
+        if event.key == key.Y or (event.key == key.Z and shift):
+            return self.redo
+        return self.undo if event.key == key.Z else None
+
+    def undo(self) -> None:
+        """Reverse the last change of settings or marks."""
+        self._step(self._window.workspace.history.undo)
+
+    def redo(self) -> None:
+        """Make the change that was undone again."""
+        self._step(self._window.workspace.history.redo)
+
+    def _step(self, step: Callable[[], str]) -> None:
+        try:
+            words = step()
+        except StudioError as error:
+            words = str(error)
+        self._window.notices.tell(words)
+        self._window.marks_changed()
 
     def _review(self, choice: str) -> None:
         self._window.select("review")

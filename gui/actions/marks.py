@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
+from gui.presenters.run.history import Change
 from gui.shell import Shell
+from pipelines.takes.marks import Mark
 from studio.errors import StudioError
 
 
@@ -28,20 +31,37 @@ class MarkActions:
         known = window.marks.marks.get(frame)
         where = "" if window.marks.kept else " Marks on a stream are lost when it is closed."
         answers: list[tuple[str, str, Callable[[str], None]]] = [
-            ("save", "Mark", lambda note: self._try(lambda: window.marks.set(frame, note, known)))
+            ("save", "Mark", lambda note: self._change(frame, note, known))
         ]
         if known is not None:
-            answers.append(("remove", "Remove mark", lambda _: self._try(lambda: window.marks.remove(frame, known))))
+            answers.append(("remove", "Remove mark", lambda _: self._change(frame, None, known)))
         answers.append(("close", "Cancel", lambda _: None))
         note = "" if known is None else known.note
         window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional).{where}", note, answers)
 
-    def _try(self, action: Callable[[], object]) -> None:
+    def _change(self, frame: int, note: str | None, known: Mark | None) -> None:
+        """Mark a frame, or remove its mark (None); noted for undo."""
+        window, marks = self._window, self._window.marks
         try:
-            action()
+            if note is None:
+                marks.remove(frame, known)
+            else:
+                marks.set(frame, note, known)
         except StudioError as error:
-            self._window.player.message = str(error)
-        self._window.marks_changed()
+            window.player.message = str(error)
+        now = marks.marks.get(frame)
+        window.marks_changed()
+
+        def put(mark: Mark | None, replaces: Mark | None) -> str:
+            try:
+                marks.put(frame, mark, replaces)
+            except StudioError as error:
+                return str(error)
+            return ""
+
+        if now != known:
+            undo, redo = partial(put, known, now), partial(put, now, known)
+            window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
     def go(self, direction: int) -> None:
         """Go to the next (1) or previous (-1) mark."""

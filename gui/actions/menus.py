@@ -23,12 +23,14 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("quit", "Quit"),
         ),
     ),
+    ("Edit", (("undo", "Undo (Ctrl+Z)"), ("redo", "Redo (Ctrl+Shift+Z)"))),
     (
         "View",
         (
             ("reset", "Reset view (R)"),
             ("background", "Next background (B)"),
             ("camera", "Next capture camera (C)"),
+            ("cameras", "Cameras: use, hold out..."),
             ("fullscreen", "Fullscreen (F)"),
             ("figures", "Inspector and log (I)"),
             ("queue", "Queue of takes (Q)"),

@@ -57,10 +57,11 @@ class SettingsList:
     def place(self, x: float, y: float, width: float, height: float) -> None:
         """Set the panel's rectangle in window pixels."""
         em = self._em
-        self.widget.frame = gui.Rect(int(x), int(y), int(width), int(height))
-        top = 1.9 * em
-        self.filter.frame = gui.Rect(int(x + 0.6 * em), int(y + 0.2 * em), int(width - 1.2 * em), int(1.4 * em))
-        self._scroll.frame = gui.Rect(int(x), int(y + top), int(width), max(int(height - top), 1))
+        left, above, top = int(x), int(y), int(1.9 * em)
+        wide, high = int(width), int(y + height) - above  # whole pixels: a child one pixel too high adds a scroll bar
+        self.widget.frame = gui.Rect(left, above, wide, high)
+        self.filter.frame = gui.Rect(int(x + 0.6 * em), int(above + 0.2 * em), int(width - 1.2 * em), int(1.4 * em))
+        self._scroll.frame = gui.Rect(left, above + top, wide, max(high - top, 1))
 
     def refilter(self) -> bool:
         """Apply the filter; return whether the list has changed, which requires `show` and a new layout. Deferred to

@@ -17,12 +17,13 @@ class EvaluationFile:
     def __init__(self) -> None:
         self._seen: object = None
 
-    def changed(self, take: Take | None, frame_count: int) -> bool:
-        """True on the first call, and if the file, the take or the number of frames has changed since the last."""
+    def changed(self, take: Take | None, frame_count: int, camera: str = "") -> bool:
+        """True on the first call, and if the file, the take, the number of frames or the camera has changed since the
+        last."""
         stamp = None
         if take is not None:
             stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
-        before, self._seen = self._seen, (stamp, frame_count)
+        before, self._seen = self._seen, (stamp, frame_count, camera)
         return before != self._seen
 
 
@@ -100,10 +101,21 @@ class Evaluation:
             "The numbers on the left are for the current frame. Click or drag to seek."
         )
 
-    def series(self, name: str, frame_count: int) -> list[float | None]:
-        """A metric, or "bytes", for every frame; None where not measured."""
+    def series(self, name: str, frame_count: int, camera: str = "") -> list[float | None]:
+        """A metric, or "bytes", for every frame; None where not measured.
+
+        Args:
+            name: the metric.
+            frame_count: number of frames.
+            camera: an evaluated camera; "" for the mean.
+        """
         found: list[float | None] = []
         for frame in range(frame_count):
             quality = self.frames.get(frame)
-            found.append(None if quality is None else quality.bytes if name == "bytes" else quality.means.get(name))
+            if quality is None:
+                found.append(None)
+            elif name == "bytes":
+                found.append(quality.bytes)
+            else:
+                found.append((quality.cameras.get(camera, {}) if camera else quality.means).get(name))
         return found

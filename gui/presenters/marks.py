@@ -67,18 +67,19 @@ class Marks:
         """
         note = note.strip()
         if replaces is None or note != replaces.note:
-            self._change(frame, Mark(frame=frame, note=note), replaces)
+            self.put(frame, Mark(frame=frame, note=note), replaces)
 
     def remove(self, frame: int, replaces: Mark | None) -> None:
         """Remove a frame's mark; arguments and exceptions as `set`."""
-        self._change(frame, None, replaces)
+        self.put(frame, None, replaces)
 
     def next_after(self, frame: int, direction: int) -> int | None:
         """The nearest marked frame after (1) or before (-1) this one; None if there is none."""
         others = [other for other in self.marks if (other - frame) * direction > 0]
         return min(others, key=lambda other: abs(other - frame)) if others else None
 
-    def _change(self, frame: int, mark: Mark | None, replaces: Mark | None) -> None:
+    def put(self, frame: int, mark: Mark | None, replaces: Mark | None) -> None:
+        """Set a frame's mark, or remove it (None); `replaces` and exceptions as `set`."""
         if self._damage is not None:
             raise self._damage
         if self._path is not None:

@@ -267,7 +267,7 @@ def _evaluate(context: Context, view: FootageView, splats: Gaussians) -> float:
     import torch
 
     from pipelines.reports.pictures import draw
-    from pipelines.stages.evaluate import padded_box
+    from studio.comparison import padded_box
     from studio.metrics import psnr, ssim
     from studio.perceptual import SMALLEST
 

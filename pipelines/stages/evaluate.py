@@ -19,13 +19,12 @@ from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, 
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
+from studio.comparison import HIGHEST_PSNR, padded_box
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
     from studio.stream import StreamReader
-
-_HIGHEST_PSNR = 100.0  # dB; that of equal images is infinite
 
 
 class EvaluateStage:
@@ -212,10 +211,12 @@ class EvaluateStage:
                 views[camera] = {}
                 for what in ("trained", "decoded"):
                     image, truth = _tensor(getattr(sample, what)), _tensor(sample.truth)
-                    views[camera][f"psnr_{what}"] = round(min(float(psnr(image, truth)), _HIGHEST_PSNR), 4)
+                    views[camera][f"psnr_{what}"] = round(min(float(psnr(image, truth)), HIGHEST_PSNR), 4)
                     views[camera][f"ssim_{what}"] = round(float(ssim(image, truth)), 5)
                     if context.lpips is not None:
-                        pair = (_at_least(one, context.config.capture.background) for one in (image, truth))
+                        from studio.perceptual import at_least
+
+                        pair = (at_least(one, context.config.capture.background) for one in (image, truth))
                         views[camera][f"lpips_{what}"] = round(context.lpips(*pair), 5)
                 if index in shown and camera in cameras[:3]:
                     measured.samples.append(sample)
@@ -273,34 +274,10 @@ def _cameras(context: Context) -> tuple[str, ...]:
     return footage.held_out_cameras or footage.train_cameras
 
 
-def padded_box(matte: np.ndarray, padding: int) -> tuple[slice, slice] | None:
-    """Rows and columns of the bounding box of an (H, W) uint8 matte above 127, padded by `padding` pixels and clipped
-    to the image; None if the matte is empty."""
-    rows, columns = np.flatnonzero((matte > 127).any(1)), np.flatnonzero((matte > 127).any(0))
-    if rows.size == 0:
-        return None
-    return (
-        slice(max(0, int(rows[0]) - padding), min(matte.shape[0], int(rows[-1]) + 1 + padding)),
-        slice(max(0, int(columns[0]) - padding), min(matte.shape[1], int(columns[-1]) + 1 + padding)),
-    )
-
-
 def _tensor(image: np.ndarray) -> Any:
     import torch
 
     return torch.from_numpy(np.ascontiguousarray(image))
-
-
-def _at_least(image: Any, background: tuple[float, float, float]) -> Any:
-    """Pad an (h, w, 3) tensor on the right and bottom with the background, to the smallest size that LPIPS accepts."""
-    from studio.perceptual import SMALLEST
-
-    height, width = image.shape[:2]
-    if min(height, width) >= SMALLEST:
-        return image
-    larger = image.new_tensor(background).repeat(max(height, SMALLEST), max(width, SMALLEST), 1)
-    larger[:height, :width] = image
-    return larger
 
 
 def _means(rows: Iterable[Quality]) -> dict[str, float]:

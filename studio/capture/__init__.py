@@ -9,7 +9,13 @@ if TYPE_CHECKING:
     from studio.capture.footage import Footage, FootageView
     from studio.capture.mattes.matte_source import MatteSource
     from studio.capture.mattes.matting_function import FunctionMatteSource, MattingFunction
-    from studio.capture.open_footage import match_rig, open_footage, refuse_unknown_cameras
+    from studio.capture.open_footage import (
+        find_cameras,
+        held_out_cameras,
+        match_rig,
+        open_footage,
+        refuse_unknown_cameras,
+    )
     from studio.capture.settings import CaptureSettings
 
 __all__ = [
@@ -20,6 +26,8 @@ __all__ = [
     "MatteSource",
     "MattingFunction",
     "check_footage",
+    "find_cameras",
+    "held_out_cameras",
     "match_rig",
     "open_footage",
     "refuse_unknown_cameras",

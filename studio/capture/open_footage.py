@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from studio.cameras import Camera, Rig
-from studio.capture.checks import number_ranges
 from studio.capture.detect import detect_images
 from studio.capture.footage import Footage
+from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.choose import exact_mattes, mask_source
@@ -20,6 +20,8 @@ from studio.capture.settings import CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
 from studio.errors import Message, StudioError
+from studio.memory import memory_limit
+from studio.storage import is_address, mirrored
 
 
 def open_footage(
@@ -34,7 +36,8 @@ def open_footage(
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
     Args:
-        spec: where the capture is and how to read it.
+        spec: where the capture is and how to read it. Of a capture in object storage, the files are listed here, and
+            read when their frames are.
         rig: the cameras, with lens distortion, at the size they were calibrated at; None before calibration
             (`Footage.image` is then only scaled, and `Footage.rig` raises). Names must match the footage; a file
             extension in a rig's camera name, as COLMAP writes it, is ignored.
@@ -50,8 +53,10 @@ def open_footage(
     Raises:
         StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
             unknown camera in the settings, missing frames, or an aspect ratio that differs from the calibration's;
-            `calibration.camera_missing`; `matte.*`: mattes are missing.
+            `calibration.camera_missing`; `matte.*`: mattes are missing; `storage.*`.
     """
+    if is_address(spec.root):
+        spec = spec.replace(root=mirrored(spec.root, spec.disk_cache_gigabytes))
     if not spec.root.is_dir():
         raise StudioError(
             "footage.folder_missing",
@@ -81,7 +86,7 @@ def open_footage(
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     cache = ByteCache(_cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20)
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
-    held_out = _held_out(spec, tuple(sources))
+    held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask
     matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder, device, threads)
     exact, exact_note = exact_mattes(spec, tuple(sources), masked)
@@ -96,9 +101,7 @@ def open_footage(
 
 
 def _cache_bytes() -> int:
-    import psutil
-
-    return int(min(2 << 30, psutil.virtual_memory().total // 8))
+    return min(2 << 30, memory_limit() // 8)
 
 
 def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
@@ -344,7 +347,25 @@ def _warps(
     return warps
 
 
-def _held_out(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:
+def find_cameras(spec: CaptureSettings) -> tuple[str, ...]:
+    """Names of all cameras of the footage in order, also of those that `spec.cameras` leaves out. Reads no images.
+
+    Raises:
+        StudioError: there is no footage.
+    """
+    return tuple(dict.fromkeys(match.camera for match in _find_images(spec)[1]))
+
+
+def held_out_cameras(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The cameras that are held out, in order.
+
+    Args:
+        spec: settings of the footage.
+        names: all cameras that are used, in order.
+
+    Raises:
+        StudioError: a camera is unknown, or all of them would be held out.
+    """
     refuse_unknown_cameras(spec.held_out, names, "capture.held_out")
     nth = set(names[spec.held_out_every - 1 :: spec.held_out_every]) if spec.held_out_every else set()
     chosen = tuple(name for name in names if name in nth or name in spec.held_out)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -149,6 +149,16 @@ class Lpips:
                     weights = self._linear[self._taps.index(number)].view(-1, 1, 1)
                     distance += float((weights * (one - other).square()).sum(0).mean())
         return distance
+
+
+def at_least(image: Tensor, background: Sequence[float]) -> Tensor:
+    """Pad an (h, w, 3) image on the right and bottom with an RGB background, to the smallest size of LPIPS."""
+    height, width = image.shape[:2]
+    if min(height, width) >= SMALLEST:
+        return image
+    larger = image.new_tensor(background).repeat(max(height, SMALLEST), max(width, SMALLEST), 1)
+    larger[:height, :width] = image
+    return larger
 
 
 def weights_file(network: Network) -> Path:

@@ -239,7 +239,8 @@ class RunningWindow:
         """Choose an item of a menu by its row and the number of separators above it. The toolkit draws menus without
         reporting their frames; the offsets were measured at its default font size."""
         left, top = self.point("stages", 0.0, 0.0)
-        across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Share": 212, "Help": 262}[title]
+        middles = {"File": 22, "Edit": 61, "View": 104, "Mark": 151, "Export": 203, "Share": 257, "Help": 306}
+        across = left + middles[title]
         self.press(across, top - 12)
         self.press(across + 20, top + 21 + round(24.3 * row + 6.4 * separators))
 
@@ -296,6 +297,15 @@ class RunningWindow:
             self.send("mousemove", *self.point("stages", 0.9, 0.98))
         self.send("keydown", name)
         self.send("keyup", name)
+
+    def chord(self, name: str, *modifiers: str) -> None:
+        """Press a key with Ctrl and other modifiers."""
+        held = ("Control_L", *modifiers)
+        for modifier in held:
+            self.send("keydown", modifier)
+        self.key(name)
+        for modifier in held:
+            self.send("keyup", modifier)
 
     def screenshot(self, path: Path) -> Path:
         """The whole screen as a PNG."""

@@ -74,7 +74,7 @@ def plots_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean
 
     Args:
         evaluation_series: values by metric.
-        mean: which cameras PSNR is averaged over, for the title.
+        mean: which cameras PSNR is averaged over, or the camera, for the title.
     """
     kilobytes = [None if value is None else value / 1000 for value in evaluation_series.get("bytes", [])]
     return (

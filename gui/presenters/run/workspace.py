@@ -7,10 +7,14 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
+from pydantic import JsonValue
+
+from gui.presenters.run.history import Change, History
 from gui.presenters.run.jobs import Job, is_paused, pause_process, stop_process
 from gui.presenters.run.run_state import RunState
 from gui.presenters.stages.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
@@ -24,6 +28,7 @@ from pipelines.takes.cancel_request import request_cancel
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
+from studio.yaml_text import inline_yaml
 
 LOOK_EVERY = 0.5
 """Seconds between two scans of the take's folder."""
@@ -41,6 +46,7 @@ class Workspace:
 
     Attributes:
         opening: name of what is being opened; "" if nothing is.
+        history: changes of the take's settings and marks, for undo.
     """
 
     def __init__(
@@ -52,6 +58,7 @@ class Workspace:
         self._clear()
 
     def _clear(self) -> None:
+        self.history = History()
         self.take: Take | None = None
         self.context: Context | None = None
         self.assessment = Assessment()
@@ -307,18 +314,46 @@ class Workspace:
 
     def change_setting(self, name: str, value: object) -> Message | None:
         """Write a setting to the take's config.yaml; return None, or why it was refused."""
+        return self.change_settings({name: value})
+
+    def change_settings(self, values: Mapping[str, object], words: str = "") -> Message | None:
+        """Write settings to the take's config.yaml as one change, which can be undone.
+
+        Args:
+            values: JSON-ready values by dotted name.
+            words: what the change is called; "" for names and values.
+
+        Returns:
+            None, or why it was refused.
+        """
+        before = self.context.config if self.context is not None else None
+        refusal = self._write_settings(values)
+        if refusal is None and before is not None and self.context is not None and self.context.config != before:
+            old = {name: setting_value(before, name) for name in values}
+            new = {name: setting_value(self.context.config, name) for name in values}
+            words = words or ", ".join(f"{name} {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new)
+
+            def write(values: Mapping[str, object]) -> str:
+                return str(self._write_settings(values) or "")
+
+            self.history.add(Change(words, lambda: write(old), lambda: write(new)))
+        return refusal
+
+    def _write_settings(self, values: Mapping[str, object]) -> Message | None:
         if self.take is None or self.context is None:
             return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
         if self.busy:
             fix = "Wait for it to finish, or cancel it."
             return Message("settings.run_active", "settings are locked during a run", fix=fix)
         try:
-            config = load_config(self.take.config, [(name, value)])
+            config = load_config(self.take.config, list(values.items()))
             if config != self.context.config:
                 with disk_errors(self.take.root):
                     save_config(self.take.config, config)  # keeps comments
         except StudioError as error:
             return replace(error.message, file=None) if error.file == COMMAND_LINE else error.message
+        if config != self.context.config:
+            self.context = Context(self.take, config)
         self._next_look = 0.0
         return None
 
@@ -331,6 +366,14 @@ class Workspace:
     def close(self) -> bool:
         """End the thread; a job keeps running. Returns whether the thread ended in time."""
         return self._worker.close()
+
+
+def setting_value(config: Config, name: str) -> JsonValue:
+    """The JSON-ready value of a setting, by its dotted name."""
+    value: Any = config.model_dump(mode="json")
+    for part in name.split("."):
+        value = value[part]
+    return cast(JsonValue, value)
 
 
 def _changed(path: Path) -> int:

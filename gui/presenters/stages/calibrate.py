@@ -7,11 +7,11 @@ from collections.abc import Hashable
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height
-from gui.presenters.drawing.painter import draw_frustum, draw_points
-from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, RGB, SECOND, TEXT
+from gui.presenters.drawing.painter import NEAR, draw_frustum, draw_points, frustum, project
+from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, SECOND, TEXT
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_view import OrbitView, Size
+from gui.presenters.stages.stage_view import OrbitView, Size, rectangle
 from pipelines.takes.calibration import CamerasReport, read_cameras_report
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
@@ -47,7 +47,7 @@ class CalibrateView(OrbitView):
         if stamp != self._read_of:
             self.orbit = None  # other cameras need another view
         view = self.orbit.key if self.orbit is not None else None
-        return (stamp, self.mode, view, self.frame if self.mode == "cameras" else 0, self.em)
+        return (stamp, self.mode, self.camera, view, self.frame if self.mode == "cameras" else 0, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -97,13 +97,19 @@ class CalibrateView(OrbitView):
         length = 0.16 * float(np.median([np.linalg.norm(camera.center - self._home.target) for camera in self._rig]))
         far_first = sorted(self._rig, key=lambda camera: -float(np.linalg.norm(camera.center - orbit.eye)))
         small = round(0.85 * self.em)
+        places = []
         for camera in far_first:
-            color = self._color(camera.name)
+            color = TEXT if camera.name == self.camera else self._color(camera.name)
+            center, corners = frustum(camera, length)
+            pixels, depth = project(view, np.vstack([center[None], corners]))
+            if (depth > NEAR).all():
+                places.append((camera.name, pixels))
             place = draw_frustum(canvas, view, camera, length, color, self._thumbnail(camera.name), 2)
             if place is not None:
                 error = self._error(camera.name)
                 words = camera.name if error is None else f"{camera.name}  {error:.2f} px"
                 canvas.text(place[0], place[1] + 4, words, small, TEXT, align="middle")
+        self.places = places
         self._legend(canvas, small)
         return canvas.pixels
 
@@ -169,6 +175,7 @@ class CalibrateView(OrbitView):
             ("focal px", 1.0),
         ]
         wide = size[0] - 2 * em
+        places = []
         for title, at in columns:
             canvas.text(em + at * wide, y, title, normal, DIM, align="left" if at == 0 else "right")
         y += step
@@ -182,10 +189,14 @@ class CalibrateView(OrbitView):
                 "" if found is None else f"{100 * found.coverage:.0f}%",
                 f"{camera.fx:.0f}",
             ]
+            places.append((camera.name, rectangle(0, y, size[0], step)))
+            if camera.name == self.camera:
+                canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
             canvas.dot(0.5 * em, y + 0.6 * normal, 0.25 * em, self._color(camera.name))
             for (_, at), word in zip(columns, words, strict=True):
                 canvas.text(em + at * wide, y, word, normal, TEXT, align="left" if at == 0 else "right")
             y += step
+        self.places = places
         for name, reason in report.unregistered.items() if isinstance(report, CalibrationReport) else ():
             canvas.text(em, y, f"{name}: not registered: {reason}", normal, BAD, width=wide)
             y += step

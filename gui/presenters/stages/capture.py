@@ -11,16 +11,19 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
 from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, RAISED, TEXT
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_view import Size, StageView, sentence
+from gui.presenters.stages.stage_view import Size, StageView, rectangle, sentence
 from pipelines.config import Config
 from studio.capture import Footage, check_footage, open_footage
 from studio.errors import Cancelled, StudioError
 
 TINT = np.array(ACCENT, np.float32)
 
+WIDE, WIDEST = 480, 2048
+"""Most columns of a thumbnail, and of the image of one camera."""
+
 
 class CaptureView(StageView):
-    """Thumbnails of all cameras: with the matte as an overlay, without it, or cut out."""
+    """Thumbnails of all cameras, or one of them (`camera`): with the matte as an overlay, without it, or cut out."""
 
     modes = ("mask overlay", "images", "performer")
 
@@ -34,7 +37,7 @@ class CaptureView(StageView):
         """The capture settings, the frame, the mode, the result of the check."""
         config = self.workspace.config
         capture = config.capture if config is not None else self.workspace.without_settings
-        return (capture, self.frame, self.mode, self._check.words, tuple(self._check.problems), self.em)
+        return (capture, self.camera, self.frame, self.mode, self._check.words, tuple(self._check.problems), self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -81,14 +84,17 @@ class CaptureView(StageView):
         return take.footage_cache if take is not None else None
 
     def _thumbnails(self, canvas: Canvas, footage: Footage, frame: int, height: float) -> None:
-        names = footage.camera_names
+        alone = self.camera in footage.camera_names
+        names = (self.camera,) if alone else footage.camera_names
+        places = []
         width, row = grid(len(names), canvas.width, height, _aspect(footage, names[0]), self._small)
         columns = max(canvas.width // width, 1)
         for number, name in enumerate(names):
             x, y = number % columns * width, number // columns * row
             held_out = name in footage.held_out_cameras
+            places.append((name, rectangle(x, y, width, row)))
             try:
-                picture = self._thumbnail(footage, name, frame)
+                picture = self._thumbnail(footage, name, frame, WIDEST if alone else WIDE)
                 left, top, wide, high = canvas.fit_image(x + 3, y + 3, width - 6, row - self._small - 11, picture)
                 if held_out:
                     canvas.frame(left, top, wide, high, ACCENT)
@@ -100,13 +106,15 @@ class CaptureView(StageView):
                 ):
                     canvas.text(x + 9, y + 9 + line * step, words, self._small, BAD)
             label = f"{name}, held out" if held_out else name
+            label += "; click for all cameras" if alone else ""
             canvas.text(x + width / 2, y + row - self._small - 7, label, self._small, TEXT, align="middle", width=width)
+        self.places = places
 
-    def _thumbnail(self, footage: Footage, name: str, frame: int) -> np.ndarray:
+    def _thumbnail(self, footage: Footage, name: str, frame: int, widest: int) -> np.ndarray:
         import cv2
 
         image = footage.raw_image(name, frame)
-        scale = min(1.0, 480 / image.shape[1])
+        scale = min(1.0, widest / image.shape[1])
         size = max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1)
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         if self.mode == "images":

@@ -14,6 +14,9 @@ from gui.presenters.run.workspace import Workspace
 from gui.presenters.worker import LatestWorker
 from studio.errors import StudioError
 
+PICK_MARGIN = 3.0
+"""Pixels by which a click may miss a camera: frustums far away are small."""
+
 Size = tuple[int, int]
 _Request = tuple[Size, str, Hashable]
 
@@ -29,6 +32,8 @@ class StageView:
         mode: the selected picture.
         em: the window's font size, pixels.
         frame: the transport's current frame.
+        places: (camera, corners as (N, 2) pixels of the picture) of what shows a camera, those in front last.
+        camera: the marked camera; "" for none.
     """
 
     modes: ClassVar[tuple[str, ...]] = ()
@@ -40,6 +45,8 @@ class StageView:
         self.mode = self.modes[0] if self.modes else ""
         self.em = 16.0
         self.frame = 0
+        self.places: list[tuple[str, np.ndarray]] = []
+        self.camera = ""
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._work, f"v3studio {type(self).__name__}")
         self._asked: _Request | None = None
 
@@ -95,6 +102,16 @@ class StageView:
     def click(self, x: float, y: float) -> None:
         """Handle a click at a pixel of the picture."""
 
+    def camera_at(self, x: float, y: float) -> str:
+        """The camera shown at a pixel of the picture; "" if there is none."""
+        import cv2
+
+        for name, corners in reversed(self.places):
+            hull = cv2.convexHull(corners.astype(np.float32))
+            if cv2.pointPolygonTest(hull, (float(x), float(y)), True) >= -PICK_MARGIN:
+                return name
+        return ""
+
     def hover(self, x: float, y: float) -> None:
         """Note the pointer position for the wheel."""
 
@@ -140,6 +157,11 @@ class OrbitView(StageView):
     def reset(self) -> None:
         """Return to the initial view."""
         self.orbit = None
+
+
+def rectangle(x: float, y: float, width: float, height: float) -> np.ndarray:
+    """(4, 2) corners."""
+    return np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]])
 
 
 def waiting(pixels: np.ndarray, words: str, em: float) -> np.ndarray:

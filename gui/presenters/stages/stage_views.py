@@ -58,6 +58,10 @@ class StageViews:
         player: the player.
         read_mesh: see `InitializeView`.
         now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        asked: ("look" or "menu", camera) after a click on a camera; the window takes it.
+        pressed: whether there was a click since the window last looked.
     """
 
     def __init__(
@@ -83,6 +87,8 @@ class StageViews:
         self._pixels: np.ndarray | None = None
         self._missing_since: float | None = None
         self._waits = ""
+        self.asked: tuple[str, str] | None = None
+        self.pressed = False
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
         """Buttons above the viewport, by stage."""
@@ -233,8 +239,35 @@ class StageViews:
 
     def click(self, x: float, y: float) -> None:
         """Handle a click."""
+        self.pressed = True
         if self.stage_view is not None:
+            camera = self.stage_view.camera_at(x, y)
+            if camera:
+                self.asked = ("look", camera)
             self.stage_view.click(x, y)
+
+    def context(self, x: float, y: float) -> None:
+        """Handle a right click."""
+        self.pressed = True
+        view = self.stage_view
+        camera = self.player.camera if view is None else view.camera_at(x, y)
+        if camera:
+            self.asked = ("menu", camera)
+
+    def show_alone(self, camera: str, toggle: bool = True) -> None:
+        """Show one camera in Capture; all of them if it is shown alone and `toggle`."""
+        self.capture.camera = "" if toggle and self.capture.camera == camera else camera
+
+    def leave_camera(self) -> bool:
+        """Show all cameras in Capture again; returns whether one was shown alone."""
+        alone = self.stage == "capture" and self.capture.camera != ""
+        if alone:
+            self.capture.camera = ""
+        return alone
+
+    def mark_camera(self, camera: str) -> None:
+        """Mark a camera in Calibrate."""
+        self.stage_views["calibrate"].camera = camera
 
     def hover(self, x: float, y: float) -> None:
         """Note the pointer position."""

@@ -17,7 +17,7 @@ from pipelines.runs.runner import ALL_STAGES, run, status
 from pipelines.runs.work import work
 from pipelines.stages import stage_named
 from pipelines.stages.base import Context
-from pipelines.stages.evaluate import EvaluateStage, padded_box
+from pipelines.stages.evaluate import EvaluateStage
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
@@ -369,13 +369,6 @@ def test_cancelled_from_another_thread(project):
     assert trained(events) == [0]
     assert not any(isinstance(event, StageFinished) and event.stage == "train" for event in events)
     assert trained(project.run("run.seed=5")) == [1, 2, 3, 4]
-
-
-def test_box_is_padded_and_stays_inside():
-    matte = np.zeros((20, 30), np.uint8)
-    assert padded_box(matte, 3) is None
-    matte[5:8, 28] = 255
-    assert padded_box(matte, 3) == (slice(2, 11), slice(25, 30))
 
 
 def test_a_group_that_a_worker_measures_meanwhile_is_not_measured_again(

@@ -17,10 +17,9 @@ from pipelines.ablation.results import AblationResults, RatePoint, VariantResult
 from pipelines.config import load_config, parse_override
 from pipelines.events import StageStarted, Warned
 from pipelines.runs.runner import run, status
-from pipelines.stages.evaluate import _at_least
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-from studio.perceptual import SMALLEST
+from studio.perceptual import SMALLEST, at_least
 from tests.support.errors import refuses
 
 
@@ -125,11 +124,11 @@ def test_small_pictures_are_continued_with_the_background(take: Take) -> None:
     measured(take, "evaluate.lpips=alex", "evaluate.crop_padding=0")  # the ball is 25 pixels wide
     assert all(row["lpips_trained"] > 0 for row in json.loads(take.evaluation.read_text())["frames"])
     small = torch.rand(20, 40, 3)
-    larger = _at_least(small, (0.5, 0.25, 1.0))
+    larger = at_least(small, (0.5, 0.25, 1.0))
     assert larger.shape == (32, 40, 3)
     assert torch.equal(larger[:20], small)
     assert torch.equal(larger[20:], torch.tensor([0.5, 0.25, 1.0]).expand(12, 40, 3))
-    assert _at_least(torch.rand(32, 33, 3), (0, 0, 0)).shape == (32, 33, 3)
+    assert at_least(torch.rand(32, 33, 3), (0, 0, 0)).shape == (32, 33, 3)
 
 
 def test_weights_that_are_not_there_are_told_before_training(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,134 @@
+"""What a click on a camera does, its menu, and the list of all cameras."""
+
+from __future__ import annotations
+
+from functools import partial
+from statistics import fmean
+
+from gui.panels.camera_dialog import ask_cameras
+from gui.panels.camera_menu import Item
+from gui.presenters.run.cameras import CameraUses, camera_facts, change_uses, known
+from gui.shell import Shell
+from studio.errors import StudioError
+
+
+class CameraActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: Shell) -> None:
+        self._window = window
+
+    def poll(self) -> bool:
+        """Handle a click on a camera; returns whether there was one."""
+        window = self._window
+        asked, window.views.asked = window.views.asked, None
+        if window.camera_menu.camera and (asked is not None or window.views.pressed):
+            window.camera_menu.close()
+        window.views.pressed = False
+        if asked is None:
+            return False
+        kind, camera = asked
+        if kind == "menu":
+            self._open_menu(camera)
+        elif window.views.stage == "capture":
+            window.views.show_alone(camera)
+        else:
+            self.look_through(camera)
+        return True
+
+    def look_through(self, camera: str) -> None:
+        """Show the performer from a camera; its footage while nothing is trained."""
+        window = self._window
+        player = window.player
+        if camera in player.camera_names and player.source is not None:
+            window.select("review")
+            player.look_through(camera)
+        else:
+            self._alone(camera)
+
+    def _alone(self, camera: str) -> None:
+        views = self._window.views
+        self._window.select("capture")
+        views.show_alone(camera, toggle=False)
+
+    def _mattes(self, camera: str) -> None:
+        self._alone(camera)
+        self._window.views.choose("mask overlay")
+
+    def _errors(self, camera: str) -> None:
+        self._window.select("calibrate")
+        self._window.views.choose("report")
+        self._window.views.mark_camera(camera)
+
+    def _open_menu(self, camera: str) -> None:
+        window = self._window
+        take = window.workspace.take
+        uses = self._uses()
+        if take is None or uses is None or camera not in uses.uses:
+            return
+        use = uses.uses[camera]
+        items: list[Item] = [
+            ("look", "Look through", lambda: self.look_through(camera)),
+            ("mattes", "Show its mattes", lambda: self._mattes(camera)),
+        ]
+        if take.rig.is_file():
+            items.append(("errors", "Show its reprojection errors", lambda: self._errors(camera)))
+        if known(window.evaluation, "psnr_decoded", camera) or known(window.evaluation, "psnr_trained", camera):
+            items.append(("psnr", "Show its PSNR", lambda: self.look_through(camera)))
+        for other, label in (
+            ("training", "Use for training"),
+            ("held out", "Hold out"),
+            ("not used", "Exclude (do not use)"),
+        ):
+            if other != use:
+                items.append((other, label, partial(self._use, camera, other)))
+        items.append(("list", "All cameras...", self.ask))
+        window.camera_menu.open(
+            window.viewport.clicked_at, camera, use, camera_facts(take, window.evaluation, camera), items
+        )
+        window.laid_out()
+
+    def _uses(self) -> CameraUses | None:
+        config = self._window.workspace.config
+        if config is None:
+            return None
+        try:
+            return CameraUses.of(config.capture)
+        except StudioError as error:
+            self._window.notices.tell(str(error), bad=True)
+            return None
+
+    def _use(self, camera: str, use: str) -> None:
+        uses = self._uses()
+        if uses is None:
+            return
+        words = {
+            "training": f"train on {camera}",
+            "held out": f"hold out {camera}",
+            "not used": f"exclude {camera} from training",
+        }[use]
+        refused = change_uses(self._window.workspace, uses.with_use(camera, use), words)
+        self._window.notices.tell(refused or f"{words[0].upper()}{words[1:]}: Ctrl+Z takes it back.", bad=bool(refused))
+
+    def ask(self) -> None:
+        """Ask for the use of every camera."""
+        window = self._window
+        uses = self._uses()
+        if uses is None:
+            if window.workspace.config is None:
+                window.notices.tell("Open a take first. A stream has no cameras to choose from.")
+            return
+
+        def save(chosen: CameraUses) -> str:
+            return change_uses(window.workspace, chosen, "the uses of cameras")
+
+        figures = {
+            name: f"{fmean(values):.2f}\u00a0dB"
+            for name in uses.uses
+            if (values := known(window.evaluation, "psnr_decoded", name))
+        }
+        ask_cameras(window.dialogs, uses, figures, save)

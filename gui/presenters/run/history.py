@@ -1,0 +1,55 @@
+"""Undo and redo of changes of settings and marks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+MOST = 200
+"""Changes that are remembered."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change that was made.
+
+    Attributes:
+        words: what it changed, as in "bake.qp 20 to 24".
+        undo, redo: reverse it, make it again; each returns why that was refused, "" if it was not.
+    """
+
+    words: str
+    undo: Callable[[], str]
+    redo: Callable[[], str]
+
+
+class History:
+    """Changes that were made, and those that were undone since the last one. A refused one stays where it is."""
+
+    def __init__(self) -> None:
+        self._made: list[Change] = []
+        self._undone: list[Change] = []
+
+    def add(self, change: Change) -> None:
+        """Note a change that was made."""
+        self._made = [*self._made, change][-MOST:]
+        self._undone.clear()
+
+    def undo(self) -> str:
+        """Reverse the last change; returns what was done or why not, as a sentence."""
+        return self._step(self._made, self._undone, "Undone", lambda change: change.undo())
+
+    def redo(self) -> str:
+        """Make the last change that was undone again; returns what was done or why not, as a sentence."""
+        return self._step(self._undone, self._made, "Redone", lambda change: change.redo())
+
+    @staticmethod
+    def _step(source: list[Change], target: list[Change], word: str, act: Callable[[Change], str]) -> str:
+        if not source:
+            return f"Nothing to {'undo' if word == 'Undone' else 'redo'}."
+        refusal = act(source[-1])
+        if refusal:
+            return refusal
+        change = source.pop()
+        target.append(change)
+        return f"{word}: {change.words}."

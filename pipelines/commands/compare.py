@@ -1,0 +1,140 @@
+"""`v3studio compare`: a table and pictures of several takes, measured alike."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from studio.comparison.protocols import PROTOCOLS
+
+if TYPE_CHECKING:
+    from pipelines.comparison.results import Comparison
+
+_HELP = "measure takes by one protocol and draw them side by side"
+_NOTE = """protocols:
+{protocols}
+
+All takes are compared with the same images and mattes: those of the first take's settings, or of --truth. Each is drawn
+with its own calibration. Figures of different protocols cannot be compared with each other.
+"""
+
+
+def register(commands: Any) -> None:
+    """Add the command to the parser."""
+    parser = commands.add_parser(
+        "compare",
+        help=_HELP,
+        description=_HELP[0].upper() + _HELP[1:] + ".",
+        epilog=_NOTE.format(protocols="\n".join(f"  {one.name:<8}{one.title}" for one in PROTOCOLS.values())),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("takes", type=Path, nargs="+", metavar="TAKE", help="folders of takes with a stream")
+    parser.add_argument("--protocol", choices=list(PROTOCOLS), default="box", help="default: %(default)s")
+    parser.add_argument("--cameras", default="", metavar="A,B", help="cameras to measure instead of the protocol's")
+    parser.add_argument(
+        "--truth", type=Path, metavar="TAKE", help="take whose footage and mattes are the truth (default: the first)"
+    )
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="measure every n-th frame, without flicker")
+    parser.add_argument("--lpips", choices=("alex", "vgg"), help="also compute LPIPS, as the setting evaluate.lpips")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("comparison"),
+        metavar="DIR",
+        help="folder for comparison.json and pictures (default: %(default)s)",
+    )
+    parser.add_argument("--pictures", type=int, default=2, metavar="N", help="frames to draw (default: %(default)s)")
+    parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    parser.set_defaults(command=_compare)
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    from pipelines.commands.working import working
+    from pipelines.comparison.compare import compare
+    from pipelines.stages.device import choose_device
+    from studio.errors import StudioError
+
+    for option, least in (("every", 1), ("pictures", 0)):
+        value = getattr(arguments, option)
+        if value < least:
+            raise StudioError(
+                "command.invalid_option",
+                f"--{option} {value} is below {least}",
+                value=value,
+                fix=f"Example: --{option} {least or 2}.",
+                option=f"--{option}",
+            )
+    device = choose_device(arguments.device)
+    lpips = None
+    if arguments.lpips:
+        from studio.perceptual import Lpips
+
+        lpips = Lpips(arguments.lpips, device)
+    with working("compare", None) as progress:
+        result = compare(
+            arguments.takes,
+            arguments.out,
+            PROTOCOLS[arguments.protocol],
+            cameras=[name for name in arguments.cameras.split(",") if name],
+            truth=arguments.truth,
+            every=arguments.every,
+            pictures=arguments.pictures,
+            lpips=lpips,
+            device=device,
+            progress=progress,
+        )
+    if arguments.json:
+        print(json.dumps(result.to_json(), indent=1), file=arguments.output)
+    else:
+        _print(result, arguments.out)
+    return 0
+
+
+def _print(result: Comparison, out: Path) -> None:
+    from pipelines.reports.tables import escaped, table_of
+    from pipelines.reports.terminal import console
+
+    protocol = result.protocol
+    lpips = ("LPIPS",) if protocol.lpips else ()
+    table = table_of(
+        "take", "PSNR", "color fit", "SSIM", *lpips, "flicker", "at borders", "KB/frame", "bytes", left=(0,)
+    )
+    for take in result.takes:
+        table.add_row(
+            escaped(take.name) + ("*" if take.trained_on else ""),
+            f"{take.psnr:.2f}",
+            f"{take.psnr_color_fit:.2f}",
+            f"{take.ssim:.4f}",
+            *([f"{take.lpips:.4f}"] if take.lpips is not None else []),
+            _number(take.flicker),
+            _number(take.flicker_at_group_borders),
+            f"{take.bytes_per_frame / 1000:.1f}",
+            f"{take.total_bytes:,}",
+        )
+    screen = console()
+    screen.print(table)
+    sizes = ", ".join(f"{name} {width}x{height}" for name, (width, height) in protocol.resolution.items())
+    frames = len(protocol.frames)
+    mattes = "exact mattes" if protocol.exact_mattes else "the take's own mattes"
+    screen.print(
+        f"{protocol.name}: {sizes}; {frames} frame{'s' * (frames != 1)}; crop: {protocol.crop}; background "
+        f"{protocol.background}; {mattes} of {protocol.truth}.\n"
+        "PSNR in dB as filmed, and after a 3x4 color fit of each view. Flicker: change of the residual from frame to "
+        "frame, in levels of 255, and the same at group borders.",
+        style="dim",
+        markup=False,
+    )
+    for take in result.takes:
+        if take.trained_on:
+            screen.print(
+                f"* {take.name} was trained on {', '.join(take.trained_on)}: not new views.", style="dim", markup=False
+            )
+    screen.print(f"results and pictures: {out}", markup=False, soft_wrap=True)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

@@ -1,0 +1,1 @@
+"""`v3studio compare`: takes measured by one protocol, with pictures side by side."""

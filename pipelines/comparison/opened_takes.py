@@ -1,0 +1,165 @@
+"""The takes of a comparison: their streams, their cameras, and one truth for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipelines.config import load_config
+from pipelines.stages.footage import TakeFootage
+from pipelines.takes.take import Take
+from studio.comparison import EvaluationProtocol, find_camera
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.capture import Footage
+    from studio.stream import StreamReader
+
+
+@dataclass
+class OpenedTake:
+    """A take in a comparison.
+
+    Attributes:
+        name: unique in the comparison.
+        take: the take.
+        reader: its stream.
+        footage: the truth, seen through this take's cameras.
+        frames: footage frame to index in the stream.
+        trained_on: cameras that it was trained on.
+        group_starts: footage frames with which groups begin.
+    """
+
+    name: str
+    take: Take
+    reader: StreamReader
+    footage: Footage
+    frames: dict[int, int]
+    trained_on: tuple[str, ...]
+    group_starts: frozenset[int]
+
+
+def open_takes(
+    folders: Sequence[Path],
+    protocol: EvaluationProtocol,
+    cameras: Sequence[str],
+    closing: ExitStack,
+    truth: Path | None = None,
+) -> tuple[list[OpenedTake], tuple[str, ...]]:
+    """Open takes for a comparison.
+
+    Images and mattes come from the footage settings of one take, so that all are compared with the same; each take is
+    drawn with its own calibration.
+
+    Args:
+        folders: of the takes.
+        protocol: says which cameras and which size.
+        cameras: names instead of those of the protocol; empty: the protocol's.
+        closing: closes the streams.
+        truth: folder of the take whose footage settings are used; None: the first.
+
+    Returns:
+        the takes, and the names of the cameras.
+
+    Raises:
+        StudioError: a take has no stream, a camera is missing (`compare.no_such_camera`), or no camera is held out
+            (`compare.no_held_out`).
+    """
+    from studio.camera_files import read_rig
+    from studio.capture import open_footage
+
+    first = _footage(truth or folders[0])
+    names = _cameras(first, protocol, cameras)
+    spec = first.config.capture.replace(
+        cameras=names,
+        held_out=(),
+        held_out_every=0,
+        scale=protocol.scale or first.config.capture.scale,
+    )
+    run = first.config.run
+    seen: dict[bytes, Footage] = {}
+    found: list[OpenedTake] = []
+    for folder, name in zip(folders, _names(folders), strict=True):
+        own = _footage(folder)
+        # takes with the same cameras share decoded images
+        key = own.take.rig.read_bytes() if own.take.rig.is_file() else b""
+        if key not in seen:
+            rig = read_rig(own.take.rig)
+            seen[key] = open_footage(
+                spec, rig, cache_folder=first.take.footage_cache, device=run.device, threads=run.threads
+            )
+        found.append(_opened(name, own, seen[key], closing))
+    return found, names
+
+
+def _footage(folder: Path) -> TakeFootage:
+    take = Take.open(folder)
+    return TakeFootage(take, load_config(take.config))
+
+
+def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -> OpenedTake:
+    from studio.stream import StreamReader
+
+    take = own.take
+    if not (take.stream / "manifest.json").is_file():
+        raise StudioError("take.no_stream", "this take has no stream yet", file=take.root, fix="Run `v3studio bake`.")
+    reader = closing.enter_context(StreamReader.open(take.stream))
+    frames = own.raw.frames
+    if reader.frame_count != len(frames):
+        raise StudioError(
+            "stream.frame_count",
+            f"the stream has {reader.frame_count} frames, but the take has {len(frames)}",
+            file=take.stream,
+            value=reader.frame_count,
+            fix="Run `v3studio bake`.",
+            expected=len(frames),
+        )
+    starts = frozenset(frames[group.first_frame] for group in reader.manifest.groups)
+    indices = {frame: index for index, frame in enumerate(frames)}
+    return OpenedTake(name, take, reader, footage, indices, own.raw.train_cameras, starts)
+
+
+def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequence[str]) -> tuple[str, ...]:
+    known = footage.raw.camera_names
+    wanted = tuple(cameras) or protocol.cameras
+    if not wanted:
+        if not footage.raw.held_out_cameras:
+            raise StudioError(
+                "compare.no_held_out",
+                "no camera is held out, so nothing measures new views",
+                file=footage.take.root,
+                fix="Name the cameras to measure with --cameras A,B.",
+                option="--cameras",
+            )
+        return footage.raw.held_out_cameras
+    names = []
+    for one in wanted:
+        name = find_camera(one, known)
+        if name is None:
+            raise StudioError(
+                "compare.no_such_camera",
+                f"the footage has no camera '{one}', which protocol {protocol.name} measures"
+                if not cameras
+                else f"the footage has no camera '{one}'",
+                file=footage.take.root,
+                value=one,
+                fix=f"Name others with --cameras A,B. Cameras: {', '.join(known)}.",
+                option="--cameras",
+            )
+        names.append(name)
+    return tuple(dict.fromkeys(names))
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """The last parts of the paths, as many as tell them apart."""
+    parts = [folder.absolute().parts for folder in folders]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(each[-count:]) for each in parts]
+        if len(set(names)) == len(names):
+            return names
+    raise StudioError(
+        "compare.same_take", "the same take is named twice", value=str(folders[0]), fix="Name each take once."
+    )

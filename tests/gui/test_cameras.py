@@ -1,0 +1,97 @@
+"""Cameras in the real window: a click looks through one, a right click opens its menu, and a list has them all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gui.presenters.run.cameras import CameraUses
+from pipelines.config import Config, load_config
+from studio.capture import CaptureSettings
+from tests.gui.conftest import RunningWindow
+from tests.support.errors import refuses
+
+
+def press(window: RunningWindow, camera: str, button: int) -> None:
+    """Click what shows a camera."""
+    state = window.wait_for(f"a place of {camera}", lambda s: s["settled"] and camera in s["places"])
+    window.send("mousemove", *window.point("viewport", *state["places"][camera]))
+    window.send("mousedown", button)
+    window.send("mouseup", button)
+
+
+def test_cameras_are_clicked_held_out_and_excluded(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
+    def capture() -> CaptureSettings:
+        return load_config(take_copy / "config.yaml").capture
+
+    before = capture()
+    window = open_window(str(take_copy))
+    window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"])
+    window.stage("capture")
+    press(window, "cam0", 3)
+    window.wait_for("its menu", lambda s: s["menu_camera"] == "cam0" and "camera list" in s["widgets"])
+    window.click("camera list")
+    window.wait_for("the list", lambda s: s["dialog"] == "cameras")
+    window.screenshot(artifacts / "cameras_list.png")
+    window.click("dialog hold out cam1", 0.2)
+    window.click("dialog use cam0")
+    window.click("dialog save")
+    window.wait_for("stale results", lambda s: s["dialog"] == "" and s["stages"]["train"][0] != "done")
+    assert capture().cameras == ("cam1", "cam2", "cam3", "cam4", "cam5")
+    assert capture().held_out == ("cam1", "cam4")
+    window.chord("z")
+    window.wait_for("the results", lambda s: s["stages"]["train"][0] == "done" and "Undone" in s["notice"])
+    assert capture() == before
+    press(window, "cam2", 1)
+    window.wait_for("one camera", lambda s: s["alone"] == "cam2" and s["settled"] and list(s["places"]) == ["cam2"])
+    window.key("Escape")
+    window.wait_for("all cameras", lambda s: s["alone"] == "" and len(s["places"]) == 6)
+    press(window, "cam2", 3)
+    state = window.wait_for("its menu", lambda s: s["menu_camera"] == "cam2" and "camera held out" in s["widgets"])
+    assert "camera training" not in state["widgets"]
+    window.screenshot(artifacts / "cameras_menu.png")
+    window.click("camera held out")
+    window.wait_for("stale results", lambda s: s["menu_camera"] == "" and s["stages"]["train"][0] != "done")
+    assert capture().held_out == ("cam2", "cam4")
+    window.stage("calibrate")
+    front = window.wait_for("frustums", lambda s: s["settled"] and len(s["places"]) > 2)["places"]
+    nearest = list(front)[-1]
+    press(window, nearest, 3)
+    window.wait_for("its menu", lambda s: s["menu_camera"] == nearest and "camera errors" in s["widgets"])
+    window.click("camera errors")
+    window.wait_for("the report", lambda s: "report" in s["mode"] and s["settled"])
+    window.click("cameras")
+    window.wait_for("the cameras", lambda s: "cameras" in s["mode"] and s["settled"])
+    press(window, nearest, 1)
+    window.wait_for("its view", lambda s: s["stage"] == "review" and s["camera"] == nearest and s["settled"])
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+    assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
+
+
+def test_uses_of_cameras_become_settings(footage_project: Path) -> None:
+    root = footage_project / "capture"
+    spec = CaptureSettings(root=root, held_out_every=3, offsets={"cam1": 2, "cam2": 0})
+    uses = CameraUses.of(spec)
+    assert uses.uses == {
+        "cam0": "training", "cam1": "training", "cam2": "held out",
+        "cam3": "training", "cam4": "training", "cam5": "held out",
+    }  # fmt: skip
+    changed = uses.with_use("cam1", "not used").settings(spec)
+    assert changed == {
+        "capture.cameras": ["cam0", "cam2", "cam3", "cam4", "cam5"],
+        "capture.held_out": ["cam2", "cam5"],
+        "capture.held_out_every": 0,
+        "capture.offsets": {"cam2": 0},
+    }
+    config = load_config(None, [("capture.root", str(root)), *changed.items()])
+    assert CameraUses.of(config.capture) == uses.with_use("cam1", "not used")
+    assert uses.settings(spec)["capture.cameras"] == [], "all of them"
+    with refuses("gui.no_training_camera"):
+        CameraUses(dict.fromkeys(uses.uses, "held out")).settings(spec)
+    with pytest.raises(ValueError, match="one of training"):
+        uses.with_use("cam1", "spare")
+    assert Config().capture.cameras == ()

@@ -1,0 +1,83 @@
+"""`v3studio compare` on the tiny capture."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.config import load_config, parse_override
+from pipelines.runs.runner import run
+from pipelines.takes.evaluation import read_evaluation
+from pipelines.takes.take import Take
+
+
+@pytest.fixture(scope="module")
+def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A take, and the same one baked much more coarsely."""
+    folder = tmp_path_factory.mktemp("two")
+    for name in ("fine", "coarse"):
+        shutil.copytree(finished / "take", folder / name)
+    config = load_config(finished / "ball.yaml", [parse_override("bake.qp=44")])
+    run(Take.open(folder / "coarse"), config, lambda event: None, stages=("bake",))
+    return folder / "fine", folder / "coarse"
+
+
+def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
+    done = here("compare", *two, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    fine, coarse = found["takes"]
+    evaluation = read_evaluation(Take.open(two[0]).evaluation)
+    assert found["protocol"]["cameras"] == ["cam4"]
+    assert found["protocol"]["frames"] == [0, 1, 2, 3, 4]
+    assert fine["psnr"] == pytest.approx(evaluation.summary.psnr_decoded, abs=2e-3)
+    assert fine["ssim"] == pytest.approx(evaluation.summary.ssim_decoded, abs=2e-4)
+    assert fine["total_bytes"] == evaluation.protocol.total_bytes
+    assert coarse["total_bytes"] < fine["total_bytes"]
+    assert coarse["psnr"] < fine["psnr"]
+    assert fine["psnr_color_fit"] != fine["psnr"]
+    # groups of three frames: one border
+    assert [one["group_border"] for one in fine["flicker_by_frame"]] == [False, False, True, False]
+    assert fine["flicker"] == pytest.approx(np.mean([one["flicker"] for one in fine["flicker_by_frame"]]), abs=1e-3)
+    assert "trained_on" not in fine or not fine["trained_on"]
+    assert f"{fine['psnr']:.2f}" in done.stdout
+    assert "own mattes" in " ".join(done.stdout.split())
+    pictures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
+    assert pictures == ["cam4_000000.png", "cam4_000004.png"]
+    picture = cv2.imread(str(tmp_path / "out" / pictures[0]))
+    assert picture[60:, :, :].any(), "differences are drawn"
+
+
+def test_full_frames_over_white_of_another_camera(two, here, tmp_path):
+    """Camera 2 was trained on, which is said."""
+    done = here(
+        "compare", two[0], "--protocol", "hifi4g", "--cameras", "2", "--every", "2", "--json", "--out", tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["protocol"]["resolution"] == {"cam2": [32, 24]}
+    assert found["protocol"]["background"] == [1.0, 1.0, 1.0]
+    assert found["protocol"]["frames"] == [0, 2, 4]
+    (take,) = found["takes"]
+    assert take["trained_on"] == ["cam2"]
+    assert take["flicker"] is None
+    white = cv2.imread(str(tmp_path / "cam2_000000.png"))[20:24, 2:6]
+    assert (white == 255).all(), "the background of the footage"
+
+
+def test_mistakes_are_one_sentence(two, here, tmp_path):
+    done = here("compare", two[0], "--protocol", "hifi4g", "--out", tmp_path / "out")
+    assert done.returncode == 1
+    assert "no camera '48', which protocol hifi4g measures" in done.stderr
+    assert "--cameras" in done.stderr
+    done = here("compare", two[0], two[0], "--out", tmp_path / "out")
+    assert done.returncode == 1
+    assert "the same take is named twice" in done.stderr
+    done = here("compare", two[0], "--every", "0", "--out", tmp_path / "out")
+    assert "--every 0 is below 1" in done.stderr
+    assert not (tmp_path / "out").exists()

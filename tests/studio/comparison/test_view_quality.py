@@ -1,0 +1,134 @@
+"""Measures against OpenCV and NumPy, and the protocols."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from studio.cameras import Camera
+from studio.comparison import PROTOCOLS, ViewPair, find_camera, flicker, measure_view, padded_box
+from studio.gaussians import Gaussians
+
+WIDTH, HEIGHT = 64, 48
+
+
+def splats(color: tuple[float, float, float] = (0.2, 0.5, 0.7)) -> Gaussians:
+    """A blob in front of the camera, with some variation of color."""
+    generator = torch.Generator().manual_seed(0)
+    means = torch.randn(300, 3, generator=generator) * 0.2
+    quats = torch.tensor([1.0, 0, 0, 0]).repeat(300, 1)
+    sh = (torch.tensor(color) + 0.2 * torch.randn(300, 3, generator=generator) - 0.5)[:, None] / 0.28209479
+    return Gaussians(means, quats, torch.full((300, 3), -2.5), torch.full((300,), 3.0), sh)
+
+
+def camera() -> Camera:
+    K = np.array([[70.0, 0, WIDTH / 2], [0, 70.0, HEIGHT / 2], [0, 0, 1]])
+    pose = np.eye(4)
+    pose[2, 3] = 2.0
+    return Camera("cam", WIDTH, HEIGHT, K, pose)
+
+
+def filmed(change: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Image and matte of the splats, by a camera with other colors, (3, 4)."""
+    pair = ViewPair.of(
+        splats(), camera(), np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8), (0, 0, 0)
+    )
+    image, matte = pair.drawn, (pair.drawn.sum(-1) > 0.15).astype(np.uint8) * 255
+    if change is not None:
+        image = image @ change[:, :3].T + change[:, 3]
+    return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), matte
+
+
+@pytest.mark.parametrize("background", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
+def test_psnr_is_that_of_opencv_over_the_background(background):
+    image, matte = filmed()
+    noisy = np.clip(image.astype(int) + np.random.default_rng(0).integers(-20, 20, image.shape), 0, 255).astype(
+        np.uint8
+    )
+    pair = ViewPair.of(splats(), camera(), noisy, matte, background)
+    truth = np.where(matte[..., None] > 0, noisy / 255, np.array(background))
+    assert np.allclose(pair.truth, truth, atol=1e-6)
+    found = measure_view(pair, None)
+    assert found.psnr == pytest.approx(cv2.PSNR(truth, pair.drawn.astype(float), 1.0), abs=1e-3)
+    rows, columns = padded_box(matte, 8)
+    box = measure_view(pair, 8)
+    assert box.psnr == pytest.approx(
+        cv2.PSNR(truth[rows, columns], pair.drawn[rows, columns].astype(float), 1.0), abs=1e-3
+    )
+    # outside the box all is background, so both have the same squared error in total
+    ratio = WIDTH * HEIGHT / ((rows.stop - rows.start) * (columns.stop - columns.start))
+    assert found.psnr - box.psnr == pytest.approx(10 * math.log10(ratio), abs=0.05)
+
+
+def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
+    change = np.array([[0.9, 0.05, 0, 0.02], [0, 1.1, 0, -0.03], [0.03, 0, 0.8, 0.04]])
+    image, matte = filmed(change)
+    pair = ViewPair.of(splats(), camera(), image, matte, (0, 0, 0))
+    found = measure_view(pair, 8)
+    assert found.psnr < 32
+    assert found.psnr_color_fit > found.psnr + 3
+    inside = matte > 127
+    # plain least squares on the performer, by NumPy
+    from studio.rasterizer import rasterize
+
+    render = rasterize(splats(), camera(), torch.zeros(3))
+    base = np.concatenate([render.image.numpy(), render.alpha.numpy()[..., None]], -1)
+    matrix = np.linalg.lstsq(base[inside], pair.truth[inside], rcond=None)[0]
+    assert np.allclose(pair.fitted, np.clip(base @ matrix, 0, 1), atol=1e-4)
+
+
+def test_a_box_without_performer_is_not_measured():
+    image, matte = filmed()
+    pair = ViewPair.of(splats(), camera(), image, np.zeros_like(matte), (0, 0, 0))
+    assert measure_view(pair, 8) is None
+    assert measure_view(pair, None) is not None
+
+
+def test_a_constant_error_does_not_flicker_and_noise_does():
+    rng = np.random.default_rng(1)
+    blur = rng.normal(0, 0.1, (200, 200, 3))
+    assert flicker(blur, blur) == 0
+    noise = [rng.normal(0, 0.02, (200, 200, 3)) for _ in range(2)]
+    assert flicker(blur + noise[0], blur + noise[1]) == pytest.approx(0.02 * math.sqrt(2) * 255, rel=0.01)
+
+
+def test_lpips_gets_images_of_its_smallest_size():
+    image, matte = filmed()
+    small = ViewPair(
+        *(np.zeros((20, 20, 3), np.float32) for _ in range(3)), np.full((20, 20), 255, np.uint8), (1, 1, 1)
+    )
+    sizes = []
+
+    def metric(one, other):
+        sizes.append((tuple(one.shape), float(one[-1, -1, 0])))
+        return 0.25
+
+    assert measure_view(small, None, metric).lpips == 0.25
+    assert sizes == [((32, 32, 3), 1.0)]
+    assert measure_view(ViewPair.of(splats(), camera(), image, matte, (0, 0, 0)), None).lpips is None
+
+
+def test_box_is_padded_and_stays_inside():
+    matte = np.zeros((20, 30), np.uint8)
+    assert padded_box(matte, 3) is None
+    matte[5:8, 28] = 255
+    assert padded_box(matte, 3) == (slice(2, 11), slice(25, 30))
+
+
+def test_protocols_are_the_published_ones():
+    hifi, n3dv, box = (PROTOCOLS[name] for name in ("hifi4g", "n3dv", "box"))
+    assert (hifi.cameras, hifi.padding, hifi.background, hifi.scale) == (("48",), None, (1, 1, 1), 0.5)
+    assert (n3dv.cameras, n3dv.padding, n3dv.scale) == (("cam00",), None, 0.5)
+    assert (box.cameras, box.padding, box.background) == ((), 8, (0, 0, 0))
+
+
+def test_cameras_are_found_by_number_if_only_one_has_it():
+    assert find_camera("48", ["cam047", "cam048"]) == "cam048"
+    assert find_camera("cam00", ["0", "1"]) == "0"
+    assert find_camera("48", ["a48", "b48"]) is None
+    assert find_camera("48", ["a48", "48"]) == "48"
+    assert find_camera("left", ["right"]) is None
