@@ -84,6 +84,7 @@ def write_take(folder: Path, groups: int, size: int, splats: int) -> Path:
     from studio.gaussians import Gaussians
 
     torch.set_num_threads(1)
+    folder.mkdir(parents=True)
     write_footage(folder / "footage", groups * size)
     settings = folder / "long.yaml"
     settings.write_text(SETTINGS.format(root=folder / "footage", size=size), encoding="utf-8")
@@ -251,7 +252,6 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.folder.absolute()
     if not arguments.measure_only:
-        folder.mkdir(parents=True)
         write_take(folder, arguments.groups, arguments.group_size, arguments.splats)
     measure(folder / "take")
 

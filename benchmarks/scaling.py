@@ -5,7 +5,7 @@
 
 `measure` makes a take of random splats and bakes its groups with `v3studio work`, each in a process of its own. CPU
 seconds depend little on what else runs on the machine; the speed-up is that of as many cores as workers: the CPU
-seconds of one worker divided by those of the busiest one.
+seconds of all groups divided by those of the busiest worker.
 
 `simulate` is a discrete-event simulation. The seconds of each frame are those that TAKE records of its groups, drawn
 at random for each group; bytes are those of TAKE's footage and results. A group whose attempt fails, or whose node is
@@ -22,9 +22,9 @@ import random
 import shutil
 import subprocess
 import sys
-import threading
 from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,7 +45,7 @@ def cpu_seconds(*words: str) -> float:
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
-        raise SystemExit(f"v3studio {' '.join(words)} failed: {errors[-500:]}")
+        raise RuntimeError(f"v3studio {' '.join(words)} failed: {errors[-500:]}")
     return used.ru_utime + used.ru_stime
 
 
@@ -61,7 +61,7 @@ def measure(folder: Path, groups: int, frames: int, splats: int) -> None:
     """Print the table of the speed-up and the parts of a group's costs."""
     from benchmarks.long_take import write_take
 
-    take = write_take(folder, groups, frames, splats)
+    take = folder / "take" if folder.is_dir() else write_take(folder, groups, frames, splats)
     work = ("work", str(take), "--stage", "bake", "--group")
     print(f"{groups} groups of {frames} frames, {splats} splats; CPU seconds; load {os.getloadavg()[0]:.1f}")
     print("| workers | all groups | busiest worker | speed-up |\n|---|---|---|---|")
@@ -74,13 +74,10 @@ def measure(folder: Path, groups: int, frames: int, splats: int) -> None:
             for group in range(worker, groups, len(spent)):
                 spent[worker] += cpu_seconds(*work, str(group))
 
-        threads = [threading.Thread(target=run, args=(worker,)) for worker in range(workers)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(run, range(workers)))  # raises what a worker raised
         alone = alone or sum(spent)
-        print(f"| {workers} | {sum(spent):.1f} | {max(spent):.1f} | {alone / max(spent):.2f} |", flush=True)
+        print(f"| {workers} | {sum(spent):.1f} | {max(spent):.1f} | {sum(spent) / max(spent):.2f} |", flush=True)
     started = min(cpu_seconds(*work, "0") for _ in range(3))
     helped = min(cpu_seconds("--help") for _ in range(3))
     merged = cpu_seconds("run", "--take", str(take), "--until", "bake")
@@ -250,7 +247,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     kinds = parser.add_subparsers(required=True, dest="kind")
     one = kinds.add_parser("measure")
-    one.add_argument("folder", type=Path)
+    one.add_argument("folder", type=Path, help="where the take is made; one that is there is used again")
     one.add_argument("--groups", type=int, default=8)
     one.add_argument("--frames", type=int, default=10)
     one.add_argument("--splats", type=int, default=5000)
@@ -263,7 +260,6 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.kind == "measure":
         folder = arguments.folder.absolute()
-        folder.mkdir(parents=True)
         measure(folder, arguments.groups, arguments.frames, arguments.splats)
     else:
         print_simulation(

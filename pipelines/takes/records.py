@@ -119,8 +119,10 @@ def note_rewritten(take: Take, stage: str) -> None:
 
 def digests_on_record(take: Take, stage: str) -> dict[Path, str]:
     """Digests of a finished stage's files that have not been written since, by path; without reading them."""
-    record, found = read_record(take, stage), {}
-    for name, digest in record.digests.items() if record is not None else ():
+    record, found = read_record(take, stage), dict[Path, str]()
+    if record is None:
+        return found
+    for name, digest in record.digests.items():
         path = take.file(name)
         with contextlib.suppress(OSError):
             state = path.stat()
