@@ -1,7 +1,9 @@
 """Fixtures for all tests."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -12,6 +14,9 @@ passive_openmp()  # before torch is imported
 import torch  # noqa: E402
 
 from tests.support.tiny_capture import v3studio, write_project  # noqa: E402
+
+if TYPE_CHECKING:
+    from tests.support.object_store import ObjectStore
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -74,3 +79,25 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = v3studio("run", folder / "ball.yaml", "--take", folder / "take")
     assert done.returncode == 0, done.stderr
     return folder
+
+
+@pytest.fixture(scope="session")
+def s3_server() -> "Iterator[ObjectStore]":
+    """An S3 server, started for the first test that needs one."""
+    from tests.support.object_store import object_store
+
+    with object_store() as server:
+        yield server
+
+
+@pytest.fixture
+def object_store(s3_server: "ObjectStore", tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "Iterator[ObjectStore]":
+    """The server with an empty bucket, and the environment to use it, with a cache in the test's folder."""
+    import s3fs
+
+    for name, value in s3_server.environment(tmp_path / "cache").items():
+        monkeypatch.setenv(name, value)
+    s3fs.S3FileSystem.clear_instance_cache()
+    s3_server.reset()
+    yield s3_server
+    s3fs.S3FileSystem.clear_instance_cache()

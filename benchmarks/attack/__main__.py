@@ -18,6 +18,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent), str(HERE)]
 
+import bombs  # noqa: E402
 import clients  # noqa: E402
 import mutations  # noqa: E402
 import servers  # noqa: E402
@@ -94,6 +95,11 @@ PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
     "files": (
         "a sentence, or a result; bounded memory",
         lambda folder, share, outcome: mutations.files(folder, max(20, round(20_000 * share)), outcome),
+    ),
+    "bombs": ("a sentence within two minutes and 2 GiB", bombs.attack),
+    "models": (
+        "a sentence, or a matte",
+        lambda folder, share, outcome: mutations.models(folder, max(20, round(2000 * share)), outcome),
     ),
     "servers": ("a sentence within the deadlines", servers.attack),
     "clients": ("another client is answered; connections and log are bounded", clients.attack),

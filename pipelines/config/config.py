@@ -6,7 +6,7 @@ grouping, evaluation and the run itself.
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -102,7 +102,7 @@ class RunSettings(Settings):
 
     executor: Annotated[Literal["local", "ray"], Heading("Several machines")] = "local"
     """Where groups run. local: in this process. ray: as tasks of a Ray cluster, which needs the extra cluster; all
-    nodes must see the take and the footage under the same paths."""
+    nodes must see the take and the footage, if under other paths, see paths."""
 
     address: str = Field(default="local", min_length=1)
     """The Ray cluster: HOST:PORT of its head node from a node of the cluster, ray://HOST:10001 from outside, auto for
@@ -118,6 +118,27 @@ class RunSettings(Settings):
 
     retries: int = Field(default=3, ge=0, le=100)
     """How often a group is started again on a Ray cluster after its worker was lost."""
+
+    paths: dict[str, tuple[str, ...]] = Field(default={})
+    """Where other machines have a shared folder: {/mnt/footage: [/Volumes/footage]}. A machine that has no folder
+    /mnt/footage looks for the footage, and for the take of a Ray run, below the first of these that it has."""
+
+    @field_validator("paths", mode="before")
+    @classmethod
+    def _one_or_several(cls, value: Any) -> Any:
+        return (
+            {key: (one,) if isinstance(one, str) else one for key, one in value.items()}
+            if isinstance(value, dict)
+            else value
+        )
+
+    @field_validator("paths")
+    @classmethod
+    def _whole_paths(cls, value: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        for path in (path for key, others in value.items() for path in (key, *others)):
+            if not path.startswith("/"):
+                raise Conflict(f"'{path}' is not a whole path", "Paths begin with /.")
+        return value
 
     @field_validator("device")
     @classmethod

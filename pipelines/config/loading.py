@@ -13,10 +13,12 @@ from pydantic import ValidationError
 
 from pipelines.config.config import Config
 from pipelines.config.renamed import complete_older_take, first_tree, note_renames, renamed, renamed_override
+from studio.bounded_files import read_bounded_text
 from studio.errors import Message, StudioError, reason_of
 from studio.json_types import JsonObject
 from studio.paths import need_utf8
 from studio.settings import Conflict, Settings, submodel
+from studio.storage import is_address
 from studio.violations import violation
 from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
@@ -126,7 +128,7 @@ def read_yaml(path: Path) -> JsonObject:
     """
     fix = "Specify a YAML file of settings."
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_bounded_text(path)
     except FileNotFoundError:
         raise StudioError("settings.file_not_found", "no such file", file=path, fix=fix) from None
     except IsADirectoryError:
@@ -178,6 +180,8 @@ def _anchor_root(values: JsonObject, folder: Path, where: str) -> None:
     """Make `capture.root` absolute, relative to `folder`. Raises StudioError if it cannot be a path."""
     capture = values.get("capture")
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
+        if is_address(capture["root"]):
+            return
         try:
             root = Path(capture["root"]).expanduser()
             root = root if root.is_absolute() else (folder.absolute() / root).resolve()

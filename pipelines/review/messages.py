@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipelines.takes.marks import Mark
+from pipelines.takes.marks import Mark, MarkView
 
 VERSION = 1
 
@@ -72,6 +72,9 @@ class MarkContent(_Message):
     note: str = Field(max_length=20_000)
     author: str = Field(max_length=2_000)
 
+    view: MarkView | None = None
+    """None: not known."""
+
 
 class MarkChange(_Message):
     """Body of a POST to `.review/marks`."""
@@ -91,6 +94,7 @@ class MarkRow(_Message):
     frame: int
     note: str
     author: str
+    view: MarkView | None
 
 
 class MarkList(_Message):
@@ -104,5 +108,8 @@ class MarkList(_Message):
 
 def mark_list(marks: dict[int, Mark], problem: str | None = None) -> MarkList:
     """Marks by frame as a message, sorted by frame."""
-    rows = (MarkRow(frame=frame, note=marks[frame].note, author=marks[frame].author) for frame in sorted(marks))
+    rows = (
+        MarkRow(frame=frame, note=mark.note, author=mark.author, view=mark.view)
+        for frame, mark in sorted(marks.items())
+    )
     return MarkList(marks=tuple(rows), problem=problem)

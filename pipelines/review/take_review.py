@@ -120,7 +120,7 @@ class TakeReview:
         if change.frame >= self.frame_count:
             raise StudioError("review.no_frame", "the take has no such frame", value=change.frame)
         new, old = (
-            None if one is None else Mark(frame=change.frame, note=one.note, author=one.author)
+            None if one is None else Mark(frame=change.frame, note=one.note, author=one.author, view=one.view)
             for one in (change.mark, change.replaces)
         )
         return change_mark(self.take.marks, change.frame, new, old)

@@ -280,7 +280,7 @@ def _given(context: Context) -> Path | None:
             setting=names[0],
             other=names[1],
         )
-    return None if ways and ways != ["capture.rig"] else camera_file(context.config.capture)
+    return None if ways and ways != ["capture.rig"] else camera_file(context.footage.capture)
 
 
 def _intrinsics_files(context: Context) -> Params:

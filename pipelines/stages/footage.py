@@ -11,11 +11,12 @@ import numpy as np
 
 from pipelines.config import Config
 from pipelines.stages.params import Params, settings_affecting
+from pipelines.takes.path_here import path_here
 from pipelines.takes.take import Take
 
 if TYPE_CHECKING:
     from studio.cameras import Rig
-    from studio.capture import Footage
+    from studio.capture import CaptureSettings, Footage
 
 
 @dataclass
@@ -29,6 +30,22 @@ class TakeFootage:
 
     take: Take
     config: Config
+
+    @cached_property
+    def capture(self) -> CaptureSettings:
+        """The settings of the footage, with its folder on this machine: where it is mounted here (`run.paths`), or the
+        mirror of a folder in object storage, which is listed on first access.
+
+        Raises:
+            StudioError: the store cannot be listed (`storage.*`).
+        """
+        from studio.storage import is_address, mirrored
+
+        capture = self.config.capture
+        if is_address(capture.root):
+            return capture.replace(root=mirrored(capture.root, capture.disk_cache_gigabytes))
+        here = path_here(capture.root, self.config.run.paths)
+        return capture if here == capture.root else capture.replace(root=here)
 
     @cached_property
     def raw(self) -> Footage:
@@ -55,7 +72,7 @@ class TakeFootage:
         """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid."""
         from studio.capture import open_footage
 
-        everything = self.config.capture.replace(start=None, stop=None, step=1)
+        everything = self.capture.replace(start=None, stop=None, step=1)
         return open_footage(everything, None, strict=False).digest()
 
     def forget_cameras(self) -> None:
@@ -71,7 +88,7 @@ class TakeFootage:
 
         run = self.config.run
         return open_footage(
-            self.config.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads
+            self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads
         )
 
 

@@ -8,18 +8,21 @@ from contextlib import contextmanager
 from typing import Any
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.base import Context
+from pipelines.stages.base import Context, StageReporter
 from studio.errors import Cancelled, Message, StudioError
 
 
 @contextmanager
-def footage_check(context: Context, frames: tuple[int, ...], stop: Cancellation) -> Iterator[None]:
+def footage_check(
+    context: Context, frames: tuple[int, ...], stop: Cancellation, reporter: StageReporter | None = None
+) -> Iterator[None]:
     """Check frames in a thread while the block trains; the block's end waits for the check.
 
     Args:
         context: of the stage.
         frames: frame numbers to check.
         stop: ends the training in the block; set when the check finds problems.
+        reporter: gets a warning for each camera whose exposure or white balance changes.
 
     Raises:
         StudioError: a frame cannot be read or has an empty matte. It names all problems, also if the block failed
@@ -27,8 +30,9 @@ def footage_check(context: Context, frames: tuple[int, ...], stop: Cancellation)
         Cancelled: the run was cancelled.
     """
     from studio.capture import check_footage
+    from studio.capture.color_drift import ColorDrift
 
-    footage, ended = context.footage.calibrated, Cancellation()
+    footage, ended, drift = context.footage.calibrated, Cancellation(), ColorDrift()
     problems: list[Message] = []
     failures: list[BaseException] = []
 
@@ -38,11 +42,15 @@ def footage_check(context: Context, frames: tuple[int, ...], stop: Cancellation)
 
     def check() -> None:
         try:
-            problems.extend(check_footage(footage, report, frames=frames))
+            problems.extend(check_footage(footage, report, frames=frames, drift=drift))
         except Cancelled:
             pass
         except BaseException as error:
             failures.append(error)
+        else:
+            if reporter is not None:
+                for message in drift.messages():
+                    reporter.warn(message)
         if problems or failures:
             stop.cancel()
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pipelines.stages.base import Context
 from studio.calibration.settings import CalibrateSettings
 from studio.errors import StudioError
+from studio.storage import whole_file
 
 if TYPE_CHECKING:
     from studio.cameras import Camera, Rig
@@ -35,7 +36,7 @@ def tie_file(context: Context) -> Path:
 
 def _named(context: Context, setting: str) -> Path:
     name = getattr(context.config.calibrate, setting)
-    path: Path = context.config.capture.root / name
+    path: Path = whole_file(context.footage.capture.root / name)
     if not path.exists():
         raise StudioError(
             "settings.file_not_found",

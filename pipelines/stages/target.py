@@ -101,7 +101,7 @@ def intrinsics_from_target(
 def _open(context: Context, pattern: str) -> Footage:
     from studio.capture import CaptureSettings, open_footage
 
-    capture = context.config.capture
+    capture = context.footage.capture
     spec = CaptureSettings(
         root=capture.root,
         images=pattern,

@@ -7,9 +7,11 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
+from pipelines.events.cancellation import Cancellation
 from pipelines.stages.base import Context, StageReporter, leftover
+from pipelines.stages.camera_colors import camera_colors_key, ensure_camera_colors
 from pipelines.stages.footage_check import footage_check
-from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_of_groups
+from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_memory, run_groups, threads_of_groups
 from pipelines.stages.live_bake import LiveBake
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
 from pipelines.stages.summaries import TrainSummary
@@ -48,8 +50,11 @@ class TrainStage:
         }
 
     def results(self, context: Context) -> list[Path]:
-        """One file per frame."""
-        return [context.take.trained_frame(group.index, index) for group in context.groups for index in group.indices]
+        """One file per frame, and the colors of the cameras."""
+        colors = [context.take.camera_colors] if context.config.train.camera_colors else []
+        return colors + [
+            context.take.trained_frame(group.index, index) for group in context.groups for index in group.indices
+        ]
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Frames trained with current settings and inputs."""
@@ -70,6 +75,8 @@ class TrainStage:
             )
         finished = {group.index: self._finished(context, group) for group in groups}
         todo = [group for group in groups if finished[group.index] < len(group.frames)]
+        if context.executor is None or not todo:  # else those that train the groups need it, and have the devices
+            self._colors(context, reporter, Cancellation())
         reporter.start_clock()
         with LiveBake(context, reporter, finished) if context.config.bake.live else nullcontext() as live:
             written = (lambda group, frames: None) if live is None else live.written
@@ -83,6 +90,8 @@ class TrainStage:
         for group in groups:
             self._drop_leftovers(context, group)
             splats.append(read_model(context.take.train_group(group.index) / "group.json", TrainedGroup).splats)
+        if not context.config.train.camera_colors:
+            remove(context.take.camera_colors)
         for folder in leftover(
             context.take.root / "train", [context.take.train_group(group.index) for group in groups], "group_*"
         ):
@@ -98,6 +107,7 @@ class TrainStage:
         written: Callable[[int, int], None],
     ) -> None:
         """Train the groups of `groups` that are not finished, several at once."""
+        refuse_too_little_memory(context)
         at_once = groups_at_once(context)
         clock = TrainClock(groups, finished, context.config.train)
         work = GroupWork(context, reporter, clock, max(1, context.threads // at_once), written)
@@ -131,6 +141,7 @@ class TrainStage:
         reporter.log(f"group {group.index}: {finished} of {len(group.frames)} frames are already trained")
         clock = TrainClock((group,), {group.index: finished}, context.config.train)
         work = GroupWork(context, reporter, clock, context.threads)
+        self._colors(context, reporter, work.stop)
         job = partial(work.train, group, finished, self._keys(context, group))
         with self._checked(context, (group,), {group.index: finished}, work):
             run_groups({group.index: job}, 1, threads_of_groups(context), work.stop)
@@ -142,7 +153,15 @@ class TrainStage:
         if not context.config.train.check_footage:
             return nullcontext()
         frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
-        return footage_check(context, frames, work.stop)
+        return footage_check(context, frames, work.stop, work.reporter)
+
+    def _colors(self, context: Context, reporter: StageReporter, stop: Cancellation) -> None:
+        """Fit the colors of the cameras if that is wanted and not done yet."""
+        if context.config.train.camera_colors:
+            ensure_camera_colors(context, reporter, camera_colors_key(context, self._keyframe_recipe(context)), stop)
+
+    def _keyframe_recipe(self, context: Context) -> Params:
+        return without(self._recipe(context), *settings_affecting(context.config, "later_frames"))
 
     def _recipe(self, context: Context) -> Params:
         """Settings and inputs of all frames."""
@@ -155,15 +174,17 @@ class TrainStage:
         """Key of each frame of the group, in order."""
         points = context.take.initialize_group(group.index) / "report.json"
         files = read_model(points, InitialPointsReport).files if points.is_file() else None
-        recipe = self._recipe(context)
         later = settings_affecting(context.config, "later_frames")
+        recipe = self._keyframe_recipe(context)
+        colors = [camera_colors_key(context, recipe)] if context.config.train.camera_colors else []
         start = key_of(
             self.name,
             self.version,
-            without(recipe, *later),
+            recipe,
             result_of(context.take, "calibrate"),
             files,
             group.index,
+            *colors,
         )
         keys = [key_of(self.name, self.version, start, group.keyframe)]
         for frame in group.frames[1:]:

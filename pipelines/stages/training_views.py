@@ -7,9 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from pipelines.stages.base import Context, StageReporter
+from pipelines.takes.atomic_files import read_model
+from pipelines.takes.stage_files import CameraColors
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from studio.training import TrainingView
 
 
@@ -19,6 +23,7 @@ def training_views(
     frame: int,
     reading: Callable[[int, int], None],
     readers: int = 1,
+    colored: bool = True,
 ) -> list[TrainingView]:
     """Views of all training cameras that see the performer.
 
@@ -28,14 +33,16 @@ def training_views(
         frame: frame number in the footage.
         reading: called with images read and images before each image, by any thread; may raise Cancelled.
         readers: cameras that are read in parallel.
+        colored: with the cameras' colors, if `train.camera_colors` is on.
 
     Raises:
-        StudioError: an image cannot be read, or no camera sees the performer.
+        StudioError: an image cannot be read, no camera sees the performer, or the cameras' colors are not there.
     """
     from studio.training import TrainingView
 
     footage, settings = context.footage.calibrated, context.config.train
     cameras = footage.train_cameras
+    colors = read_camera_colors(context) if colored and settings.camera_colors else {}
 
     def read(number: int) -> TrainingView | None:
         context.cancellation.check()
@@ -44,7 +51,9 @@ def training_views(
         if not (view.matte > 127).any():
             return None
         chroma = None if settings.chroma_siting == "none" else footage.chroma(cameras[number])
-        return TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates, chroma)
+        seen = TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates, chroma)
+        # a camera that did not see the performer in the frame that was fitted has no matrix
+        return seen.with_color(colors[cameras[number]]) if cameras[number] in colors else seen
 
     views = []
     with ThreadPoolExecutor(min(readers, len(cameras)), thread_name_prefix="views") as pool:
@@ -73,3 +82,15 @@ def training_views(
             frame=int(frame),
         )
     return views
+
+
+def read_camera_colors(context: Context) -> dict[str, Tensor]:
+    """(3, 4) float64 color matrix by camera.
+
+    Raises:
+        StudioError: `take.file_not_found` or `take.damaged`: run `v3studio train` again.
+    """
+    import torch
+
+    found = read_model(context.take.camera_colors, CameraColors)
+    return {name: torch.tensor(matrix, dtype=torch.float64) for name, matrix in found.cameras.items()}

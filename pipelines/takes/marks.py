@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from pydantic import Field, model_validator
+
 from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
 from studio.errors import StudioError
 
@@ -28,6 +30,34 @@ MAX_FILE_BYTES = 32_000_000
 _BIDI = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
+class MarkView(Result):
+    """From where a frame was looked at when it was marked, and what was compared. World coordinates of the take."""
+
+    eye: tuple[float, float, float]
+    """Position of the viewer."""
+
+    target: tuple[float, float, float]
+    """The point looked at, not that of the viewer."""
+
+    fov: float = Field(gt=0, lt=180)
+    """Vertical field of view of that window, degrees."""
+
+    camera: str = Field(default="", max_length=200)
+    """The capture camera that was looked through; "" for a free view."""
+
+    wipe: float | None = Field(default=None, ge=0, le=1)
+    """Position of the line between footage (left) and splats; None: they were not compared."""
+
+    whole: bool = False
+    """Whether the whole picture of `camera` was shown, not only the performer."""
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> MarkView:
+        if self.eye == self.target:
+            raise ValueError("eye and target must differ")
+        return self
+
+
 class Mark(Result):
     """A marked frame."""
 
@@ -38,6 +68,9 @@ class Mark(Result):
 
     author: str = ""
     """Who wrote the note, as they gave their name in the browser; "" for marks of the window."""
+
+    view: MarkView | None = None
+    """None in marks that version 0.2 or earlier has made."""
 
     @property
     def words(self) -> str:
@@ -122,7 +155,12 @@ def _plain(path: Path, mark: Mark) -> Mark:
                 file=path,
                 fix="Shorten it.",
             )
-    return Mark(frame=mark.frame, note=note, author=author) if author else Mark(frame=mark.frame, note=note)
+    values: dict[str, object] = {"frame": mark.frame, "note": note} | ({"author": author} if author else {})
+    if mark.view is not None:
+        # of what a browser has sent, only what is known
+        view = mark.view.model_dump(include=set(MarkView.model_fields))
+        values["view"] = MarkView.model_validate({**view, "camera": plain_text(mark.view.camera)})
+    return Mark.model_validate(values)
 
 
 def _content(mark: Mark | None) -> tuple[str, str] | None:

@@ -49,6 +49,20 @@ class TrainedGroup(Result):
     """Training time of each finished frame; 0 where unknown."""
 
 
+class CameraColors(Result):
+    """train/camera_colors.json: color differences between the cameras of a take."""
+
+    key: str
+    """Digest of everything that the matrices were fitted from."""
+
+    frame: int
+    """Frame number in the footage to which they were fitted."""
+
+    cameras: dict[str, tuple[tuple[float, float, float, float], ...]]
+    """By training camera: 3x4 matrix from the splats' colors (RGB 0 to 1, and 1) to those of the camera. The mean of
+    all cameras changes nothing."""
+
+
 class BakedGroupNote(Result):
     """.v3studio/work/bake/group_NNN.json: what a baked group was made from."""
 

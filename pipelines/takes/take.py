@@ -177,6 +177,11 @@ class Take:
         """train/group_000: one frame_000000.safetensors per frame, group.json."""
         return self.root / "train" / group_name(group)
 
+    @property
+    def camera_colors(self) -> Path:
+        """train/camera_colors.json: color matrices of the cameras, with train.camera_colors."""
+        return self.root / "train" / "camera_colors.json"
+
     def trained_frame(self, group: int, index: int) -> Path:
         """Gaussians of frame `index`, counted from 0 in the take."""
         return self.train_group(group) / f"frame_{index:06d}.safetensors"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from studio.capture.images import image_size
 from studio.capture.media import open_media
 from studio.errors import StudioError
 
@@ -60,14 +61,13 @@ def size_within(folder: Path, camera: str) -> tuple[int, int] | None:
 def _size(file: Path, camera: str) -> tuple[int, int]:
     try:
         if file.suffix.lower() in _IMAGES:
-            from PIL import Image
-
-            with Image.open(file) as image:
-                return image.size
+            return image_size(file)
         with open_media(file) as container:
             stream = container.streams.video[0]
             return stream.codec_context.width, stream.codec_context.height
     except Exception as error:
+        if isinstance(error, StudioError) and error.code.startswith("storage."):
+            raise
         raise StudioError(
             "camera.footage_unreadable",
             f"Camera '{camera}': the image size of {file} cannot be read ({error})",

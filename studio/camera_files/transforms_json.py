@@ -25,6 +25,7 @@ from studio.camera_files.common import (
     write_atomic,
 )
 from studio.cameras import Camera, Rig
+from studio.capture.images import image_size
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import missing_key, number
@@ -35,15 +36,14 @@ _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")
 
 def _image_size(path: Path, file: str) -> tuple[int, int] | None:
     """Width and height of an image next to the JSON file; None if it is missing or unreadable."""
-    from PIL import Image
-
     for suffix in _SUFFIXES:
         candidate = path.parent / (file + suffix)
         if candidate.is_file():
             try:
-                with Image.open(candidate) as image:
-                    return image.size
-            except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+                return image_size(candidate)
+            except StudioError as error:
+                if error.code.startswith("storage."):
+                    raise
                 return None
     return None
 

@@ -7,7 +7,9 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
+from studio.capture.color_drift import ColorDrift
 from studio.capture.footage import Footage
+from studio.capture.frame_numbers import number_ranges
 from studio.capture.mattes.matte_source import FullMatteSource, MissingMatteSource
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
@@ -27,22 +29,11 @@ class _CameraProblems:
     full: list[int] = field(default_factory=list)
 
 
-def number_ranges(numbers: list[int]) -> str:
-    """Frame numbers as "3, 7-9, 12", cut after six ranges."""
-    runs: list[tuple[int, int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][1] + 1:
-            runs[-1] = (runs[-1][0], number)
-        else:
-            runs.append((number, number))
-    texts = [str(first) if first == last else f"{first}-{last}" for first, last in runs]
-    if len(texts) > 6:
-        return f"{', '.join(texts[:6])} and more ({len(numbers)} in total)"
-    return ", ".join(texts)
-
-
 def check_footage(
-    footage: Footage, progress: ProgressFn = no_progress, frames: tuple[int, ...] | None = None
+    footage: Footage,
+    progress: ProgressFn = no_progress,
+    frames: tuple[int, ...] | None = None,
+    drift: ColorDrift | None = None,
 ) -> list[Message]:
     """Decode all frames and mattes, several cameras in parallel, and report problems.
 
@@ -50,6 +41,7 @@ def check_footage(
         footage: the capture to check.
         progress: called with the number of images decoded and their total; may raise `Cancelled`.
         frames: frame numbers to check; None checks all.
+        drift: sees the frames of cameras with mattes, for its own messages.
 
     Returns:
         `Footage.problems`, then for each camera up to three errors (with the codes of `Footage.image` and
@@ -77,7 +69,7 @@ def check_footage(
                 break
             advance(1)
             try:
-                footage.image(camera, frame)  # also fills the cache for training if the capture fits into it
+                image = footage.image(camera, frame)  # also fills the cache for training if the capture fits into it
                 if not masked:
                     continue
                 matte = footage.matte(camera, frame)
@@ -87,6 +79,8 @@ def check_footage(
                     advance(len(frames) - position - 1)
                     break
                 continue
+            if drift is not None:
+                drift.see(camera, frame, image, matte)
             share = float((matte >= 128).mean())
             if share < _EMPTY:
                 found.empty.append(frame)

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from studio.errors import StudioError
+from studio.storage.pointers import read_pointer
 
 HASH_WHOLE_BELOW = 512 << 20
 """Total size in bytes up to which file contents are hashed; see `digest_files`."""
@@ -16,7 +17,8 @@ def digest_files(root: Path, paths: Iterable[Path]) -> str:
     """SHA-256 of files by name, size and contents.
 
     If the total size of the files exceeds `HASH_WHOLE_BELOW`, modification times are used instead of contents. Below
-    that, a copy of a capture has the same digest.
+    that, a copy of a capture has the same digest. Of objects in a store, the version that the store tells (its ETag)
+    is used: they are not read.
 
     Args:
         root: folder to which file names are relative, for files below it.
@@ -35,6 +37,10 @@ def digest_files(root: Path, paths: Iterable[Path]) -> str:
         read = sum(state.st_size for state in states) <= HASH_WHOLE_BELOW
         for path, state in zip(unique, states, strict=True):
             name = path.relative_to(root) if path.is_relative_to(root) else path
+            stored = read_pointer(path)
+            if stored is not None:
+                digest.update(f"{name.as_posix()}\0{stored.size}\0{stored.tag}".encode())
+                continue
             digest.update(f"{name.as_posix()}\0{state.st_size}\0".encode())
             if read:
                 with path.open("rb") as file:

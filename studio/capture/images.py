@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from studio.errors import StudioError
+from studio.storage import cached_object
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -72,8 +74,9 @@ def _open(path: Path) -> Image:
     from PIL import Image, UnidentifiedImageError
     from PIL.Image import MAX_IMAGE_PIXELS, DecompressionBombError
 
+    stored = cached_object(path)
     try:
-        return Image.open(path)
+        return Image.open(path if stored is None else io.BytesIO(stored.read()))
     except FileNotFoundError:
         raise StudioError("footage.image_missing", "image not found", file=path) from None
     except DecompressionBombError:

@@ -7,17 +7,26 @@ make it open other files and addresses. Formats and protocols are therefore name
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from studio.storage import cached_object
+
 if TYPE_CHECKING:
     from av.container import InputContainer
+
+    from studio.storage import CachedObject
 
 FORMATS = (
     "mov", "mp4", "matroska", "webm", "avi", "mxf", "mpegts", "mpeg", "mpegvideo", "m4v", "asf", "ivf", "h264", "hevc",
     "mjpeg", "wav", "w64", "aiff", "flac", "ogg", "mp3", "aac",
 )  # fmt: skip
 """Names of FFmpeg's demuxers of self-contained files."""
+
+
+_OPTIONS = {"format_whitelist": ",".join(FORMATS)}
 
 
 def open_media(path: Path | str) -> InputContainer:
@@ -28,5 +37,31 @@ def open_media(path: Path | str) -> InputContainer:
     """
     import av
 
-    options = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "file"}
-    return av.open(f"file:{path}", "r", container_options=options)
+    stored = cached_object(Path(path))
+    if stored is not None:
+        return _open_stored(stored)
+    return av.open(f"file:{path}", "r", container_options={**_OPTIONS, "protocol_whitelist": "file"})
+
+
+@contextmanager
+def open_packets(path: Path | str) -> Iterator[InputContainer]:
+    """Open a file to list its packets: their times, sizes and flags, not their content.
+
+    Of an MP4 in object storage, only the header is read, which has all of these; the content of packets that are not on
+    this machine is zeros.
+
+    Raises:
+        av.FFmpegError, OSError, ValueError: as `open_media`.
+    """
+    stored = cached_object(Path(path))
+    # FFmpeg's parser would take keyframes from the content instead of the header
+    with open_media(path) if stored is None else _open_stored(stored, fflags="+noparse") as container:
+        if stored is not None and "mp4" in container.format.name.split(","):
+            stored.fetches = False
+        yield container
+
+
+def _open_stored(stored: CachedObject, **options: str) -> InputContainer:
+    import av
+
+    return av.open(stored, "r", container_options={**_OPTIONS, "protocol_whitelist": "none", **options})

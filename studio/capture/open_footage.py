@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from studio.cameras import Camera, Rig
-from studio.capture.checks import number_ranges
 from studio.capture.detect import detect_images
 from studio.capture.footage import Footage
+from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.choose import exact_mattes, mask_source
@@ -20,6 +20,8 @@ from studio.capture.settings import CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
 from studio.errors import Message, StudioError
+from studio.memory import memory_limit
+from studio.storage import is_address, mirrored
 
 
 def open_footage(
@@ -34,7 +36,8 @@ def open_footage(
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
     Args:
-        spec: where the capture is and how to read it.
+        spec: where the capture is and how to read it. Of a capture in object storage, the files are listed here, and
+            read when their frames are.
         rig: the cameras, with lens distortion, at the size they were calibrated at; None before calibration
             (`Footage.image` is then only scaled, and `Footage.rig` raises). Names must match the footage; a file
             extension in a rig's camera name, as COLMAP writes it, is ignored.
@@ -50,8 +53,10 @@ def open_footage(
     Raises:
         StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
             unknown camera in the settings, missing frames, or an aspect ratio that differs from the calibration's;
-            `calibration.camera_missing`; `matte.*`: mattes are missing.
+            `calibration.camera_missing`; `matte.*`: mattes are missing; `storage.*`.
     """
+    if is_address(spec.root):
+        spec = spec.replace(root=mirrored(spec.root, spec.disk_cache_gigabytes))
     if not spec.root.is_dir():
         raise StudioError(
             "footage.folder_missing",
@@ -96,9 +101,7 @@ def open_footage(
 
 
 def _cache_bytes() -> int:
-    import psutil
-
-    return int(min(2 << 30, psutil.virtual_memory().total // 8))
+    return min(2 << 30, memory_limit() // 8)
 
 
 def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:

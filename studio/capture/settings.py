@@ -8,6 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
 from studio.settings import Affects, Color, Conflict, Heading, Settings, Unbounded
+from studio.storage import StoreAddress, is_address
+from studio.storage.cache import DEFAULT_GIGABYTES
 
 MaskKind = Literal["auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model"]
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
@@ -28,9 +30,15 @@ class FileSettings(Settings):
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
+    @field_validator("root", mode="after")
+    @classmethod
+    def _address_or_folder(cls, value: Path) -> Path:
+        return StoreAddress(str(value)) if is_address(value) else value
+
     root: Annotated[Path, Heading("Files"), Affects()] = Path(".")
-    """Folder of the capture. A relative path in a YAML file is relative to that file; on the command line, to the
-    working directory. All patterns below are relative to it."""
+    """Folder of the capture, or its address in object storage: s3://bucket/folder, gs://... or az://.... A relative
+    path in a YAML file is relative to that file; on the command line, to the working directory. All patterns below are
+    relative to it."""
 
     images: Annotated[str, Affects("cameras_from_images", *_DEFAULT.results)] = "auto"
     """Pattern of the footage with {camera} and, for still images, {frame}. Examples: videos/{camera}.mp4 (one video per
@@ -210,6 +218,10 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
 
     cache_megabytes: Annotated[int | None, Affects()] = Field(default=None, ge=16)
     """Memory limit of the decoded-image cache, in MiB. null: one eighth of the machine's memory, at most 2048."""
+
+    disk_cache_gigabytes: Annotated[float, Affects()] = Field(default=DEFAULT_GIGABYTES, ge=0.1)
+    """Footage in object storage: limit of what a machine keeps of it on its disk, in GB. What was used least recently
+    goes first. The environment variable V3STUDIO_CACHE selects the folder."""
 
     @model_validator(mode="after")
     def _combinations(self) -> Self:

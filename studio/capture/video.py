@@ -12,7 +12,7 @@ import numpy as np
 
 from studio.capture.chroma_grid import chroma_grid
 from studio.capture.frame_clock import frame_clock
-from studio.capture.media import open_media
+from studio.capture.media import open_media, open_packets
 from studio.chroma import ChromaSampling
 from studio.errors import StudioError
 
@@ -176,6 +176,12 @@ class VideoReader:
         if not container.streams.video:
             container.close()
             raise StudioError("footage.no_video_stream", "the file has no video stream", file=self.path)
+        if container.streams.video[0].codec_context is None:
+            container.close()
+            raise StudioError(
+                "footage.video_unreadable", "the video has a codec that FFmpeg does not know", file=self.path,
+                fix=_ENCODE_AGAIN,
+            )  # fmt: skip
         self._container = container
         self._stream = container.streams.video[0]
         # One thread per decoder: a capture keeps many decoders open, and each frame thread needs its own frame buffer.
@@ -218,7 +224,7 @@ class VideoReader:
         if times is not None and frame_clock(times) is None:
             return
         if times is not None:
-            self._scan()
+            self._scan(listed=True)
         clock = frame_clock(self._timestamps or ())
         if clock is None:
             return
@@ -237,15 +243,19 @@ class VideoReader:
         added = self.frame_count - len(set(clock.shown))
         self.note = f"the frame rate is not constant; at {rate:.4g} fps, {added} frames repeat the ones before them"
 
-    def _scan(self) -> int:
-        """Read the exact presentation times of all packets without decoding; returns the frame count."""
+    def _scan(self, listed: bool = False) -> int:
+        """Read the exact presentation times of all packets without decoding; returns the frame count.
+
+        Args:
+            listed: the container lists all packets, so that their content is not needed.
+        """
         import av
 
         times: list[int] = []
         keys: list[int] = []
         known = True
         try:
-            with open_media(self.path) as container:
+            with open_packets(self.path) if listed else open_media(self.path) as container:
                 stream = container.streams.video[0]
                 for packet in container.demux(stream):
                     if packet.size == 0 or packet.is_discard:
@@ -289,8 +299,8 @@ class VideoReader:
             return False
         if index - self._next < 8 or not self._seekable:
             return True
-        if self._timestamps is None:
-            self._scan()
+        if self._timestamps is None:  # the container lists all packets, else `__init__` would know them
+            self._scan(listed=True)
         place = bisect.bisect_right(self._keyframes, index) - 1
         return place < 0 or self._keyframes[place] <= self._next
 
@@ -335,7 +345,7 @@ class VideoReader:
         import av
 
         if self._timestamps is None:
-            self._scan()
+            self._scan(listed=True)
         place = bisect.bisect_right(self._keyframes, index) - 1 if self._seekable else -1
         if place <= 0:
             self._open()

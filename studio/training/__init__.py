@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from studio.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from studio.training.camera_colors import fit_camera_colors
     from studio.training.interframe import InterframeResult, interframe_steps, train_interframe
     from studio.training.keyframe import keyframe_steps, train_keyframe
     from studio.training.settings import LearningRates, TrainSettings
@@ -15,6 +16,7 @@ __all__ = [
     "LearningRates",
     "TrainSettings",
     "TrainingView",
+    "fit_camera_colors",
     "interframe_steps",
     "keyframe_steps",
     "train_interframe",

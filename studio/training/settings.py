@@ -108,7 +108,18 @@ class TrainSettings(Settings):
     final_dropout: float = Field(default=0.1, ge=0, lt=1)
     """Fraction of the splats left out of these steps, if it is below dropout. Details become sharper."""
 
-    crop_margin: float = Field(default=0.15, ge=0, le=10)
+    camera_colors: Annotated[bool, Heading("Colors of cameras")] = False
+    """Correct differences in color between cameras: a 3x4 matrix (with exposure) per camera, constant in a take, fitted
+    before training and stored in train/camera_colors.json. The mean camera keeps its colors, and the stream has those.
+    For rigs whose cameras differ in exposure, white balance or model."""
+
+    camera_color_iterations: int = Field(default=600, ge=1)
+    """Steps of a first training of the first keyframe to which the matrices are fitted."""
+
+    camera_color_every: int = Field(default=150, ge=1)
+    """Steps after which they are fitted again."""
+
+    crop_margin: Annotated[float, Heading("Crops")] = Field(default=0.15, ge=0, le=10)
     """Padding of the performer's bounding box that images are cropped to, as a fraction of the box size (16 pixels are
     added)."""
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from studio.chroma import resampled
+from studio.color_fit import correct_color
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.metrics import psnr
@@ -32,17 +33,19 @@ class Step:
         target: (H, W, 3) image with which the render was compared.
         render: the render; `radii` has an entry for every splat, 0 for dropped ones.
         view: the training view.
+        image: (H, W, 3) what was compared: the render in the colors of the camera.
     """
 
     loss: Tensor
     target: Tensor
     render: Render
     view: TrainingView
+    image: Tensor
 
     @property
     def psnr(self) -> float:
         """PSNR of the crop of this step in dB, over the training background."""
-        return float(psnr(self.render.image.detach(), self.target))
+        return float(psnr(self.image.detach(), self.target))
 
 
 class Stepper:
@@ -88,12 +91,16 @@ class Stepper:
         behind = background if backdrop is None else backdrop
         render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
         image = render.image
+        if view.color is not None:
+            # only the splats; the background has no color error, and a plate that of this camera
+            rest = (1 - render.alpha)[..., None] * behind
+            image = correct_color(image - rest, render.alpha, view.color) + rest
         if self.chroma_shift is not None and view.chroma is not None:
             image = resampled(image, view.chroma, self.chroma_shift)
         loss = photometric_loss(image, target, self._settings.dssim_weight)
         if self.alpha_weight:
             loss = loss + self.alpha_weight * (render.alpha - view.matte).abs().mean()
-        return Step(loss, target, render, view)
+        return Step(loss, target, render, view, image)
 
     def state(self) -> dict[str, Tensor]:
         """Position in the sequence of views. The caller stores the state of the generator."""

@@ -37,6 +37,8 @@ class TrainingView:
 
     Attributes:
         camera, full_size, chroma: as above.
+        color: (3, 4) matrix from the splats' colors to those of this camera; None: they are the same. See
+            `studio.color_fit.correct_color`.
     """
 
     def __init__(
@@ -49,6 +51,7 @@ class TrainingView:
         chroma: ChromaSampling | None = None,
     ) -> None:
         self.camera, self.full_size, self.chroma = camera, full_size, chroma
+        self.color: Tensor | None = None
         self._image, self._matte, self._plate = image, matte, plate
         self._near = None if plate is None else surroundings(_floats(matte)).to(torch.uint8)
         self._cached: tuple[Tensor, Tensor, Tensor | None] | None = None
@@ -122,6 +125,12 @@ class TrainingView:
             view._matte = (matte * 255 + 0.5).to(torch.uint8)
         if self._cached is not None and self._plate is None:
             view._cached = view._parts()
+        return view
+
+    def with_color(self, matrix: Tensor) -> TrainingView:
+        """The same view by a camera with other colors; `matrix`: (3, 4), see `color`."""
+        view = copy.copy(self)
+        view.color = matrix.to(self.device, torch.float32)
         return view
 
     def composited(self, background: Tensor) -> Tensor:

@@ -135,8 +135,39 @@ def test_reduced_motion_does_not_play_by_itself(stream, open_page):
     assert not start.is_visible()
 
 
-def test_the_play_button_does_not_block_orbiting(stream, open_page):
+def test_a_link_to_a_moment_shows_it_without_a_button_over_it(stream, open_page):
+    page = open_page("?t=0.2")
+    assert not page.state["playing"]
+    assert not page.handle.locator("v3-player .start").is_visible()
+    page.click("play")
+    page.wait("player.state.playing")
+
+
+def test_a_hint_invites_to_turn_until_the_first_gesture(stream, open_page):
     page = open_page("?t=0", **CALM)
+    hint = page.handle.locator("v3-player .hint")
+    hint.get_by_text("Drag to turn").wait_for()
+    assert page.evaluate("() => document.querySelector('v3-player').shadowRoot.querySelector('.hint').role") == "status"
+    animation = "one => getComputedStyle(one.querySelector('svg')).animationName"
+    assert hint.evaluate(animation) == "none", "reduced motion"
+    drag(page, 60, 0)
+    hint.wait_for(state="hidden")
+    page.handle.reload()
+    page.wait_ready()
+    assert not hint.is_visible(), "nor at the next visit"
+
+
+def test_backgrounds_that_look_the_same_are_offered_once(stream, open_page):
+    page = open_page("?t=0&background=black", **CALM)
+    page.click("settings")
+    shown = "all => all.filter(one => one.offsetParent !== null).map(one => getComputedStyle(one).backgroundColor)"
+    colors = page.handle.locator("v3-player .swatch:not(.none)").evaluate_all(shown)
+    assert len(colors) == len(set(colors)) >= 3
+    assert page.handle.locator("v3-player .swatch[aria-checked=true]").is_visible()
+
+
+def test_the_play_button_does_not_block_orbiting(stream, open_page):
+    page = open_page(**CALM)
     start = page.handle.locator("v3-player .start")
     box = start.bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

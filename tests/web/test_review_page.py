@@ -1,8 +1,9 @@
-"""A client reviews a take in a browser: curves, the wipe with footage, marks; the link to watch cannot change them."""
+"""A client reviews a take in a browser: curves, the wipe with footage, marks and their views, and links."""
 
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 from driver import PATIENCE, Page
 
@@ -66,8 +68,9 @@ def curve(page: Page, kind: str, low: float, high: float) -> list[float]:
 
 def test_curves_and_figures_are_those_of_the_evaluation(page, take):
     values = json.loads(take.evaluation.read_text())
-    labels = page.handle.locator(".v3-review .plot.psnr .labels span").all_inner_texts()
-    high, low = (float(label.removesuffix(" dB")) for label in labels)
+    low, high = map(
+        float, page.handle.locator(".v3-review .range").first.inner_text().removesuffix(" dB").split(" to ")
+    )
     for kind in ("decoded", "trained"):
         want = [row[f"psnr_{kind}"] for row in values["frames"]]
         assert curve(page, kind, low, high) == pytest.approx(want, abs=0.01)
@@ -85,7 +88,9 @@ def test_curves_and_figures_are_those_of_the_evaluation(page, take):
 
 
 def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page, take):
-    page.handle.select_option(".v3-review select", "cam4")
+    compare = page.handle.get_by_role("button", name="Compare with footage")
+    compare.click()
+    assert page.handle.input_value(".v3-review select") == "cam4"
     page.handle.get_by_label("whole picture").check()
     page.wait(f"{WIPE}.dataset.frame === '0'")
     assert "footage of cam4" in page.evaluate(f"() => {WIPE}.textContent")
@@ -105,7 +110,7 @@ def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page, take):
     assert page.handle.locator("v3-player .wipe [role=slider]").get_attribute("aria-valuenow") == "80"
     assert page.evaluate(LOOK, [0.75, 0.5])[3] == 255
     assert page.evaluate(LOOK, [0.85, 0.5])[3] == 0
-    assert page.evaluate("() => document.querySelector('.v3-review select').value") == "cam4", "the view did not turn"
+    assert page.handle.get_by_role("button", name="End comparison").is_visible(), "the view did not turn"
 
     page.seek_frame(3)
     page.wait(f"{WIPE}.dataset.frame === '3'")
@@ -132,12 +137,121 @@ def test_a_mark_is_written_to_the_take_and_shown_after_reloading(page, take):
     page.wait("player.state.frame === 3")
 
 
-def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address, browser):
+def test_the_line_ends_at_the_title_and_the_controls(page):
+    page.handle.set_viewport_size({"width": 360, "height": 740})
+    page.handle.locator("v3-player .stage").press("w")
+    page.wait(f"!{WIPE}.hidden")
+    line = page.handle.locator("v3-player .wipe [role=slider]").bounding_box()
+    title = page.handle.locator("v3-player .title").bounding_box()
+    assert line["y"] >= title["y"] + title["height"]
+    controls = page.handle.locator("v3-player .timeline").bounding_box()
+    assert line["y"] + line["height"] <= controls["y"]
+
+
+def view_of(page: Page) -> dict[str, Any]:
+    view: dict[str, Any] = page.state["view"]
+    return view
+
+
+def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
+    page.seek_frame(2)
+    page.call("setView", {"azimuth": 35, "elevation": 12, "distance": 2.5})
+    marked = view_of(page)
+    page.handle.locator("v3-player .stage").press("n")
+    page.handle.get_by_placeholder("Note").fill("hand")
+    page.handle.get_by_placeholder("Note").press("Enter")
+    page.handle.wait_for_selector(".v3-review li")
+    saved = read_marks(take.marks)[2].view
+    assert saved is not None
+    assert saved.camera == ""
+    assert math.dist(saved.eye, saved.target) == pytest.approx(2.5)
+    camera = page.evaluate("() => document.querySelector('v3-player').engine.camera.pinhole(640, 400)")
+    center = -np.array(camera["rotation"]).reshape(3, 3).T @ camera["translation"]
+    assert saved.eye == pytest.approx(center.tolist())
+
+    page.call("setView", {"azimuth": -80, "elevation": 0, "distance": 4})
+    page.seek_frame(4)
+    page.handle.get_by_role("button", name="Go to frame 2").click()
+    page.wait("player.state.frame === 2")
+    for name, value in marked.items():
+        assert view_of(page)[name] == pytest.approx(value)
+
+    # Another word in the note leaves the view as it was, the comparison that is on the screen replaces it.
+    page.handle.get_by_role("button", name="Edit the mark").click()
+    page.handle.get_by_placeholder("Note").fill("left hand")
+    page.handle.get_by_role("button", name="Save").click()
+    page.handle.get_by_text("left hand").wait_for()
+    assert read_marks(take.marks)[2].view == saved
+    page.handle.get_by_role("button", name="Compare with footage").click()
+    page.handle.locator("v3-player .wipe [role=slider]").press("End")
+    page.handle.get_by_role("button", name="Mark this frame").click()
+    page.handle.get_by_role("button", name="Save").click()
+    page.handle.wait_for_selector(".v3-review form", state="hidden")
+    compared = read_marks(take.marks)[2].view
+    assert (compared.camera, compared.wipe) == ("cam4", 1)
+    page.handle.get_by_role("button", name="End comparison").click()
+    page.handle.locator(".v3-review .strip button").click()
+    page.handle.get_by_role("button", name="End comparison").wait_for()
+    assert page.handle.locator("v3-player .wipe [role=slider]").get_attribute("aria-valuenow") == "100"
+
+
+def test_a_comment_is_written_in_one_glance_on_a_phone(page):
+    """Above its keyboard: what is written, by whom, and the button that saves it; the picture too."""
+    page.handle.set_viewport_size({"width": 360, "height": 740})
+    page.handle.get_by_role("button", name="Mark this frame").click()
+    page.handle.set_viewport_size({"width": 360, "height": 400})
+    parts = [page.handle.get_by_placeholder("Note"), page.handle.get_by_placeholder("Your name")]
+    parts += [page.handle.get_by_role("button", name=name, exact=True) for name in ("Save", "Cancel")]
+    boxes = [part.bounding_box() for part in (*parts, page.handle.locator("v3-player canvas").first)]
+    for box in boxes:
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 360
+        assert box["y"] >= 0
+        assert box["y"] + box["height"] <= 400
+    assert boxes[-1]["height"] >= 180
+    assert boxes[1]["width"] >= 120
+    parts[-1].click()
+    page.handle.wait_for_selector(".v3-review .plots")
+
+
+def test_help_tells_how_to_compare_and_mark(page):
+    page.handle.locator("v3-player .stage").press("?")
+    text = page.handle.locator("v3-player .help").inner_text()
+    assert "Compare" in text
+    assert "Comment" in text
+
+
+def copied(page: Page, which: str) -> str:
+    """The link that is copied after the page has asked which one, of which it copied none before."""
     page.handle.evaluate("() => { navigator.clipboard.writeText = async text => { window.copied = text; }; }")
+    page.evaluate("() => { window.copied = ''; }")
     page.click("link")
+    button = page.handle.get_by_role("button", name=which)
+    button.wait_for()
+    assert page.evaluate("() => window.copied") == ""
+    button.click()
     page.wait("window.copied")
-    link = page.evaluate("() => window.copied")
+    link: str = page.evaluate("() => window.copied")
+    return link
+
+
+def test_the_link_to_the_review_is_copied_by_name(page, address):
+    page.handle.get_by_role("button", name="Compare with footage").click()
+    page.seek_frame(3)
+    link = copied(page, "Copy link to this review")
+    assert link.startswith(f"{address}{SECRET}/?t=0.12")
+    assert "can change marks" in page.handle.locator("v3-player .notice").inner_text()
+    page.handle.goto(link)
+    page.handle.get_by_role("button", name="End comparison").wait_for()
+    page.wait("player.state.frame === 3")
+    page.handle.wait_for_timeout(200)
+    assert not page.evaluate(f"() => {WIPE}.hidden"), "opening the stream does not end the comparison"
+
+
+def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address, browser):
+    link = copied(page, "Copy link to watch")
     assert link.startswith(f"{address}?t=0")
+    assert "without the review" in page.handle.locator("v3-player .notice").inner_text()
     context = browser.new_context()
     watching = Page(context.new_page())
     watching.handle.goto(link)

@@ -16,7 +16,7 @@ from pipelines.events import Metrics, Preview, Progress, Warned, parse_event
 from pipelines.runs.cluster.lanes import Lanes
 from pipelines.runs.cluster.mailbox import Mailbox
 from pipelines.runs.cluster.nodes import Nodes, Wanted
-from pipelines.runs.cluster.task import NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
+from pipelines.runs.cluster.task import NODE_CODES, NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
 from pipelines.runs.work import cpus_of_group
 from pipelines.stages.base import Context, GroupStage, StageReporter
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
@@ -177,6 +177,7 @@ class _Run:
             task = GroupTask(
                 take=str(self._context.take.root),
                 footage=str(self._context.config.capture.root),
+                paths=tuple(self._context.config.run.paths.items()),
                 stage=self._stage.name,
                 group=job.group.index,
                 attempt=job.attempt,
@@ -315,7 +316,7 @@ class _Run:
         self._finished(job.group)
 
     def _refused(self, job: _Job, message: Message) -> None:
-        if message.code == NOT_VISIBLE:
+        if message.code in (NOT_VISIBLE, *NODE_CODES):
             self._nodes.excluded.add(job.node)
             if self._nodes.usable():
                 self._warn(message)

@@ -22,6 +22,9 @@ _PROGRESS_SECONDS = 0.5
 NOT_VISIBLE = "cluster.not_visible"
 """Code of the error of a node that does not see the take or the footage; another node may."""
 
+NODE_CODES = ("storage.missing_package", "storage.no_credentials", "storage.denied", "storage.cache_full")
+"""Codes of errors that may be this node's only, too."""
+
 VISIBLE_SECONDS = 20.0
 """How long files that another node wrote may take to appear: network file systems cache folders."""
 
@@ -38,7 +41,8 @@ class GroupTask:
 
     Attributes:
         take: the take's folder.
-        footage: the footage's folder.
+        footage: the footage's folder, or its address in object storage.
+        paths: `run.paths`: a folder and its paths on other machines.
         stage: name of the stage.
         group: number of the group.
         attempt: 1 at first.
@@ -56,6 +60,7 @@ class GroupTask:
     settings: tuple[tuple[str, Any], ...]
     version: str
     python: str
+    paths: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 def versions() -> tuple[str, str]:
@@ -137,16 +142,29 @@ def _do(task: GroupTask, emit: Any) -> None:
     from pipelines.config import load_config
     from pipelines.runs.work import work
     from pipelines.takes.take import Take
+    from studio.storage import is_address
 
-    for path, what in ((Path(task.take, "take.json"), "take"), (Path(task.footage), "footage")):
-        if not path.exists():
-            raise StudioError(
-                NOT_VISIBLE,
-                f"{socket.gethostname()} cannot see the {what}",
-                file=path,
-                fix="Mount it on all nodes under the same path.",
-                node=socket.gethostname(),
-            )
-    take = Take.open(Path(task.take))
+    about = _here(Path(task.take, "take.json"), "take", task)
+    if not is_address(task.footage):
+        _here(Path(task.footage), "footage", task)
+    take = Take.open(about.parent)
     config = load_config(take.config, task.settings)
     work(take, config, (task.stage,), task.group, emit, expected=task.key)
+
+
+def _here(path: Path, what: str, task: GroupTask) -> Path:
+    """Where the take or the footage is on this node."""
+    from pipelines.takes.path_here import places_to_look
+
+    places = places_to_look(path, dict(task.paths))
+    found = next((place for place in places if place.exists()), None)
+    if found is None:
+        also = f", nor under {', '.join(map(str, places[1:]))}" if places[1:] else ""
+        raise StudioError(
+            NOT_VISIBLE,
+            f"{socket.gethostname()} cannot see the {what} there{also}",
+            file=path,
+            fix="Mount it on all nodes under the same path, or set run.paths.",
+            node=socket.gethostname(),
+        )
+    return found

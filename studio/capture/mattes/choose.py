@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.checks import number_ranges
 from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside
 from studio.capture.digest import digest_files
+from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from studio.capture.mattes.chroma_key import ChromaMatteSource, DespillingMatteSource
 from studio.capture.mattes.garbage_mattes import garbage_mattes
@@ -30,6 +30,7 @@ from studio.capture.mattes.plain_background import PlainMatteSource, plain_color
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings, OnnxSettings
 from studio.errors import StudioError
+from studio.storage import whole_file
 
 _FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set
 
@@ -190,6 +191,8 @@ def _model(
             setting="capture.mask_model",
         )
     path = spec.root / Path(spec.mask_model).expanduser()
+    for ending in ("", "_data", ".data"):  # external weights; see `OnnxModel.files`
+        whole_file(path.with_name(path.name + ending))
     model = OnnxModel(path, spec, device=device, threads=threads)
     cache = None
     if cache_folder is not None:

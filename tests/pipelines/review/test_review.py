@@ -18,7 +18,7 @@ from pipelines.config import dump_config, load_config
 from pipelines.review import TakeReview
 from pipelines.share.served_streams import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
-from pipelines.takes.atomic_files import write_model
+from pipelines.takes.atomic_files import Result, read_model, write_model
 from pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
 from pipelines.takes.records import StageRecord
 from pipelines.takes.take import Take
@@ -147,11 +147,12 @@ def test_marks_are_written_to_the_take_as_plain_text(port: int, take: Take) -> N
     status, answer = send(port, mark(3, "  axe \n is <b>thin</b>\x1b[31m \u202eevil\x00 ", author="Anna\n <i>"))
     assert status == 200, answer
     row = {"frame": 3, "note": "axe is <b>thin</b>[31m evil", "author": "Anna <i>"}
-    assert json.loads(answer) == {"marks": [row], "problem": None}
     assert json.loads(take.marks.read_text())["marks"] == [row]
+    row["view"] = None
+    assert json.loads(answer) == {"marks": [row], "problem": None}
     change_mark(take.marks, 1, Mark(frame=1, note="in the window"), None)
     status, headers, answer = ask(port, f"{BASE}/marks")
-    assert json.loads(answer)["marks"] == [{"frame": 1, "note": "in the window", "author": ""}, row]
+    assert json.loads(answer)["marks"] == [{"frame": 1, "note": "in the window", "author": "", "view": None}, row]
     assert headers["content-type"] == "application/json"
     assert ask(port, f"{BASE}/marks", If_None_Match=headers["etag"])[::2] == (304, b"")
     seen = {"note": row["note"], "author": row["author"]}
@@ -159,11 +160,58 @@ def test_marks_are_written_to_the_take_as_plain_text(port: int, take: Take) -> N
     assert list(read_marks(take.marks)) == [1]
 
 
+VIEW = {"eye": [0.0, -3.5, 1.0], "target": [0.0, 0.0, 1.0], "fov": 40.0, "camera": "cam4", "wipe": 0.25, "whole": True}
+
+
+def test_a_mark_keeps_its_view_which_older_versions_leave_in_the_file(port: int, take: Take) -> None:
+    change = mark(1, "soft")
+    change["mark"]["view"] = VIEW
+    status, answer = send(port, change)
+    assert (status, json.loads(answer)["marks"][0]["view"]) == (200, VIEW)
+    (row,) = json.loads(take.marks.read_text())["marks"]
+    assert row == {"frame": 1, "note": "soft", "author": "Anna", "view": VIEW}
+
+    class OldMark(Result):  # of version 0.2
+        frame: int
+        note: str
+        author: str = ""
+
+    class OldMarks(Result):
+        marks: tuple[OldMark, ...]
+
+    old = read_model(take.marks, OldMarks)
+    assert (old.marks[0].frame, old.marks[0].note, old.marks[0].author) == (1, "soft", "Anna")
+    write_model(take.marks, old.model_copy(update={"marks": (*old.marks, OldMark(frame=2, note="new"))}))
+    marks = read_marks(take.marks)
+    assert marks[1].view is not None
+    assert marks[1].view.to_json() == VIEW
+    assert marks[2].view is None
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"eye": VIEW["target"]},
+        {"fov": 0},
+        {"fov": 180.0},
+        {"wipe": 1.5},
+        {"camera": "c" * 300},
+        {"eye": [0, 1]},
+        {"eye": None},
+    ],
+)
+def test_views_that_cannot_be_looked_from_are_refused(port: int, take: Take, values: dict[str, Any]) -> None:
+    change = mark(1, "x")
+    change["mark"]["view"] = {**VIEW, **values}
+    assert send(port, change)[0] == 400
+    assert not take.marks.exists()
+
+
 def test_nobody_loses_what_another_wrote(port: int, take: Take) -> None:
     assert send(port, mark(2, "first"))[0] == 200
     status, answer = send(port, mark(2, "second", author="Ben"))
     assert status == 409
-    assert json.loads(answer)["marks"] == [{"frame": 2, "note": "first", "author": "Anna"}]
+    assert json.loads(answer)["marks"] == [{"frame": 2, "note": "first", "author": "Anna", "view": None}]
     assert str(take.root) not in answer.decode()
     change_mark(take.marks, 2, Mark(frame=2, note="window"), Mark(frame=2, note="first", author="Anna"))
     assert send(port, mark(2, None, {"note": "first", "author": "Anna"}))[0] == 409

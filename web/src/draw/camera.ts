@@ -176,6 +176,26 @@ export class OrbitCamera {
     };
   }
 
+  /** The view from a point to another one, which it orbits. */
+  viewFrom(eye: Vector, target: Vector): View {
+    const distance = length(add(target, eye, -1));
+    const forward = unit(add(target, eye, -1));
+    const steep = dot(forward, this.up);
+    const flat = add(forward, this.up, -steep);
+    const azimuth = length(flat) < 1e-6 ? this.azimuth : Math.atan2(dot(flat, this.side), dot(flat, this.ahead)) * DEGREES;
+    return { azimuth, elevation: Math.asin(Math.max(-1, Math.min(1, -steep))) * DEGREES, distance, target };
+  }
+
+  /** Where the viewer of a view is. */
+  eyeOf({ azimuth, elevation, distance, target }: View): Vec3 {
+    return add(target, this.forwardOf(azimuth, elevation), -distance);
+  }
+
+  /** Vertical field of view in degrees, for an aspect ratio. */
+  fieldOfView(aspect: number): number {
+    return 2 * Math.atan(this.tangentsFor(aspect)[1]) * DEGREES;
+  }
+
   get view(): View {
     return { azimuth: this.azimuth, elevation: this.elevation, distance: this.distance, target: [...this.target] };
   }
@@ -189,11 +209,15 @@ export class OrbitCamera {
 
   /** Right, down and forward axes: the rows of the rotation. */
   private axes(): [Vec3, Vec3, Vec3] {
-    const [a, e] = [this.azimuth / DEGREES, this.elevation / DEGREES];
-    const flat = add(this.ahead.map((v) => v * Math.cos(a)) as Vec3, this.side, Math.sin(a));
-    const forward = add(flat.map((v) => v * Math.cos(e)) as Vec3, this.up, -Math.sin(e));
+    const forward = this.forwardOf(this.azimuth, this.elevation);
     const right = unit(cross(forward, this.up));
     return [right, cross(forward, right), forward];
+  }
+
+  private forwardOf(azimuth: number, elevation: number): Vec3 {
+    const [a, e] = [azimuth / DEGREES, elevation / DEGREES];
+    const flat = add(this.ahead.map((v) => v * Math.cos(a)) as Vec3, this.side, Math.sin(a));
+    return add(flat.map((v) => v * Math.cos(e)) as Vec3, this.up, -Math.sin(e));
   }
 
   /** Orbits by angles in degrees. */

@@ -1,5 +1,7 @@
 /** What the page and `v3studio serve --review` send each other; `pipelines/review/messages.py` has the same. */
 
+import type { Vector } from "../stream/manifest.ts";
+
 export const VERSION = 1;
 
 export interface QualityCurves {
@@ -29,9 +31,25 @@ export interface ReviewData {
   readonly problems: readonly string[];
 }
 
+/** From where a mark was made, in world coordinates, and what was compared. */
+export interface MarkView {
+  readonly eye: Vector;
+  readonly target: Vector;
+  /** Vertical field of view, degrees. */
+  readonly fov: number;
+  /** The camera that was looked through; "" for a free view. */
+  readonly camera: string;
+  /** Position of the line between footage and stream, 0 to 1; null: they were not compared. */
+  readonly wipe: number | null;
+  /** Whether the camera's whole picture was shown, rather than the performer. */
+  readonly whole: boolean;
+}
+
 export interface MarkContent {
   readonly note: string;
   readonly author: string;
+  /** null: of a version that did not keep it. */
+  readonly view: MarkView | null;
 }
 
 export interface Mark extends MarkContent {

@@ -38,6 +38,28 @@ export function around(camera: ReviewCamera, { min, max }: { readonly min: Vecto
   return { x: left, y: top, width: right - left, height: bottom - top };
 }
 
+/** The canvas in pixels, and how much of it is covered above and below. */
+export interface Area {
+  readonly width: number;
+  readonly height: number;
+  readonly top: number;
+  readonly bottom: number;
+}
+
+/** A larger part that fills the canvas, in which this part is as large as possible in what is not covered. */
+export function withRoom(part: Part, { width, height, top, bottom }: Area): Part {
+  const free = height - top - bottom;
+  // Where the controls leave little, they may cover some.
+  if (free < 0.4 * height) return part;
+  const scale = Math.min(width / part.width, free / part.height);
+  return {
+    x: part.x + (part.width - width / scale) / 2,
+    y: part.y + (part.height - free / scale) / 2 - top / scale,
+    width: width / scale,
+    height: height / scale,
+  };
+}
+
 /** The pinhole camera whose whole picture is this part. */
 export function cameraOf({ K, world_to_camera }: ReviewCamera, part: Part): Camera {
   return {

@@ -7,13 +7,12 @@ import type { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { V3PlayerElement } from "../ui/element.ts";
 import { type Mark, type ReviewData, ReviewServer } from "./api.ts";
+import { Comparison } from "./comparison.ts";
 import { make } from "./dom.ts";
+import { fitToKeyboard } from "./keyboard.ts";
 import { Marks } from "./marks.ts";
 import { Plots } from "./plots.ts";
 import css from "./style.css";
-import { Wipe } from "./wipe.ts";
-
-const FREE = "";
 
 function build(panel: HTMLElement, element: V3PlayerElement, player: Player, server: ReviewServer, data: ReviewData): void {
   const fps = player.info?.fps ?? 25;
@@ -23,39 +22,50 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
   };
   const plots = new Plots(data.quality, data.frame_count, fps, seek);
   plots.show(player.frame);
+  const comparison = new Comparison(element, player, server, data, (camera) => {
+    plots.compare(camera);
+  });
+  const goTo = ({ frame, view }: Mark): void => {
+    seek(frame);
+    if (view !== null) comparison.go(view);
+  };
   const marks = new Marks(server, fps, {
     frame: () => player.frame,
-    pause: () => {
-      element.pause();
-    },
-    seek: (frame) => {
-      player.seekFrame(frame);
-    },
+    view: () => comparison.view,
+    goTo,
+    seek,
     changed: (all: readonly Mark[]) => {
-      plots.mark(all, seek);
+      plots.mark(all, goTo);
+    },
+    writing: (writing) => {
+      panel.classList.toggle("writing", writing);
+      fitToKeyboard(writing);
     },
   });
-  const choice = make("select", { "aria-label": "Compare with the footage of a camera" }, make("option", { value: FREE }, "Free view"));
-  for (const { name } of data.cameras) choice.append(make("option", { value: name }, `Compare with ${name}`));
-  const all = make("input", { type: "checkbox" });
-  const allLabel = make("label", { hidden: "" }, all, " whole picture");
-  const wipe = new Wipe(player, server, data.background, () => {
-    choice.value = FREE;
-    compare();
-  });
-  const compare = (): void => {
-    const camera = data.cameras.find(({ name }) => name === choice.value) ?? null;
-    wipe.show(camera, all.checked);
-    plots.compare(camera?.name ?? null);
-    allLabel.hidden = camera === null;
-  };
-  choice.addEventListener("change", compare);
-  all.addEventListener("change", compare);
-  const tools = make("div", { class: "row" }, ...(data.cameras.length > 0 ? [choice, allLabel] : []), marks.add, plots.readout);
+  const tools = make("div", { class: "row tools" }, comparison.button, marks.add, comparison.choices, plots.readout);
   const problems = data.problems.map((text) => make("p", { class: "problem" }, text));
-  panel.replaceChildren(tools, plots.element, ...problems, marks.element);
+  panel.replaceChildren(tools, marks.form, marks.problem, plots.element, ...problems, marks.element);
   player.on("frame", ({ frame }) => {
     plots.show(frame);
+  });
+  const compared = new URLSearchParams(location.search).get("compare");
+  if (compared !== null) comparison.begin(compared);
+  element.links.reviewParameters = (): Record<string, string> => {
+    const { camera } = comparison;
+    return camera === null ? {} : { compare: camera.name };
+  };
+  element.addHelp([
+    ...(data.cameras.length === 0 ? [] : [
+      { what: "Compare", touch: "<i>Compare with footage</i>, drag the line", keys: "<kbd>W</kbd>, drag the line" },
+    ]),
+    { what: "Comment", touch: "<i>Mark this frame</i>, below", keys: "<kbd>N</kbd> marks this frame and view" },
+  ]);
+  element.addEventListener("keydown", (event) => {
+    if (event.altKey || event.metaKey || event.ctrlKey) return;
+    const action = { w: () => { comparison.toggle(); }, n: () => { marks.begin(); } }[event.key.toLowerCase()];
+    if (action === undefined || (event.composedPath()[0] as Element).tagName === "INPUT") return;
+    event.preventDefault();
+    action();
   });
 }
 

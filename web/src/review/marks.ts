@@ -2,7 +2,7 @@
 
 import { messageOf } from "../stream/errors.ts";
 import { clock } from "../ui/format.ts";
-import { type Mark, type MarkContent, Refused, type ReviewServer } from "./api.ts";
+import { type Mark, type MarkContent, type MarkView, Refused, type ReviewServer } from "./api.ts";
 import { make } from "./dom.ts";
 
 /** Milliseconds between two looks at what others have marked. */
@@ -20,13 +20,24 @@ function remembered(name?: string): string {
   }
 }
 
+const contentOf = ({ note, author, view }: Mark): MarkContent => ({ note, author, view });
+
+/** A view without what depends on the shape of the window. */
+const place = (view: MarkView): string => JSON.stringify({ ...view, fov: 0 });
+
 export interface MarksHost {
   /** The frame on the screen. */
   readonly frame: () => number;
-  readonly pause: () => void;
+  /** The view on the screen. */
+  readonly view: () => MarkView;
+  /** Pauses at a mark's frame and view. */
+  readonly goTo: (mark: Mark) => void;
+  /** Pauses at a frame. */
   readonly seek: (frame: number) => void;
   /** Other marks are to be shown. */
   readonly changed: (marks: readonly Mark[]) => void;
+  /** The form is open, or closed. */
+  readonly writing: (writing: boolean) => void;
 }
 
 export class Marks {
@@ -37,32 +48,44 @@ export class Marks {
   private readonly list = make("ol");
   /** The button that opens the form. */
   readonly add = make("button", { type: "button", class: "add" }, "Mark this frame");
-  private readonly form = make("form", { hidden: "" });
+  readonly form = make("form", { hidden: "" });
   private readonly heading = make("label", { for: "v3-review-note" });
   private readonly note = make("textarea", { id: "v3-review-note", rows: "2", maxlength: String(MAX_NOTE), placeholder: "Note" });
-  private readonly author = make("input", { maxlength: String(MAX_NAME), placeholder: "Your name", "aria-label": "Your name", autocomplete: "name" });
+  private readonly author = make("input", { maxlength: String(MAX_NAME), placeholder: "Your name", "aria-label": "Your name", autocomplete: "name", enterkeyhint: "done" });
   private readonly remove = make("button", { type: "button" }, "Remove mark");
   private readonly save = make("button", { type: "submit", class: "add" }, "Save");
-  private readonly problem = make("p", { class: "problem", role: "alert" });
+  /** What went wrong. */
+  readonly problem = make("p", { class: "problem trouble", role: "alert" });
   private marks: readonly Mark[] = [];
   private editing: { frame: number; replaces: MarkContent | null } | null = null;
+  /** The view when the form was opened, which may have changed the picture's shape. */
+  private began: MarkView | null = null;
+  /** The view of the mark that was gone to for editing. */
+  private kept: MarkView | null = null;
 
   constructor(server: ReviewServer, fps: number, host: MarksHost) {
     this.server = server;
     this.fps = fps;
     this.host = host;
     const cancel = make("button", { type: "button" }, "Cancel");
-    this.form.append(this.heading, this.note, this.author, make("div", { class: "row" }, this.save, cancel, this.remove));
-    this.element.append(this.form, this.problem, this.list);
+    const kept = make("small", {}, "with this view");
+    this.form.append(
+      make("div", { class: "row" }, this.heading, kept, this.remove),
+      this.note,
+      make("div", { class: "row" }, this.author, this.save, cancel),
+    );
+    this.element.append(this.list);
     this.add.addEventListener("click", () => {
-      this.edit(host.frame());
+      this.begin();
     });
     cancel.addEventListener("click", () => {
       this.close();
     });
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
-      void this.send({ note: this.note.value, author: remembered(this.author.value.trim()) || this.author.value.trim() });
+      const author = this.author.value.trim();
+      remembered(author);
+      void this.send({ note: this.note.value, author, view: this.view() });
     });
     this.note.addEventListener("keydown", (event) => {
       if (event.key === "Enter" && !event.shiftKey) {
@@ -92,11 +115,17 @@ export class Marks {
     }
   }
 
-  private edit(frame: number): void {
-    this.host.pause();
+  /** Opens the form for the frame on the screen. */
+  begin(): void {
+    const frame = this.host.frame();
     this.host.seek(frame);
-    const mark = this.marks.find((one) => one.frame === frame);
-    this.editing = { frame, replaces: mark === undefined ? null : { note: mark.note, author: mark.author } };
+    this.edit(frame, this.marks.find((one) => one.frame === frame), null);
+  }
+
+  private edit(frame: number, mark: Mark | undefined, kept: MarkView | null): void {
+    this.kept = kept;
+    this.editing = { frame, replaces: mark === undefined ? null : contentOf(mark) };
+    this.began = this.host.view();
     this.heading.textContent = `Note on frame ${frame}`;
     this.note.value = mark?.note ?? "";
     this.author.value = remembered();
@@ -104,13 +133,22 @@ export class Marks {
     this.problem.textContent = "";
     this.form.hidden = false;
     this.add.hidden = true;
+    this.host.writing(true);
     this.note.focus();
+  }
+
+  /** The view on the screen, or that of the mark that was gone to, if nobody has moved since. */
+  private view(): MarkView {
+    const now = this.host.view();
+    if (this.began === null || place(now) !== place(this.began)) return now;
+    return this.kept ?? this.began;
   }
 
   private close(): void {
     this.editing = null;
     this.form.hidden = true;
     this.add.hidden = false;
+    this.host.writing(false);
     this.problem.textContent = "";
   }
 
@@ -133,7 +171,7 @@ export class Marks {
   private refused(frame: number, marks: readonly Mark[]): void {
     this.show(marks);
     const now = marks.find((one) => one.frame === frame);
-    this.editing = { frame, replaces: now === undefined ? null : { note: now.note, author: now.author } };
+    this.editing = { frame, replaces: now === undefined ? null : contentOf(now) };
     this.remove.hidden = now === undefined;
     const theirs = now === undefined ? "The mark was removed." : `It is now “${now.note}”${now.author === "" ? "" : ` (${now.author})`}.`;
     this.problem.append(` ${theirs} Save again to replace it.`);
@@ -147,14 +185,14 @@ export class Marks {
         const go = make("button", { type: "button", class: "go" }, make("b", {}, `${mark.frame}`), ` ${clock(mark.frame / this.fps)}`);
         go.setAttribute("aria-label", `Go to frame ${mark.frame}`);
         go.addEventListener("click", () => {
-          this.host.pause();
-          this.host.seek(mark.frame);
+          this.host.goTo(mark);
         });
         const text = make("span", { class: "note" }, mark.note === "" ? "(no note)" : mark.note);
         if (mark.author !== "") text.append(make("small", {}, ` ${mark.author}`));
         const change = make("button", { type: "button", "aria-label": `Edit the mark at frame ${mark.frame}` }, "Edit");
         change.addEventListener("click", () => {
-          this.edit(mark.frame);
+          this.host.goTo(mark);
+          this.edit(mark.frame, mark, mark.view);
         });
         return make("li", {}, go, text, change);
       }),

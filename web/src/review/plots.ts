@@ -7,8 +7,8 @@ import { draw, make } from "./dom.ts";
 
 const WIDTH = 1000;
 
-/** The color of a curve, in a legend. */
-const key = (kind: string): HTMLElement => make("i", { class: kind });
+/** A curve's color and name, in a legend. */
+const key = (kind: string, name: string): HTMLElement => make("span", {}, make("i", { class: kind }), name);
 
 export class Plots {
   readonly element = make("div", { class: "plots" });
@@ -40,9 +40,9 @@ export class Plots {
       if (range !== null) {
         const title = `PSNR of each frame, ${this.cameras}: before baking and decoded, ${range[0]} to ${range[1]} dB`;
         const legend = [
-          `PSNR, ${this.cameras}:`, key("decoded"), "decoded", key("trained"), "trained (before baking)", this.ownLegend,
+          `PSNR, ${this.cameras}:`, " ", key("decoded", "decoded"), " ", key("trained", "trained (before baking)"), " ", this.ownLegend,
         ];
-        const plot = this.plot("psnr", title, legend, `${range[1]} dB`, `${range[0]} dB`);
+        const plot = this.plot("psnr", title, legend, `${range[0]} to ${range[1]} dB`);
         plot.append(
           draw("path", { class: "trained", d: linePath(quality.psnr_trained, range, WIDTH) }),
           draw("path", { class: "decoded", d: linePath(quality.psnr_decoded, range, WIDTH) }),
@@ -54,7 +54,7 @@ export class Plots {
       const sizes = sizeRange(kilobytes);
       if (sizes !== null) {
         const title = `Size of each frame, 0 to ${sizes[1]} kB`;
-        const plot = this.plot("size", title, ["size: the group's files, divided by its frames"], `${sizes[1]} kB`, "0 kB");
+        const plot = this.plot("size", title, ["size: the group's files, divided by its frames"], `0 to ${sizes[1]} kB`);
         plot.append(draw("path", { class: "bytes", d: areaPath(kilobytes, sizes[1], WIDTH) }));
       }
     }
@@ -100,7 +100,7 @@ export class Plots {
     const series = camera === null || !this.several ? undefined : this.quality?.by_camera[camera];
     this.own.setAttribute("d", series === undefined || this.range === null ? "" : linePath(series, this.range, WIDTH));
     this.ownLegend.hidden = series === undefined;
-    this.ownLegend.replaceChildren(key("own"), `decoded, ${camera ?? ""} only`);
+    this.ownLegend.replaceChildren(key("own", `decoded, ${camera ?? ""} only`));
     this.write();
   }
 
@@ -117,25 +117,26 @@ export class Plots {
     return count === 1 ? `${kind} camera ${Object.keys(quality.by_camera)[0]}` : `mean of ${count} ${kind} cameras`;
   }
 
-  mark(marks: readonly Mark[], seek: (frame: number) => void): void {
+  mark(marks: readonly Mark[], goTo: (mark: Mark) => void): void {
     this.strip.replaceChildren(
       ...marks
         .filter(({ frame }) => frame < this.count)
-        .map(({ frame, note }) => {
+        .map((mark) => {
+          const { frame, note } = mark;
           const tick = make("button", { type: "button", title: `Frame ${frame}: ${note}`, "aria-label": `Mark at frame ${frame}` });
           tick.style.left = this.left(frame);
           tick.addEventListener("click", () => {
-            seek(frame);
+            goTo(mark);
           });
           return tick;
         }),
     );
   }
 
-  private plot(kind: string, title: string, legend: readonly (Node | string)[], top: string, bottom: string): SVGElement {
+  private plot(kind: string, title: string, legend: readonly (Node | string)[], range: string): SVGElement {
     const svg = draw("svg", { viewBox: `0 0 ${WIDTH} 100`, preserveAspectRatio: "none", role: "img", "aria-label": title });
-    const labels = make("div", { class: "labels" }, make("span", {}, top), make("span", {}, bottom));
-    this.area.append(make("div", { class: "name" }, ...legend), make("div", { class: `plot ${kind}` }, svg, labels));
+    const name = make("div", { class: "name" }, make("span", {}, ...legend), make("span", { class: "range" }, range));
+    this.area.append(name, make("div", { class: `plot ${kind}` }, svg));
     return svg;
   }
 

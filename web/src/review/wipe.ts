@@ -4,14 +4,13 @@ import type { Player } from "../player/player.ts";
 import type { Vector } from "../stream/manifest.ts";
 import type { ReviewCamera, ReviewServer } from "./api.ts";
 import { make } from "./dom.ts";
-import { around, cameraOf, type Part, placed, whole } from "./framing.ts";
+import { around, cameraOf, type Part, placed, whole, withRoom } from "./framing.ts";
 import { Pictures } from "./pictures.ts";
+import css from "./wipe.css";
 
 const GROUND = "#0b0d10";
 const STEP = 0.02;
 
-/** In the upper corners, below the title: the performer stands in the middle. */
-const LABEL = "position:absolute;top:64px;padding:3px 9px;border-radius:8px;background:rgb(18 21 26/72%);font-size:clamp(12px,0.85vw,24px);line-height:1.3;pointer-events:none";
 /** Pixels between a label and the edge of the picture. */
 const EDGE = 12;
 
@@ -20,15 +19,18 @@ export class Wipe {
   private readonly background: Vector;
   private readonly pictures: Pictures;
   private readonly layer: HTMLElement;
-  private readonly canvas = make("canvas", { style: "position:absolute;inset:0;width:100%;height:100%;pointer-events:none" });
+  private readonly canvas = make("canvas");
   private readonly line: HTMLElement;
-  private readonly left = make("span", { style: `${LABEL};left:${EDGE}px` });
-  private readonly right = make("span", { style: `${LABEL};right:${EDGE}px;text-align:right` }, "decoded stream");
+  private readonly left = make("span");
+  private readonly right = make("span", {}, "decoded stream");
   private readonly changed: () => void;
   private camera: ReviewCamera | null = null;
   private part: Part | null = null;
   private before: Vector | null = null;
+  private all = false;
   private at = 0.5;
+  /** The view behind the comparison, as JSON: another one means that it was moved. */
+  private behind = "";
   private readonly resizing: ResizeObserver;
 
   /** @param changed - called when the comparison has ended because the view was moved */
@@ -45,16 +47,9 @@ export class Wipe {
       "aria-label": "Wipe between footage and decoded stream",
       "aria-valuemin": "0",
       "aria-valuemax": "100",
-      style: "position:absolute;top:0;bottom:0;width:44px;margin-left:-22px;cursor:ew-resize;outline-offset:-4px",
     });
-    this.line.append(
-      make("div", { style: "position:absolute;left:21px;width:2px;top:0;bottom:0;background:#8fb8ff;pointer-events:none" }),
-      make("div", { style: "position:absolute;left:12px;width:20px;top:calc(50% - 20px);height:40px;border-radius:10px;background:#8fb8ff;pointer-events:none" }),
-    );
-    const divider = make("div", { style: "position:absolute;inset:0;overflow:hidden;pointer-events:none" });
-    divider.append(this.left, this.right);
-    this.layer = make("div", { class: "wipe", style: "position:absolute;inset:0;touch-action:none;cursor:ew-resize;color:#eef1f4", hidden: "" });
-    this.layer.append(this.canvas, divider, this.line);
+    const names = make("div", { class: "names" }, this.left, this.right);
+    this.layer = make("div", { class: "wipe", hidden: "" }, make("style", {}, css), this.canvas, names, this.line);
     (player.canvas.parentElement ?? document.body).append(this.layer);
     // The view behind must not turn meanwhile.
     for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel", "wheel", "dblclick", "touchstart", "gesturestart"])
@@ -79,12 +74,13 @@ export class Wipe {
     player.on("frame", () => {
       this.draw();
     });
-    player.on("view", () => {
-      if (this.camera === null) return;
+    player.on("view", (view) => {
+      if (this.camera === null || JSON.stringify(view) === this.behind) return;
       this.show(null, true);
       this.changed();
     });
     this.resizing = new ResizeObserver(() => {
+      this.frame();
       this.draw();
     });
     this.resizing.observe(this.layer);
@@ -97,6 +93,8 @@ export class Wipe {
     if (camera !== null && this.camera === null) this.before = player.background;
     if (camera === null && this.camera !== null) player.background = this.before;
     this.camera = camera;
+    this.all = all;
+    this.behind = JSON.stringify(player.view);
     this.layer.hidden = camera === null;
     if (camera === null) {
       this.part = null;
@@ -104,10 +102,31 @@ export class Wipe {
       player.fixedCamera = null;
       return;
     }
-    this.part = all || player.info === null ? whole(camera) : around(camera, player.info.box);
     player.background = this.background;
-    player.fixedCamera = cameraOf(camera, this.part);
+    this.frame();
     this.draw();
+  }
+
+  /** Position of the line, 0 to 1; left of it is the footage. */
+  get position(): number {
+    return this.at;
+  }
+
+  set position(at: number) {
+    this.place(at);
+  }
+
+  /** Chooses the part of the camera's picture: all of it, or the performer between the title and the controls. */
+  private frame(): void {
+    const { camera, player, layer } = this;
+    if (camera === null || layer.clientHeight === 0) return;
+    if (this.all || player.info === null) this.part = whole(camera);
+    else {
+      const [top, bottom] = [this.line.offsetTop, layer.clientHeight - this.line.offsetTop - this.line.offsetHeight];
+      const area = { width: layer.clientWidth, height: layer.clientHeight, top, bottom };
+      this.part = withRoom(around(camera, player.info.box), area);
+    }
+    player.fixedCamera = cameraOf(camera, this.part);
   }
 
   private move(x: number): void {

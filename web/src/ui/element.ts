@@ -12,12 +12,12 @@ import { acceptDrops } from "./drop.ts";
 import { clock } from "./format.ts";
 import { ICONS } from "./icons.ts";
 import { Intro, readPath } from "./intro.ts";
-import { copyText } from "./copy.ts";
+import { Hint } from "./hint.ts";
+import { LinkSheet } from "./link_sheet.ts";
 import { Motion } from "./motion.ts";
-import { linkTo } from "./link.ts";
 import { Panel } from "./panel.ts";
 import css from "./style.css";
-import { type BackgroundName, BACKGROUNDS, isBackground, SPEEDS, TEMPLATE } from "./template.ts";
+import { type BackgroundName, BACKGROUNDS, type HelpLine, helpRow, isBackground, SPEEDS, TEMPLATE } from "./template.ts";
 import { Timeline } from "./timeline.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 
@@ -56,7 +56,10 @@ export class V3PlayerElement extends HTMLElement {
   private motion: Motion | null = null;
   private timeline: Timeline | null = null;
   private panel: Panel | null = null;
+  private hint: Hint | null = null;
   private readonly root: ShadowRoot;
+  /** What *Copy link* does; not part of the stable interface. */
+  readonly links: LinkSheet;
   private lifetime: AbortController | null = null;
   private idleTimer = 0;
   private noticeTimer = 0;
@@ -72,6 +75,14 @@ export class V3PlayerElement extends HTMLElement {
   constructor() {
     super();
     this.root = this.attachShadow({ mode: "open" });
+    this.links = new LinkSheet({
+      root: this.root,
+      watching: () => this.getAttribute("data-link"),
+      place: () => (this.player?.info ? this.player : null),
+      notice: (message) => {
+        this.notice(message);
+      },
+    });
   }
 
   connectedCallback(): void {
@@ -106,6 +117,7 @@ export class V3PlayerElement extends HTMLElement {
     clearTimeout(this.idleTimer);
     clearTimeout(this.noticeTimer);
     this.panel?.toggle(false);
+    this.hint?.hide();
     this.motion?.dispose();
     this.player?.dispose();
     this.player = null;
@@ -241,6 +253,7 @@ export class V3PlayerElement extends HTMLElement {
     const stage = this.part_<HTMLElement>(".stage");
     this.timeline = new Timeline(this.part_(".timeline"), player);
     this.panel = new Panel(this.part_(".info"), player);
+    this.hint = new Hint(this.part_(".hint"));
     const motion = (this.motion = new Motion(stage, player, {
       tap: (pointer, x, y) => {
         this.tapped(pointer, x, y);
@@ -248,6 +261,7 @@ export class V3PlayerElement extends HTMLElement {
       touched: () => {
         // Who has begun to look around does not need the invitation any more.
         this.part_<HTMLElement>(".start").hidden = true;
+        this.hint?.turned();
         this.awake();
       },
       input: () => {
@@ -273,6 +287,8 @@ export class V3PlayerElement extends HTMLElement {
       this.part_(".stage").setAttribute("aria-label", title === null || title === "" ? "Volumetric video" : `Volumetric video: ${title}`);
       this.part_(".total").textContent = `/ ${clock(player.duration)}`;
       this.mayIntroduce = this.startView === null && this.startAt === null;
+      // Who opens a link to a moment wants to see it.
+      this.isMoment = this.startAt !== null;
       if (this.startView !== null) player.view = this.startView;
       if (this.startAt !== null) player.seek(this.startAt);
       this.startView = this.startAt = null;
@@ -287,6 +303,7 @@ export class V3PlayerElement extends HTMLElement {
       else this.showPlaying(false);
       this.awake();
       this.tell("ready", this.state);
+      if (this.getAttribute("controls") !== "none") this.hint?.show(this.motion?.ownsWheel() ?? false);
       void this.introduce(player);
     });
     player.on("play", () => {
@@ -389,8 +406,10 @@ export class V3PlayerElement extends HTMLElement {
     if (act === "reset") this.motion?.reset();
     if (act === "settings") this.toggleSettings();
     if (act === "info") this.toggleInfo();
-    if (act === "link") void this.copyLink();
-    if (act === "copy-close") this.showCopy(null);
+    if (act === "link") this.copyLink();
+    if (act === "link-watch") void this.links.copyToWatch();
+    if (act === "link-review") void this.links.copyToReview();
+    if (act === "copy-close") this.links.hide();
     if (act === "full") void this.toggleFull();
     if (act === "vr" || act === "ar") void this.toggleImmersion(act);
     if (act === "again") {
@@ -436,7 +455,7 @@ export class V3PlayerElement extends HTMLElement {
         this.changeSpeed(1);
       },
       b: () => {
-        const names = Object.keys(BACKGROUNDS) as BackgroundName[];
+        const names = (Object.keys(BACKGROUNDS) as BackgroundName[]).filter((name) => !this.isSuggested(name));
         const next = names[(names.indexOf(this.backgroundName) + 1) % names.length];
         this.setBackground(next);
         this.notice(`Background: ${BACKGROUNDS[next].label}.`);
@@ -461,12 +480,12 @@ export class V3PlayerElement extends HTMLElement {
         this.toggleSound();
       },
       c: () => {
-        if (this.hasAttribute("page")) void this.copyLink();
+        if (this.hasAttribute("page")) this.copyLink();
       },
       Escape: () => {
         this.toggleSettings(false);
         this.toggleHelp(false);
-        this.showCopy(null);
+        this.links.hide();
         this.panel?.toggle(false);
       },
     };
@@ -536,11 +555,18 @@ export class V3PlayerElement extends HTMLElement {
     button.setAttribute("aria-label", button.title);
     // The large button is only shown before the first playback.
     const start = this.part_<HTMLElement>(".start");
-    start.hidden = playing || this.played;
+    start.hidden = playing || this.played || this.isMoment;
     this.played ||= playing;
   }
 
   private played = false;
+  /** Whether a link to a moment was opened. */
+  private isMoment = false;
+
+  /** Adds lines to *Help*; not part of the stable interface. */
+  addHelp(lines: readonly HelpLine[]): void {
+    this.part_(".help tbody").insertAdjacentHTML("afterbegin", lines.map(helpRow).join(""));
+  }
 
   private toggleSettings(open = this.part_<HTMLElement>(".settings").hidden): void {
     this.part_<HTMLElement>(".settings").hidden = !open;
@@ -654,33 +680,10 @@ export class V3PlayerElement extends HTMLElement {
     }
   }
 
-  private async copyLink(): Promise<void> {
-    const { player } = this;
-    if (!player?.info) return;
-    // a review's own address would let others change its marks
-    const other = this.getAttribute("data-link");
-    const base = other === null ? location.href : new URL(other, document.baseURI).href;
-    const address = linkTo(base, player.seconds, player.view);
-    try {
-      if (other === null) history.replaceState(null, "", address);
-    } catch {
-      // some browsers forbid it on pages that were opened from the disk
-    }
+  private copyLink(): void {
+    if (!this.player?.info) return;
     this.toggleSettings(false);
-    if (await copyText(address, this.root)) {
-      this.showCopy(null);
-      this.notice("Link to this time and view copied.");
-    } else this.showCopy(address);
-  }
-
-  /** Shows a link to be copied by hand; null hides it. */
-  private showCopy(address: string | null): void {
-    this.part_<HTMLElement>(".copy").hidden = address === null;
-    if (address === null) return;
-    const field = this.part_<HTMLInputElement>(".address");
-    field.value = address;
-    field.focus({ preventScroll: true });
-    field.select();
+    void this.links.copy();
   }
 
   /** Whether playback starts over at the end. */
@@ -701,7 +704,16 @@ export class V3PlayerElement extends HTMLElement {
       "--color",
       `rgb(${suggested.map((value) => Math.round(255 * value)).join(" ")})`,
     );
-    this.check("background", name);
+    for (const swatch of this.root.querySelectorAll<HTMLElement>(".swatch"))
+      swatch.hidden = this.isSuggested(swatch.dataset["background"] as BackgroundName);
+    this.check("background", this.isSuggested(name) ? "stream" : name);
+  }
+
+  /** Whether a background looks like the one that the stream suggests, which is enough to choose from. */
+  private isSuggested(name: BackgroundName): boolean {
+    const { color } = BACKGROUNDS[name];
+    const suggested = this.suggested ?? BACKGROUNDS.black.color;
+    return color !== null && color.every((value, channel) => Math.abs(value - suggested[channel]) < 0.02);
   }
 
   private check(group: "speed" | "loop" | "background", value: string): void {

@@ -14,5 +14,6 @@ export const ICONS = {
   silent: icon('<path d="M4.5 9.8v4.4h3l4.3 3.6V6.2L7.5 9.8h-3Z"/><path d="m15.5 9.8 4.4 4.4M19.9 9.8l-4.4 4.4"/>'),
   full: icon('<path d="M4.5 9V4.5H9M15 4.5h4.5V9M19.5 15v4.5H15M9 19.5H4.5V15"/>'),
   small: icon('<path d="M9 4.5V9H4.5M19.5 9H15V4.5M15 19.5V15h4.5M4.5 15H9v4.5"/>'),
+  turn: icon('<path d="M12 8.2c5 0 9 1.5 9 3.6s-4 3.6-9 3.6-9-1.5-9-3.6c0-1 .9-1.9 2.4-2.5"/><path d="m9.6 12.6 2.6 2.8-2.6 2.8"/>'),
   close: icon('<path d="m6.5 6.5 11 11M17.5 6.5l-11 11"/>'),
 } as const;

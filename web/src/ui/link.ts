@@ -25,11 +25,12 @@ export function parseTime(text: string | null): number | null {
   return Number.isFinite(value) && value >= 0 ? value : null;
 }
 
-/** The page's URL with a time and a view; the rest of it is unchanged. */
-export function linkTo(address: string, seconds: number, view: View): string {
+/** The page's URL with a time, a view and further parameters; the rest of it is unchanged. */
+export function linkTo(address: string, seconds: number, view: View, more: Readonly<Record<string, string>> = {}): string {
   const url = new URL(address);
-  url.searchParams.delete("benchmark");
+  for (const name of ["benchmark", "compare"]) url.searchParams.delete(name);
   url.searchParams.set("t", short(seconds, 5));
   url.searchParams.set("view", formatView(view));
+  for (const [name, value] of Object.entries(more)) url.searchParams.set(name, value);
   return url.href.replaceAll("%2C", ",");
 }

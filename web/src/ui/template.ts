@@ -30,8 +30,15 @@ const swatches = Object.entries(BACKGROUNDS)
 
 const key = (names: string): string => names.split(" ").map((name) => `<kbd>${name}</kbd>`).join(" ");
 
-/** What the controls do with fingers, and with mouse and keys; docs/WEB.md lists the same. */
-const HELP: readonly { readonly what: string; readonly touch?: string; readonly keys?: string }[] = [
+/** What something does, and how: with fingers, and with mouse and keys. HTML. */
+export interface HelpLine {
+  readonly what: string;
+  readonly touch?: string;
+  readonly keys?: string;
+}
+
+/** What the controls do; docs/WEB.md lists the same. */
+const HELP: readonly HelpLine[] = [
   { what: "Orbit", touch: "drag with one finger", keys: `left button, ${key("← → ↑ ↓")}` },
   { what: "Pan", touch: "drag with two fingers", keys: `right button, ${key("Shift")} with the above` },
   { what: "Zoom", touch: "pinch", keys: `wheel, ${key("+ −")}` },
@@ -51,7 +58,7 @@ const HELP: readonly { readonly what: string; readonly touch?: string; readonly 
   { what: "Gamepad", keys: "left stick orbits, right stick pans, triggers zoom; A plays, B resets the view" },
 ];
 
-const helpRow = ({ what, touch, keys }: (typeof HELP)[number]): string => {
+export const helpRow = ({ what, touch, keys }: HelpLine): string => {
   const only = touch === undefined ? "keys" : keys === undefined ? "touch" : "";
   const cells = [touch && `<span class="touch">${touch}</span>`, keys && `<span class="keys">${keys}</span>`].join("");
   return `<tr class="${only}"><th scope="row">${what}</th><td>${cells}</td></tr>`;
@@ -75,6 +82,7 @@ export const TEMPLATE = `
   <header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
   <div class="notice" role="status" aria-live="polite"></div>
 </div>
+<div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>
 <div class="bar" part="controls">
   <div class="timeline" role="slider" tabindex="0" aria-label="Time" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
   <div class="buttons">
@@ -120,6 +128,11 @@ export const TEMPLATE = `
   <h2>Link to this time and view <button type="button" class="close" data-act="copy-close" aria-label="Close">${ICONS.close}</button></h2>
   <input class="address" readonly aria-label="Link">
   <p>This browser does not let the page copy: copy the selected link yourself.</p>
+</div>
+<div class="sheet which" role="dialog" aria-label="Which link" hidden>
+  <h2>Link to this time and view <button type="button" class="close" data-act="copy-close" aria-label="Close">${ICONS.close}</button></h2>
+  <button type="button" class="offer" data-act="link-watch"><b>Copy link to watch</b><small>The player alone, without the review.</small></button>
+  <button type="button" class="offer" data-act="link-review"><b>Copy link to this review</b><small>Secret: whoever has it sees the footage and can change marks.</small></button>
 </div>
 <div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">Try again</button></p></div></div>
 `;

@@ -309,6 +309,15 @@ def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     blind = run_task(sent(take=str(tmp_path)), mailbox, "")
     assert blind is not None
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/footage")
+    blind = run_task(sent(paths=(("/no", (str(tmp_path), "/net")),)), mailbox, "")
+    assert blind is not None
+    assert blind.code == NOT_VISIBLE
+    assert f"nor under {tmp_path}/take/take.json, /net/take/take.json" in blind.problem
+    (tmp_path / "take").mkdir()
+    (tmp_path / "take.json").rename(tmp_path / "take" / "take.json")
+    blind = run_task(sent(paths=(("/no", (str(tmp_path),)),)), mailbox, "")
+    assert blind is not None
+    assert blind.file == "/no/footage", "the take is found where this node has it"
 
 
 @pytest.mark.parametrize("code", [NOT_VISIBLE, "stage.dependency", "work.take_changed"])

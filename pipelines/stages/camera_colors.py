@@ -1,0 +1,130 @@
+"""The color differences between the cameras of a take, fitted once before its groups are trained."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.group_scheduler import run_groups, threads_of_groups
+from pipelines.stages.params import Params, derived_seed, key_of
+from pipelines.stages.training_views import training_views
+from pipelines.takes.atomic_files import read_model, write_model
+from pipelines.takes.point_files import read_points
+from pipelines.takes.records import result_of
+from pipelines.takes.stage_files import CameraColors, InitialPointsReport
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.training import TrainingView
+
+VERSION = 1
+
+_LARGE = 0.05
+"""Distance of a camera's colors from the mean camera that is worth a line in the log; 0 to 1."""
+
+
+def camera_colors_key(context: Context, recipe: Params) -> str:
+    """Digest of what the matrices are made from.
+
+    Args:
+        context: of the stage `train`.
+        recipe: settings and inputs of keyframes.
+    """
+    first = context.groups[0]
+    points = context.take.initialize_group(first.index) / "report.json"
+    files = read_model(points, InitialPointsReport).files if points.is_file() else None
+    return key_of("camera colors", VERSION, recipe, result_of(context.take, "calibrate"), files, first.keyframe)
+
+
+def ensure_camera_colors(context: Context, reporter: StageReporter, key: str, stop: Cancellation) -> None:
+    """Fit the matrices and write them to the take, unless they are there. Any worker may do it: the same inputs give
+    the same bytes.
+
+    Raises:
+        StudioError: the first group has no initial points (`training.no_first_points`), the footage cannot be read, or
+            training diverged.
+        Cancelled: the run was cancelled.
+    """
+
+    def check() -> None:
+        stop.check()
+        context.cancellation.check()
+
+    points = context.take.initialize_group(context.groups[0].index) / "points.ply"
+    if not points.is_file():
+        raise StudioError(
+            "training.no_first_points",
+            "the colors of the cameras are fitted to the first group, which has no initial points yet",
+            file=points,
+            fix="Run `v3studio initialize`.",
+            stage="initialize",
+        )
+    with context.take.group_locked("camera_colors", 0, check):
+        if _key_of_file(context) == key:
+            return
+        # with the threads of the first group, so that other workers get the same bits
+        run_groups({0: partial(_fit, context, reporter, key)}, 1, threads_of_groups(context), stop)
+
+
+def _fit(context: Context, reporter: StageReporter, key: str) -> None:
+    import torch
+
+    from studio.training import fit_camera_colors
+
+    group, settings, device = context.groups[0], context.config.train, context.device
+
+    def reading(number: int, images: int) -> None:
+        reporter.progress(0.0, f"colors of cameras: image {number} of {images}")
+
+    def tell(done: int, total: int, **figures: Any) -> None:
+        reporter.progress(0.0, f"colors of cameras: step {done} of {total}", **figures)
+
+    views: list[TrainingView] = training_views(
+        context, reporter, group.keyframe, reading, context.threads, colored=False
+    )
+    points, colors = read_points(context.take.initialize_group(group.index) / "points.ply")
+    matrices = fit_camera_colors(
+        views,
+        torch.from_numpy(points).to(device),
+        torch.from_numpy(colors).to(device),
+        settings,
+        seed=derived_seed(context.config.run.seed, "camera colors"),
+        progress=tell,
+    )
+    names = [view.camera.name for view in views]
+    write_model(
+        context.take.camera_colors,
+        CameraColors(
+            key=key,
+            frame=int(group.keyframe),
+            cameras={name: tuple(map(tuple, one.tolist())) for name, one in zip(names, matrices, strict=True)},
+        ),
+    )
+    _tell(reporter, names, matrices)
+
+
+def _tell(reporter: StageReporter, names: list[str], matrices: Any) -> None:
+    """Log how far apart the cameras are, on a middle gray."""
+    import torch
+
+    gray = torch.full((4,), 0.5, dtype=torch.float64)
+    gray[3] = 1
+    offsets = (matrices @ gray - 0.5).abs().amax(1)
+    far = sorted(((float(off), name) for off, name in zip(offsets, names, strict=True) if off > _LARGE), reverse=True)
+    reporter.log(
+        f"colors of {len(names)} cameras: a middle gray differs from the mean camera by "
+        f"{255 * float(offsets.mean()):.0f} levels of 255 (mean), {255 * float(offsets.max()):.0f} (most)"
+        + (f"; most in {', '.join(name for _, name in far[:5])}" if far else "")
+    )
+
+
+def _key_of_file(context: Context) -> str | None:
+    path = context.take.camera_colors
+    if not path.is_file():
+        return None
+    try:
+        return read_model(path, CameraColors).key
+    except StudioError:
+        return None

@@ -1,0 +1,28 @@
+"""Shared folders that are mounted under different paths on different machines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+
+def path_here(path: Path, paths: Mapping[str, Sequence[str]]) -> Path:
+    """Where a file or folder is on this machine.
+
+    Args:
+        path: where it is on the machine that the settings were written on.
+        paths: `run.paths`: a folder to its paths on other machines.
+
+    Returns:
+        the first of `places_to_look` that exists; `path` if none does.
+    """
+    return next((place for place in places_to_look(path, paths) if place.exists()), path)
+
+
+def places_to_look(path: Path, paths: Mapping[str, Sequence[str]]) -> list[Path]:
+    """The path itself, and the paths that it may have on other machines, the longest match first."""
+    found = [path]
+    for folder in sorted(paths, key=len, reverse=True):
+        if path.is_relative_to(folder):
+            found += [Path(other) / path.relative_to(folder) for other in paths[folder]]
+    return found

@@ -1,0 +1,70 @@
+"""Addresses in object stores: s3://bucket/folder."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path, PosixPath
+
+from studio.errors import StudioError
+
+EXTRAS = {"s3": "s3", "gs": "gs", "gcs": "gs", "az": "azure", "abfs": "azure", "abfss": "azure"}
+"""Kinds of addresses, and the extra of v3studio that reads them."""
+
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/+")
+
+
+def is_address(path: Path | str) -> bool:
+    """Whether this is an address (s3://bucket/folder) rather than a path; pathlib joins its slashes (s3:/bucket)."""
+    return _SCHEME.match(str(path)) is not None
+
+
+class StoreAddress(PosixPath):
+    """An address where a path is expected, such as in `CaptureSettings.root`.
+
+    Its text is the address. No file has such a name, so whoever takes it for one finds nothing.
+    """
+
+    def __str__(self) -> str:
+        return _SCHEME.sub(r"\1://", super().__str__(), count=1)
+
+    def __fspath__(self) -> str:
+        return str(self)
+
+
+def checked(path: Path | str) -> StoreAddress:
+    """The address in a path or text.
+
+    Raises:
+        StudioError: an unknown kind (`storage.unknown_kind`), no bucket (`storage.no_bucket_named`), or credentials in
+            it (`storage.credentials_in_address`), which are not repeated.
+    """
+    address = StoreAddress(str(path))
+    if str(path).partition("://")[2].startswith("/"):  # pathlib would take the first folder for the bucket
+        raise _no_bucket(str(path))
+    scheme, _, rest = str(address).partition("://")
+    bucket = rest.partition("/")[0]
+    if ":" in bucket.partition("@")[0] and "@" in bucket:
+        raise StudioError(
+            "storage.credentials_in_address",
+            f"the address ({scheme}://...) contains credentials",
+            fix="Leave them out and set them in the environment, such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
+        )
+    if scheme not in EXTRAS:
+        raise StudioError(
+            "storage.unknown_kind",
+            f"unknown kind of address {scheme}://",
+            file=address,
+            fix="Use s3://, gs:// or az://, or a folder.",
+        )
+    if not bucket:
+        raise _no_bucket(str(address))
+    return address
+
+
+def _no_bucket(address: str) -> StudioError:
+    return StudioError(
+        "storage.no_bucket_named",
+        "the address names no bucket",
+        file=address,
+        fix="Example: s3://bucket/folder.",
+    )

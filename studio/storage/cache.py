@@ -1,0 +1,105 @@
+"""Where a machine keeps what it got from object stores, and how much of it."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from studio.atomic_files import write_json
+
+DEFAULT_GIGABYTES = 100.0
+_KEEP = 0.9
+"""Share of the limit that is left when something had to go."""
+
+_CHECK_SHARE = 0.02
+"""The cache is measured again when a process has added this share of the limit."""
+
+
+def cache_folder() -> Path:
+    """V3STUDIO_CACHE, or v3studio in the user's cache folder. On a local disk: it is shared by the processes of one
+    machine, and locks files."""
+    named = os.environ.get("V3STUDIO_CACHE")
+    if named:
+        return Path(named).expanduser().absolute()
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").expanduser().absolute() / "v3studio"
+
+
+class DiskCache:
+    """Objects of stores on this machine's disk; the least recently used go first. Safe for several processes.
+
+    Args:
+        folder: of the cache.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._added: int | None = None  # bytes since the last measurement; None: never measured
+
+    def path(self, key: str) -> Path:
+        """Where the object of this key (hexadecimal) is kept."""
+        return self.folder / "objects" / key[:2] / key
+
+    def set_limit(self, gigabytes: float) -> None:
+        """How much to keep, for all processes of this machine; the last one that sets it decides."""
+        limit = {"bytes": int(gigabytes * 1e9)}
+        if self._limit() != limit["bytes"]:
+            write_json(self.folder / "limit.json", limit)
+
+    def added(self, count: int) -> None:
+        """Bytes were added; removes the least recently used objects if there are too many."""
+        limit = self._limit()
+        if self._added is not None:
+            self._added += count
+            if self._added < limit * _CHECK_SHARE:
+                return
+        self._added = 0
+        with locked(self.folder / "evict.lock", wait=False) as mine:
+            if mine:
+                self._evict(limit)
+
+    def _limit(self) -> int:
+        try:
+            return int(json.loads((self.folder / "limit.json").read_text())["bytes"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return int(DEFAULT_GIGABYTES * 1e9)
+
+    def _evict(self, limit: int) -> None:
+        found: list[tuple[float, int, str]] = []
+        for folder in self._folders():
+            with suppress(FileNotFoundError):
+                for entry in os.scandir(folder):
+                    with suppress(FileNotFoundError):
+                        state = entry.stat()
+                        found.append((state.st_mtime, state.st_blocks * 512, entry.path))
+        total = sum(size for _, size, _ in found)
+        if total <= limit:
+            return
+        for _, size, path in sorted(found):
+            with suppress(FileNotFoundError):
+                os.unlink(path)
+            total -= size
+            if total <= limit * _KEEP:
+                return
+
+    def _folders(self) -> list[Path]:
+        try:
+            return [Path(entry.path) for entry in os.scandir(self.folder / "objects")]
+        except FileNotFoundError:
+            return []
+
+
+@contextmanager
+def locked(path: Path, wait: bool = True) -> Iterator[bool]:
+    """Lock a file for this thread and process; yields whether it is locked, which is always so if `wait`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            yield False
+            return
+        yield True

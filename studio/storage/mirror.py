@@ -1,0 +1,105 @@
+"""A local folder that looks like one in a store: camera files as they are, pointer files for images and videos."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+
+from studio.atomic_files import PARTIAL, atomic_path, write_bytes
+from studio.errors import StudioError
+from studio.storage.cache import DEFAULT_GIGABYTES, DiskCache, cache_folder, locked
+from studio.storage.objects import Pointer
+from studio.storage.pointers import pointer_bytes, read_pointer
+from studio.storage.store import Entry, Store
+
+_SMALL = frozenset({".json", ".yml", ".yaml", ".xml", ".txt", ".toml", ".npy", ".csv", ".cfg", ".ini", ".bin"})
+"""Files that describe a capture, such as calibrations, which many programs read: they are fetched at once."""
+
+_SMALL_BYTES = 256 << 20
+_PARALLEL = 16
+
+
+def mirrored(address: str | os.PathLike[str], gigabytes: float = DEFAULT_GIGABYTES) -> Path:
+    """List a folder of a store, and bring its mirror in the machine's cache up to date.
+
+    Files that describe the capture are fetched; of images and videos only what is read later, and each part once: see
+    `studio.storage.objects`.
+
+    Args:
+        address: s3://bucket/folder.
+        gigabytes: limit of the cache for images and videos.
+
+    Returns:
+        the mirror's folder.
+
+    Raises:
+        StudioError: `storage.*`; `storage.empty`: there are no objects at this address.
+    """
+    store = Store(address)
+    entries = store.list()
+    if not entries:
+        raise StudioError(
+            "storage.empty",
+            "there are no objects at this address",
+            file=store.address,
+            fix="Correct the address, or copy the footage there.",
+        )
+    cache = DiskCache(cache_folder())
+    scheme, _, path = store.address.partition("://")
+    root = cache.folder / "mirror" / scheme / path
+    try:
+        with locked(cache.folder / "mirror.lock"):
+            cache.set_limit(gigabytes)
+            _update(root, store, entries, str(cache.folder))
+    except OSError as error:
+        raise StudioError(
+            "storage.cache_unwritable",
+            f"the cache cannot be written ({error.strerror})",
+            file=cache.folder,
+            fix="Set V3STUDIO_CACHE to a folder on a local disk with free space.",
+        ) from None
+    return root
+
+
+def _update(root: Path, store: Store, entries: dict[str, Entry], cache: str) -> None:
+    root.mkdir(parents=True, exist_ok=True)
+    small: list[tuple[Path, Pointer]] = []
+    for name, entry in entries.items():
+        if any(part in ("", ".", "..") for part in name.split("/")):  # a store allows any name
+            continue
+        path, pointer = root / name, Pointer(store.address, name, entry.size, entry.tag, cache)
+        if path.suffix.lower() in _SMALL and entry.size <= _SMALL_BYTES:
+            if read_pointer(_beside(path)) != pointer or not path.is_file():
+                small.append((path, pointer))
+        elif read_pointer(path) != pointer:
+            write_bytes(path, pointer_bytes(pointer))
+    with ThreadPoolExecutor(_PARALLEL, thread_name_prefix="fetch") as pool:
+        list(pool.map(lambda one: _fetch(one[0], one[1], store), small))
+    _forget(root, set(entries))
+
+
+def _fetch(path: Path, pointer: Pointer, store: Store) -> None:
+    data = store.read(pointer.path, 0, pointer.size)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+    write_bytes(_beside(path), pointer_bytes(pointer))
+
+
+def _beside(path: Path) -> Path:
+    """Says which version of an object a fetched file has. Hidden: footage is never looked for in such files."""
+    return path.with_name(f".{path.name}.pointer")
+
+
+def _forget(root: Path, names: set[str]) -> None:
+    """Delete what the store has no more."""
+    for folder, _, files in os.walk(root):
+        for name in files:
+            if PARTIAL in name:  # `whole_file` is writing it
+                continue
+            path = Path(folder, name)
+            of = name[1:].removesuffix(".pointer") if name.startswith(".") and name.endswith(".pointer") else name
+            if path.with_name(of).relative_to(root).as_posix() not in names:
+                with suppress(FileNotFoundError):
+                    path.unlink()

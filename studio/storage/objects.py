@@ -1,0 +1,179 @@
+"""An object of a store on this machine's disk, in blocks that are fetched when they are first read.
+
+The file is sparse: the object's bytes, followed by one byte for each block, which is 1 if the block is there. A block
+is marked only once its bytes are on the disk. The file is locked while blocks are fetched, so that the processes of a
+machine fetch each block once.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import os
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from studio.errors import StudioError
+from studio.storage.cache import DiskCache
+from studio.storage.store import Store
+
+BLOCK = 1 << 20
+"""Bytes that are fetched at once at least: a few frames of a video."""
+
+_MOST_AHEAD = 8
+"""Blocks that are fetched at once at most while a file is read from front to back."""
+
+_TOUCH_SECONDS = 60.0
+
+
+@dataclass(frozen=True)
+class Pointer:
+    """Which object of a store a file stands for.
+
+    Attributes:
+        store: address of a folder.
+        path: of the object in it.
+        size: in bytes.
+        tag: changes with the content (`Entry.tag`).
+        cache: folder of the machine's cache.
+    """
+
+    store: str
+    path: str
+    size: int
+    tag: str
+    cache: str
+
+    @property
+    def key(self) -> str:
+        """Name in the cache: another content has another key."""
+        named = f"{self.store}/{self.path}\0{self.size}\0{self.tag}\0{BLOCK}"
+        return hashlib.sha256(named.encode()).hexdigest()[:40]
+
+
+class CachedObject:
+    """An object, read through the cache. Thread safe.
+
+    Attributes:
+        size: in bytes.
+        name: its address.
+        fetches: False: blocks that are not in the cache read as zeros.
+    """
+
+    def __init__(self, pointer: Pointer, store: Store | None = None) -> None:
+        self._pointer, self._store = pointer, store
+        self._cache = DiskCache(Path(pointer.cache))
+        self.size, self.name = pointer.size, f"{pointer.store}/{pointer.path}"
+        self.fetches = True
+        self._blocks = -(-pointer.size // BLOCK)
+        self._position = 0
+        self._next, self._ahead = -1, 1  # block after the last fetched one, and how many to fetch if it is next
+        self._lock = threading.Lock()
+        self._file = self._open()
+        self._touched = 0.0
+
+    def read_at(self, start: int, count: int) -> bytes:
+        """Up to `count` bytes from `start`; fewer at the end.
+
+        Raises:
+            StudioError: `storage.*`.
+        """
+        count = max(0, min(count, self.size - start))
+        if not count:
+            return b""
+        first, last = start // BLOCK, (start + count - 1) // BLOCK
+        with self._lock:
+            if self.fetches and 0 in self._held(first, last + 1):
+                self._fetch(first, last)
+            now = time.time()
+            if now - self._touched > _TOUCH_SECONDS:
+                self._touched = now
+                os.utime(self._file)
+            return os.pread(self._file, count, start)
+
+    def read(self, count: int = -1) -> bytes:
+        """As for a file."""
+        data = self.read_at(self._position, self.size if count < 0 else count)
+        self._position += len(data)
+        return data
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """As for a file."""
+        self._position = max(0, offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self.size}[whence])
+        return self._position
+
+    def tell(self) -> int:
+        """As for a file."""
+        return self._position
+
+    def close(self) -> None:
+        """Close the file; nothing can be read any more."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def __del__(self) -> None:
+        if getattr(self, "_file", -1) >= 0:
+            self.close()
+
+    def _open(self) -> int:
+        path = self._cache.path(self._pointer.key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        length = self.size + self._blocks
+        if os.fstat(file).st_size != length:  # new, or a killed process had just made it
+            os.ftruncate(file, length)
+        return file
+
+    def _held(self, first: int, stop: int) -> bytes:
+        return os.pread(self._file, stop - first, self.size + first)
+
+    def _fetch(self, first: int, last: int) -> None:
+        fcntl.flock(self._file, fcntl.LOCK_EX)  # another process may be fetching the same blocks: wait for it
+        try:
+            if first == self._next or (first < self._next <= last):
+                self._ahead = min(_MOST_AHEAD, self._ahead * 2)
+                last = max(last, min(first + self._ahead, self._blocks) - 1)
+            else:
+                self._ahead = 1
+            held = self._held(first, last + 1)
+            position = first
+            while position <= last:
+                if held[position - first]:
+                    position += 1
+                    continue
+                stop = position
+                while stop <= last and not held[stop - first]:
+                    stop += 1
+                self._fetch_blocks(position, stop)
+                position = stop
+            self._next = last + 1
+        finally:
+            fcntl.flock(self._file, fcntl.LOCK_UN)
+
+    def _fetch_blocks(self, first: int, stop: int) -> None:
+        if self._store is None:
+            self._store = Store(self._pointer.store)
+        begin, end = first * BLOCK, min(stop * BLOCK, self.size)
+        data = self._store.read(self._pointer.path, begin, end)
+        try:
+            written = 0
+            while written < len(data):
+                written += os.pwrite(self._file, memoryview(data)[written:], begin + written)
+            os.fdatasync(self._file)
+            os.pwrite(self._file, b"\1" * (stop - first), self.size + first)
+            self._cache.added(len(data))
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            raise StudioError(
+                "storage.cache_full",
+                "the disk is full, so that footage cannot be fetched",
+                file=self._cache.folder,
+                fix="Free some space, lower capture.disk_cache_gigabytes, or set V3STUDIO_CACHE to a folder on another "
+                "disk.",
+                setting="capture.disk_cache_gigabytes",
+            ) from None

@@ -1,0 +1,233 @@
+"""Reads and writes objects of a store: failed requests are repeated, and errors say what to do."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from studio.errors import StudioError, reason_of
+from studio.storage.address import EXTRAS, checked
+
+ATTEMPTS = 4
+"""How often a request is made before it counts as failed. fsspec's file systems repeat some requests themselves."""
+
+FIRST_PAUSE = 0.25
+"""Seconds before the second attempt; each further pause is twice as long."""
+
+_TAGS = ("ETag", "etag", "md5Hash", "generation", "content_md5", "LastModified", "last_modified", "updated", "mtime")
+"""Under which of these keys file systems tell the version of an object; the first that is there is used."""
+
+_SECRETS = re.compile(r"(SECRET|TOKEN|PASSWORD|ACCOUNT_KEY|CONNECTION_STRING)", re.IGNORECASE)
+_SIGNED = re.compile(r"(?i)\b(sig|signature|x-amz-[a-z-]+|accountkey|sharedaccesssignature|token)=[^&\s;'\"]+")
+_FULL = re.compile(r"quota|storagefull|insufficient ?storage|\b507\b|no space", re.IGNORECASE)
+_DENIED = re.compile(
+    r"accessdenied|forbidden|\b40[13]\b|signaturedoesnotmatch|invalidaccesskeyid|unauthorized", re.IGNORECASE
+)
+_MISSING = re.compile(r"nosuchbucket|containernotfound|\b404\b", re.IGNORECASE)
+_CREDENTIALS = re.compile(r"credential|connection_string", re.IGNORECASE)
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An object in a listing.
+
+    Attributes:
+        size: in bytes.
+        tag: changes with its content.
+    """
+
+    size: int
+    tag: str
+
+
+class Store:
+    """A folder in an object store. Thread safe.
+
+    Args:
+        address: s3://bucket/folder, gs://... or az://...; credentials come from the environment.
+
+    Raises:
+        StudioError: not such an address, or the package for this kind is missing (`storage.missing_package`).
+    """
+
+    def __init__(self, address: str | os.PathLike[str]) -> None:
+        self.address = str(checked(os.fspath(address)))
+        scheme = self.address.partition("://")[0]
+        try:
+            from fsspec.core import url_to_fs
+
+            self._files, root = url_to_fs(self.address, use_listings_cache=False)
+        except ImportError as error:
+            raise StudioError(
+                "storage.missing_package",
+                f"a package is missing ({error})",
+                file=self.address,
+                fix=f"Install it: pip install 'v3studio[{EXTRAS[scheme]}]'.",
+            ) from None
+        except Exception as error:  # each file system raises its own
+            raise self._failed("reached", "", error) from None
+        self._root = root.rstrip("/")
+
+    def list(self, below: str = "") -> dict[str, Entry]:
+        """All objects in the folder, or those whose path begins with a folder in it.
+
+        Args:
+            below: "" or a folder, such as "train/group_003".
+
+        Returns:
+            path relative to the store's folder to its entry; empty if there are none.
+
+        Raises:
+            StudioError: `storage.*`.
+        """
+
+        def find() -> Mapping[str, Any]:
+            try:
+                found: Mapping[str, Any] = self._files.find(self._path(below), detail=True, withdirs=False)
+            except FileNotFoundError as error:
+                if "bucket" in str(error).lower() or "container" in str(error).lower():
+                    raise
+                return {}
+            return found
+
+        found = self._repeated("listed", below, find)
+        return {
+            name.removeprefix(self._root).lstrip("/"): _entry(about)
+            for name, about in found.items()
+            if about.get("type", "file") == "file" and not name.endswith("/")
+        }
+
+    def read(self, path: str, start: int, stop: int) -> bytes:
+        """Bytes start to stop (exclusive) of an object.
+
+        Raises:
+            StudioError: `storage.*`; also if fewer bytes come than were asked for, in every attempt.
+        """
+
+        def get() -> bytes:
+            data: bytes = self._files.cat_file(self._path(path), start=start, end=stop)
+            if len(data) != stop - start:
+                raise _Truncated(f"{len(data)} of {stop - start} bytes arrived")
+            return data
+
+        return self._repeated("read", path, get) if stop > start else b""
+
+    def write(self, path: str, data: bytes) -> None:
+        """Write an object, whole: stores show the old content or the new one, never a part.
+
+        Raises:
+            StudioError: `storage.*`.
+        """
+        self._repeated("written", path, lambda: self._files.pipe_file(self._path(path), data))
+
+    def delete(self, path: str) -> None:
+        """Delete an object; nothing happens if there is none.
+
+        Raises:
+            StudioError: `storage.*`.
+        """
+
+        def remove() -> None:
+            try:
+                self._files.rm_file(self._path(path))
+            except FileNotFoundError:
+                return
+
+        self._repeated("deleted", path, remove)
+
+    def entry(self, path: str) -> Entry | None:
+        """An object's size and tag; None if there is none.
+
+        Raises:
+            StudioError: `storage.*`.
+        """
+
+        def look() -> Entry | None:
+            try:
+                return _entry(self._files.info(self._path(path)))
+            except FileNotFoundError:
+                return None
+
+        return self._repeated("read", path, look)
+
+    def _path(self, relative: str) -> str:
+        return f"{self._root}/{relative}" if relative else self._root
+
+    def _repeated(self, what: str, path: str, request: Callable[[], Found]) -> Found:
+        pause = FIRST_PAUSE
+        for attempt in range(ATTEMPTS):
+            try:
+                return request()
+            except Exception as error:  # each file system raises its own
+                failed = self._failed(what, path, error)
+                if failed.code != "storage.failed" or attempt == ATTEMPTS - 1:
+                    raise failed from None
+            time.sleep(pause)
+            pause *= 2
+        raise AssertionError("unreachable")
+
+    def _failed(self, what: str, path: str, error: Exception) -> StudioError:
+        """What a file system raised, without credentials."""
+        file = f"{self.address}/{path}" if path else self.address
+        reason = without_secrets(f"{reason_of(error)}")
+        text = f"{type(error).__name__} {error}".replace(path or "\0", "")  # names may look like status codes
+        if isinstance(error, _Truncated):
+            text = ""
+        if _CREDENTIALS.search(text):
+            return StudioError(
+                "storage.no_credentials",
+                "there are no credentials for this store, or they are incomplete",
+                file=file,
+                fix="Set them in the environment of every machine, such as AWS_ACCESS_KEY_ID and "
+                "AWS_SECRET_ACCESS_KEY for s3://.",
+            )
+        if _FULL.search(text):
+            return StudioError(
+                "storage.full",
+                f"the store has no space left for it ({reason})",
+                file=file,
+                fix="Free some space or raise the quota, and run again; finished work is kept on this machine.",
+            )
+        if isinstance(error, PermissionError) or _DENIED.search(text):
+            return StudioError(
+                "storage.denied",
+                f"the store refuses access ({reason})",
+                file=file,
+                fix="Check the credentials in the environment, and that they may list, read and write this bucket.",
+            )
+        if isinstance(error, FileNotFoundError) or _MISSING.search(text):
+            return StudioError(
+                "storage.not_found",
+                f"there is no such bucket or object ({reason})",
+                file=file,
+                fix="Create the bucket or correct the address; for a store other than AWS, set AWS_ENDPOINT_URL.",
+            )
+        return StudioError(
+            "storage.failed",
+            f"cannot be {what} after {ATTEMPTS} attempts ({reason})",
+            file=file,
+            fix="Check the network and the store, and run again; finished work is kept.",
+        )
+
+
+class _Truncated(OSError):
+    """Fewer bytes than were asked for."""
+
+
+def without_secrets(text: str) -> str:
+    """Text without signatures and without values of the environment's secret variables."""
+    for name, value in os.environ.items():
+        if _SECRETS.search(name) and len(value) >= 6:
+            text = text.replace(value, "***")
+    return _SIGNED.sub(r"\1=***", text)
+
+
+def _entry(about: Mapping[str, Any]) -> Entry:
+    tag = next((str(about[name]) for name in _TAGS if about.get(name)), "")
+    return Entry(int(about.get("size") or about.get("Size") or 0), tag.strip('"'))

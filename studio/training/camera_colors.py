@@ -1,0 +1,115 @@
+"""Color differences between cameras: a 3x4 matrix per camera, fitted to what splats draw.
+
+Cameras of real rigs differ in exposure, white balance and sensor. Splats without correction learn the mean of all
+cameras, and view-dependent color or floaters where they can. With it, each camera sees the splats through its own
+matrix, which includes exposure. The matrices are ridge least squares solutions, refitted now and then while splats
+train: gradient descent on them fails, since each camera is visited too rarely.
+
+Only differences between cameras are determined. The mean of all matrices is therefore kept neutral, so that splats
+have the colors of the mean camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from studio.color_fit import fit_color, neutral
+from studio.gaussians import Gaussians
+from studio.progress import ProgressFn, no_progress
+from studio.rasterizer import rasterize
+from studio.training.keyframe import initial_gaussians, scene_extent
+from studio.training.settings import TrainSettings
+from studio.training.splat_optimizer import SplatOptimizer
+from studio.training.step import Stepper, check_finite
+from studio.training.views import TrainingView
+
+RIDGE = 1e-3
+"""Weight of the squared difference from neutral against the mean squared error of colors in 0 to 1."""
+
+_INSIDE = 0.99
+_BORDER = 2  # pixels of the outline that are not used: mattes and splats are soft there
+_FIGURES_EVERY = 20
+
+
+def fit_camera_colors(
+    views: Sequence[TrainingView],
+    points: Tensor,
+    colors: Tensor,
+    settings: TrainSettings,
+    *,
+    seed: int = 0,
+    progress: ProgressFn = no_progress,
+) -> Tensor:
+    """Train splats for `settings.camera_color_iterations` steps and fit the cameras' colors to them.
+
+    Args:
+        views: training views of a keyframe, one per camera.
+        points: (N, 3) initial means, world units.
+        colors: (N, 3) RGB of the points, 0 to 1.
+        settings: see `TrainSettings`; the splats have one color each, whatever `sh_degree` is, because color that
+            depends on the view would explain the cameras' differences.
+        seed: equal seeds and inputs give equal matrices, bit for bit.
+        progress: called with completed and total steps, and regularly also with `loss`.
+
+    Returns:
+        (V, 3, 4) float64, on the CPU, in the order of the views; their mean is neutral. See
+        `studio.color_fit.correct_color`.
+
+    Raises:
+        StudioError: as `train_keyframe`.
+        Cancelled: raised by `progress`.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    extent = scene_extent(points)
+    stepper = Stepper(views, settings, generator)
+    optimizer = SplatOptimizer(initial_gaussians(points, colors, 0), settings.rates, extent)
+    matrices = neutral().expand(len(views), 3, 4)
+    steps, every = settings.camera_color_iterations, settings.camera_color_every
+    for iteration in range(1, steps + 1):
+        optimizer.set_means_progress(iteration / steps)
+        gaussians = optimizer.gaussians
+        step = stepper(gaussians, dropout=True)
+        loss = step.loss
+        if settings.opacity_reg:
+            loss = loss + settings.opacity_reg * gaussians.opacities.mean()
+        if settings.scale_reg:
+            loss = loss + settings.scale_reg / extent * gaussians.scales.mean()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        figures = {}
+        if iteration % _FIGURES_EVERY == 0:
+            check_finite(step.loss, "keyframe")
+            figures = {"loss": float(step.loss.detach())}
+        progress(iteration, steps, **figures)
+        if iteration % every == 0 or iteration == steps:
+            matrices = camera_colors(optimizer.gaussians.detach(), views)
+            stepper.views = [view.with_color(one) for view, one in zip(views, matrices, strict=True)]
+    return matrices
+
+
+def camera_colors(gaussians: Gaussians, views: Sequence[TrainingView]) -> Tensor:
+    """(V, 3, 4) float64 matrix of each view, fitted inside the performer to what the splats draw; the mean is neutral.
+
+    A view in which the performer is too thin to have an inside is fitted to all of the performer.
+    """
+    found = []
+    for view in views:
+        black = torch.zeros(3, device=view.device)
+        with torch.no_grad():
+            render = rasterize(gaussians, view.camera, black)
+            target, backdrop = view.composited(black), view.backdrop(black)
+            if backdrop is not None:
+                target = target - (1 - render.alpha)[..., None] * backdrop
+        found.append(fit_color(render.image, render.alpha, target, _inside(view.matte), RIDGE).cpu())
+    matrices = torch.stack(found)
+    return matrices - matrices.mean(0) + neutral()
+
+
+def _inside(matte: Tensor) -> Tensor:
+    """(H, W) bool: at least two pixels from the outline."""
+    inside = (matte > _INSIDE).float()
+    eroded = 1 - torch.nn.functional.max_pool2d(1 - inside[None, None], 2 * _BORDER + 1, 1, _BORDER)[0, 0]
+    return eroded > 0.5 if bool((eroded > 0.5).any()) else matte > 0.5

@@ -1,0 +1,56 @@
+"""Exposure and white balance that change during a take."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from studio.capture.color_drift import ColorDrift
+
+FRAMES = range(10, 22)
+
+
+def seen(gains: dict[int, tuple[float, float, float]], moving: bool = True) -> ColorDrift:
+    """A noisy set with a performer who walks through it and casts a shadow; gains by frame."""
+    rng = np.random.default_rng(0)
+    room = rng.uniform(60, 170, (120, 160, 3))
+    drift = ColorDrift()
+    for frame in FRAMES:
+        image, matte = room.copy(), np.zeros((120, 160), np.uint8)
+        at = 10 + 8 * (frame - 10) if moving else 40
+        image[20:110, at : at + 30] = rng.uniform(0, 255, 3)
+        matte[20:110, at : at + 30] = 255
+        image[110:, at : at + 50] *= 0.5
+        image = image * gains.get(frame, (1, 1, 1)) + rng.normal(0, 3, image.shape)
+        drift.see("cam1", frame, np.clip(image, 0, 255).astype(np.uint8), matte)
+    return drift
+
+
+def test_a_steady_camera_is_not_reported():
+    assert seen({}).messages() == []
+    assert seen({15: (1.01, 1.01, 0.99)}).messages() == []
+
+
+@pytest.mark.parametrize(
+    ("gain", "said", "change"),
+    [((1.08, 1.08, 1.08), "brightness of the set changes by up to 8%", 0.08), ((1.0, 1.0, 0.9), "10% in blue", 0.1)],
+)
+def test_the_change_is_told_with_its_frames(gain, said, change):
+    (message,) = seen(dict.fromkeys((14, 15, 20), gain)).messages()
+    assert message.code == "footage.color_drift"
+    assert message.fields["frames"] == (14, 15, 20)
+    assert message.fields["change"] == pytest.approx(change, abs=0.01)
+    assert said in str(message)
+    assert "frames 14-15, 20" in str(message)
+
+
+def test_performers_cut_out_on_black_or_white_say_nothing():
+    drift = ColorDrift()
+    for frame in range(5):
+        for camera, level in (("black", 0), ("white", 255)):
+            image = np.full((80, 80, 3), level, np.uint8)
+            image[20:60, 20:60] = 40 * frame
+            matte = np.zeros((80, 80), np.uint8)
+            matte[20:60, 20:60] = 255
+            drift.see(camera, frame, image, matte)
+    assert drift.messages() == []

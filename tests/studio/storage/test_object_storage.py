@@ -1,0 +1,186 @@
+"""Footage in a real S3 store: what is fetched, how often, and what goes wrong."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from studio.capture import CaptureSettings, open_footage
+from studio.capture.video import VideoReader
+from studio.errors import StudioError
+from studio.storage import Store, cached_object, mirrored, objects, store
+from studio.storage.store import without_secrets
+from tests.support.object_store import SECRET, Faults, ObjectStore
+from tests.support.tiny_capture import write_capture
+
+DAY = "s3://studio/day1"
+
+
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(objects, "BLOCK", 4096)
+    monkeypatch.setattr(store, "FIRST_PAUSE", 0.01)
+
+
+def write_video(path: Path, frames: int, options: dict[str, str]) -> None:
+    """Noise, so that frames take kilobytes; every eighth frame begins a GOP."""
+    path.parent.mkdir(parents=True)
+    noise = np.random.default_rng(3)
+    with av.open(str(path), "w", options=options) as container:
+        video = container.add_stream("libx264", rate=25, options={"g": "8", "bf": "2"})
+        video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
+        for _ in range(frames):
+            image = noise.integers(0, 255, (64, 96, 3), dtype=np.uint8)
+            container.mux(video.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(video.encode())
+
+
+@pytest.mark.parametrize("options", [{}, {"movflags": "+faststart"}], ids=["index_at_end", "index_at_start"])
+def test_only_the_needed_gops_of_a_video_are_fetched(
+    object_store: ObjectStore, tmp_path: Path, small_blocks: None, options: dict[str, str]
+) -> None:
+    local = tmp_path / "day1" / "videos" / "cam0.mp4"
+    write_video(local, 240, options)
+    object_store.upload(tmp_path / "day1", "day1")
+    video = mirrored(DAY) / "videos" / "cam0.mp4"
+    here, there = VideoReader(local), VideoReader(video)
+    assert (there.frame_count, there.fps, there.width, there.height) == (240, 25.0, 96, 64)
+    for frame in (150, 151, 152, 149, 153):
+        np.testing.assert_array_equal(there.read(frame), here.read(frame))
+    ranges = [key[1].removeprefix("bytes=").split("-") for key in object_store.gets.elements()]
+    fetched = sum(int(last) - int(first) + 1 for first, last in ranges)
+    assert fetched < local.stat().st_size / 2, "not the whole video"
+    assert object_store.fetched_twice("day1") == []
+    # the times of all frames are known from the header alone
+    for frame in (0, 239, 33):
+        np.testing.assert_array_equal(there.read(frame), here.read(frame))
+    assert there._timestamps == here._timestamps
+    assert there._keyframes == here._keyframes
+    assert object_store.fetched_twice("day1") == []
+
+
+def test_a_container_without_an_index_of_all_frames_is_fetched_once(
+    object_store: ObjectStore, tmp_path: Path, small_blocks: None
+) -> None:
+    local = tmp_path / "day1" / "videos" / "cam0.mkv"
+    write_video(local, 24, {})
+    object_store.upload(tmp_path / "day1", "day1")
+    video = mirrored(DAY) / "videos" / "cam0.mkv"
+    for _ in range(2):  # the second time as another process would
+        np.testing.assert_array_equal(VideoReader(video).read(20), VideoReader(local).read(20))
+    assert object_store.fetched_twice("day1") == []
+
+
+def test_requests_that_fail_or_end_early_are_repeated(
+    object_store: ObjectStore, tmp_path: Path, small_blocks: None
+) -> None:
+    data = np.random.default_rng(5).bytes(200_000)
+    (tmp_path / "day1").mkdir()
+    (tmp_path / "day1" / "cam0.mp4").write_bytes(data)
+    object_store.upload(tmp_path / "day1", "day1")
+    object_store.faults = Faults(failing=0.1, truncated=0.1, delay=0.002)
+    video = mirrored(DAY) / "cam0.mp4"
+
+    def read(seed: int) -> None:
+        found = cached_object(video)  # one for each thread, as for processes
+        assert found is not None
+        places = np.random.default_rng(seed).integers(0, len(data), 40)
+        for start in map(int, places):
+            assert found.read_at(start, 3000) == data[start : start + 3000]
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(read, range(4)))
+    assert object_store.failed > 3
+    assert object_store.fetched_twice("day1") == []
+
+
+def test_the_cache_keeps_what_was_used_last(
+    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "day1").mkdir()
+    for number in range(4):
+        (tmp_path / "day1" / f"cam{number}.mp4").write_bytes(bytes([number + 1]) * 40_000)
+    object_store.upload(tmp_path / "day1", "day1")
+    root = mirrored(DAY, gigabytes=100_000e-9)
+    for number in range(4):
+        found = cached_object(root / f"cam{number}.mp4")
+        assert found is not None
+        assert found.read() == bytes([number + 1]) * 40_000
+        os.utime(found._file, (number, number))
+    kept = [path for path in (tmp_path / "cache" / "objects").rglob("*") if path.is_file()]
+    assert sum(path.stat().st_blocks * 512 for path in kept) <= 100_000
+    names = {found._cache.path(found._pointer.key) for n in (2, 3) if (found := cached_object(root / f"cam{n}.mp4"))}
+    assert names <= set(kept), "the oldest went first"
+    found = cached_object(root / "cam0.mp4")
+    assert found is not None
+    assert found.read() == bytes([1]) * 40_000, "fetched again"
+
+
+def test_a_changed_object_is_fetched_again_and_a_deleted_one_is_gone(object_store: ObjectStore, tmp_path: Path) -> None:
+    write_capture(tmp_path / "day1", frames=2)
+    object_store.upload(tmp_path / "day1", "day1")
+    spec = CaptureSettings(root=DAY, images="images/{camera}/{frame:03d}.png")
+    first = open_footage(spec)
+    before, digest = first.raw_image("cam0", 0), first.digest()
+    assert open_footage(spec).digest() == digest
+    image = (tmp_path / "day1" / "images" / "cam1" / "000.png").read_bytes()
+    client = object_store.client
+    client.put_object(Bucket="studio", Key="day1/images/cam0/000.png", Body=image)
+    client.delete_object(Bucket="studio", Key="day1/images/cam0/001.png")
+    again = open_footage(spec, strict=False)
+    assert not np.array_equal(again.raw_image("cam0", 0), before)
+    np.testing.assert_array_equal(again.raw_image("cam0", 0), again.raw_image("cam1", 0))
+    assert again.digest() != digest
+    assert again.frames_of("cam0") == (0,)
+
+
+def test_each_bad_case_is_one_sentence_without_credentials(
+    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import s3fs
+
+    def refused(address: str) -> StudioError:
+        s3fs.S3FileSystem.clear_instance_cache()
+        with pytest.raises(StudioError) as caught:
+            mirrored(address)
+        assert SECRET not in str(caught.value)
+        return caught.value
+
+    monkeypatch.setattr(store, "FIRST_PAUSE", 0.01)
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    assert refused("s3://no-such-bucket/day1").code == "storage.not_found"
+    assert refused(DAY).code == "storage.empty"
+    assert refused("ftp://studio/day1").code == "storage.unknown_kind"
+    assert refused("s3:///day1").code == "storage.no_bucket_named"
+    named = refused("s3://AKIA:hidden-secret@studio/day1")
+    assert named.code == "storage.credentials_in_address"
+    assert "hidden-secret" not in str(named)
+    object_store.faults = Faults(capacity=10)
+    with pytest.raises(StudioError) as caught:
+        Store(DAY).write("frame", bytes(100))
+    assert caught.value.code == "storage.full"
+    object_store.faults = Faults(failing=1.0)
+    assert refused(DAY).code == "storage.failed"
+    object_store.faults = Faults()
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "AKIAWRONG")
+    assert refused(DAY).code == "storage.denied"
+    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
+    assert refused(DAY).code == "storage.no_credentials"
+
+
+def test_messages_hide_secret_values_and_signatures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AZURE_STORAGE_ACCOUNT_KEY", "q83hX==")
+    text = without_secrets("https://a.blob.core.windows.net/x?sv=1&sig=ab%2Bc&se=2 with q83hX==")
+    assert text == "https://a.blob.core.windows.net/x?sv=1&sig=***&se=2 with ***"
+
+
+def test_settings_keep_the_address() -> None:
+    spec = CaptureSettings(root="s3://studio/day1")
+    assert spec.model_dump(mode="json")["root"] == "s3://studio/day1"
+    assert str(spec.replace(step=2).root / "videos") == "s3://studio/day1/videos"

@@ -1,0 +1,55 @@
+/** Tells first-time viewers that the view can be turned, until they have turned it once. */
+
+const KEY = "v3-has-turned";
+/** Milliseconds until the hint goes and comes with the controls. */
+const ALWAYS = 10_000;
+
+/** Whether this browser's user has moved a view before. A browser may forbid storage. */
+function hasTurned(now = false): boolean {
+  try {
+    if (now) localStorage.setItem(KEY, "1");
+    return localStorage.getItem(KEY) !== null;
+  } catch {
+    return now;
+  }
+}
+
+export class Hint {
+  private readonly element: HTMLElement;
+  private timer = 0;
+  private done = false;
+
+  /** @param element - hidden and empty; a live region, so that its text is read when it appears */
+  constructor(element: HTMLElement) {
+    this.element = element;
+  }
+
+  /**
+   * Shows it if the view was never turned in this browser.
+   *
+   * @param wheel - whether the wheel zooms, rather than scrolls the page around the player
+   */
+  show(wheel: boolean): void {
+    if (this.done || hasTurned()) return;
+    this.element.classList.add("shown");
+    const fingers = matchMedia("(any-pointer: coarse)").matches;
+    this.element.querySelector("b")!.textContent = "Drag to turn";
+    this.element.querySelector("small")!.textContent = fingers ? "pinch to zoom" : wheel ? "scroll to zoom" : "";
+    this.timer = setTimeout(() => {
+      this.element.classList.add("brief");
+    }, ALWAYS);
+  }
+
+  /** The view was turned: it is not shown again. */
+  turned(): void {
+    if (this.done) return;
+    this.done = true;
+    hasTurned(true);
+    this.hide();
+  }
+
+  hide(): void {
+    clearTimeout(this.timer);
+    this.element.classList.remove("shown");
+  }
+}
