@@ -175,7 +175,7 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
             nullable=nullable,
             documentation=f"{words} [{allowed}]" if allowed else words,
             empty=empty,
-            kind_of_list=_kind_of_list(kinds[0]),
+            kind_of_list=_kind_of_list(kinds[0]) if len(kinds) == 1 else "",
             limits=_limits(field, whole) if len(kinds) == 1 and kinds[0] in (int, float) and not nullable else None,
             whole=whole,
         )
