@@ -44,7 +44,6 @@ EMPTY: Mapping[str, str] = {
 """What is shown instead of null, an empty list, an empty mapping or an empty text."""
 
 UNITS: Mapping[str, str] = {
-    "bake.target_kb_per_frame": "KB",
     "bake.target_psnr": "dB",
     "calibrate.board.marker": "m",
     "calibrate.board.square": "m",
