@@ -71,10 +71,18 @@ def writes(kind: str) -> Callable[[Path, float, Outcome], None]:
 
 PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
     "kills": ("the take opens, finished frames stay, the same bytes in the end", writes("kill")),
+    "two-kills": (
+        "the same: each take is killed twice, at random writes",
+        lambda folder, share, outcome: takes.random_cuts(
+            project_in(folder), "kill", max(1, round(25 * share)), outcome
+        ),
+    ),
     "full": ("a sentence, finished frames stay, the same bytes in the end", writes("full")),
     "power": (
         "the take opens or says what is damaged; the same bytes in the end",
-        lambda folder, share, outcome: takes.power_cuts(project_in(folder), max(1, round(40 * share)), outcome),
+        lambda folder, share, outcome: takes.random_cuts(
+            project_in(folder), "power", max(1, round(40 * share)), outcome
+        ),
     ),
     "small-files": (
         "a sentence; the same bytes without the limit",
