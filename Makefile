@@ -17,7 +17,7 @@ BUILD_WEB = $(MAKE) --no-print-directory web || \
     echo "The browser player could not be built, so \`v3studio serve\` and \`share\` have none. Run \`make web\` to try again." >&2
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help node setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan gpu-check lint format lock wheel clean
+.PHONY: help node setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan gpu-check lint sbom format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -69,10 +69,14 @@ tsan: system ## check the C++ kernels for data races (ThreadSanitizer)
 gpu-check: ## test and measure training on this machine's GPU, in under nine minutes (GPU_ARGS=--dry-run: on the CPU)
 	@$(PY) benchmarks/gpu_check.py $(GPU_ARGS)
 
-lint: setup-tests web-lint ## run ruff (rules and format), mypy, eslint and tsc
+lint: setup-tests web-lint ## run ruff, mypy, eslint and tsc; look up known vulnerabilities
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
+	@$(PY) scripts/audit.py
+
+sbom: setup-tests ## write a software bill of materials (CycloneDX) to build/
+	@$(PY) scripts/sbom.py
 
 format: system ## apply ruff's fixes and formatting
 	@$(INSTALL) --dev

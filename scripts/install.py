@@ -18,8 +18,8 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -72,8 +72,15 @@ def choose_torch(environment: Mapping[str, str], recorded: str | None, gpu: Call
 
 def pins(lock: Path) -> dict[str, str]:
     """Package to version, from a lock file."""
-    lines = (line.partition("#")[0].strip() for line in lock.read_text(encoding="utf-8").splitlines())
-    return dict(line.split("==", 1) for line in lines if line)
+    return {name: words[0] for name, words in locked(lock).items()}
+
+
+def locked(lock: Path) -> dict[str, list[str]]:
+    """Package to its version and pip's options with its hashes, from a lock file."""
+    text = lock.read_text(encoding="utf-8").replace("\\\n", " ")  # lines that go on
+    lines = (line.partition("#")[0].strip() for line in text.splitlines())
+    pairs = (line.split("==", 1) for line in lines if line)
+    return {name: rest.split() for name, rest in pairs}
 
 
 def digest(*files: Path) -> str:
@@ -275,6 +282,12 @@ def why_pip_failed(lines: list[str]) -> Failure:
             f"Packages cannot be downloaded ({trouble}); connect this machine to the network, or set pip's proxy or "
             "index-url (pip config set global.index-url URL), and run this again to continue."
         )
+    if any("DO NOT MATCH THE HASHES" in line for line in lines):
+        found = [line.strip() for line in lines if re.match(r"\s+\S+==\S+ from ", line)]
+        return Failure(
+            f"A downloaded file is not the one that was locked: {(found or ['see pip'])[0][:300]}. Do not "
+            "install it; look at pip's indexes (pip config list), and if one of them builds packages itself, use PyPI."
+        )
     errors = [line.removeprefix("ERROR: ").strip() for line in lines if line.startswith("ERROR:")]
     return Failure("pip failed: " + (" ".join(errors[:2]) or "\n".join(lines[-20:])))
 
@@ -285,6 +298,24 @@ def install(*arguments: str | Path, progress: Progress) -> None:
     status, lines = pip("install", "--no-compile", *PIP_NETWORK, *arguments, progress=progress)
     if status != 0:
         raise why_pip_failed(lines)
+
+
+def install_locked(packages: Mapping[str, Sequence[str]], progress: Progress) -> None:
+    """Install packages of a lock file, without their dependencies; pip refuses files with other hashes."""
+    lines = [f"{name}=={' '.join(words)}\n" for name, words in packages.items()]
+    with temporary_file("".join(lines)) as wanted:
+        install("--no-deps", "--require-hashes", "-r", wanted, progress=progress)
+
+
+@contextmanager
+def temporary_file(text: str) -> Iterator[Path]:
+    """A text file in .venv, for pip."""
+    file = VENV / f"v3studio-setup.{os.getpid()}.txt"
+    file.write_text(text, encoding="utf-8")
+    try:
+        yield file
+    finally:
+        file.unlink()
 
 
 def uninstall(packages: list[str]) -> None:
@@ -334,9 +365,19 @@ def torch_message(build: str) -> str:
 
 
 def install_requirements(build: str, progress: Progress) -> None:
-    """Install PyTorch with its dependencies, then all pinned requirements, each without its dependencies."""
+    """Install all pinned requirements, each without its dependencies and with its hashes, after PyTorch.
+
+    PyTorch's CPU build is on an index of its own, or in a folder that pip is configured for; the lock file has no
+    hashes of it, so pip compares it with those in the index's links only. The packages that only its CUDA build needs
+    (NVIDIA's) are in no lock file either, since each build wants its own.
+    """
+    packages = locked(LOCK)
     versions = pins(LOCK)
-    install("-c", LOCK, *torch_requirement(build, versions["torch"]), progress=progress)
+    torch_files = packages.pop("torch")
+    if build == "cuda":
+        install_locked({"torch": ["=" + torch_files[0], *torch_files[1:]]}, progress)  # ===; see torch_requirement
+    with temporary_file("".join(f"{name}=={version}\n" for name, version in versions.items())) as constraints:
+        install("-c", constraints, *torch_requirement(build, versions["torch"]), progress=progress)
     torch = installed_torch()
     if torch is not None and torch[1] == "cpu":
         names = [info.name.split("-")[0].replace("_", "-") for info in site_packages().glob("*.dist-info")]
@@ -346,8 +387,8 @@ def install_requirements(build: str, progress: Progress) -> None:
     wanted = OPEN3D[1] if build == "cpu" and has_cpu_wheels else OPEN3D[0]
     if any(is_installed(name) for name in OPEN3D if name != wanted):
         uninstall(list(OPEN3D))  # both, since they share their files
-    versions[wanted] = versions.pop(OPEN3D[0])
-    install("--no-deps", *(f"{name}=={version}" for name, version in versions.items()), progress=progress)
+    packages[wanted] = packages.pop(OPEN3D[0])
+    install_locked(packages, progress)
 
 
 def package_sources() -> list[Path]:
@@ -388,14 +429,14 @@ def setup(sets: list[str], package: bool, web: bool = False) -> None:
             continue
         print(f"Installing {what} into .venv", flush=True)
         remove_unfinished()
-        install("--no-deps", "-r", lock, progress=progress)
+        install_locked(locked(lock), progress)
         record[name] = digest(lock)
         write_record(record)
-    node = pins(SETS["dev"][0]).get(NODE) if web else None
-    if node is not None and not (site_packages() / f"{NODE.replace('-', '_')}-{node}.dist-info").exists():
+    node = locked(SETS["dev"][0]).get(NODE) if web else None
+    if node is not None and not (site_packages() / f"{NODE.replace('-', '_')}-{node[0]}.dist-info").exists():
         print("Installing Node into .venv, which builds the browser player", flush=True)
         remove_unfinished()
-        install("--no-deps", f"{NODE}=={node}", progress=progress)
+        install_locked({NODE: node}, progress)
     if package and record.get("package") != digest(*package_sources()):
         print("Building and installing v3studio into .venv (editable)", flush=True)
         remove_unfinished()

@@ -5,20 +5,33 @@ requirements.lock contains what is needed to run the program and to build its ke
 linters, and the documentation, need in addition. Not included are packages that nothing requires, the dependencies of
 torch's CUDA build (pip resolves them when it installs that build), torch's build suffix such as +cpu, and dependencies
 that are declared but never imported.
+
+Each version has the SHA-256 of its files on PyPI that fit this project (Linux, CPython 3.11 and newer, and source
+archives), for pip's hash checking. Those of open3d-cpu are with open3d, since either is installed. torch has the hashes
+of the builds on PyPI, which are for CUDA. Its CPU builds are on PyTorch's own index, whose links tell pip their hashes.
 """
 
+import json
+import re
+import urllib.request
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
+from packaging.tags import Tag
+from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
 
 ROOT = Path(__file__).resolve().parent.parent
 HEADER = "# {what}, pinned: what the tests ran with. Made by `make lock`; pyproject.toml says why.\n"
+INDEX = "https://pypi.org/simple/{}/"
+MACHINES = ("x86_64", "aarch64")
 LEFT_OUT = ("nvidia-", "cuda-", "triton")
 # Open3D needs these only in notebooks and in one of its examples; with their dependencies, they are 27 packages.
-NOT_IMPORTED = {"open3d": {"ipywidgets", "nbformat", "configargparse"}}
+NOT_IMPORTED = {
+    "open3d": {"ipywidgets", "nbformat", "configargparse"},
+    "pip-api": {"pip"},  # every environment has one
+}
 
 
 def installed(package: str) -> Distribution:
@@ -54,13 +67,54 @@ def needed(name: str, extras: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
+def hashes_of(package: str, version: str) -> list[str]:
+    """SHA-256 of the files of a version that may be installed on Linux, sorted; from PyPI's JSON index (PEP 691).
+
+    Raises:
+        SystemExit: PyPI has no file of this version.
+        OSError: PyPI cannot be reached.
+    """
+    request = urllib.request.Request(INDEX.format(package), headers={"Accept": "application/vnd.pypi.simple.v1+json"})
+    with urllib.request.urlopen(request, timeout=60) as answer:
+        files = json.load(answer)["files"]
+    found = sorted({file["hashes"]["sha256"] for file in files if fits(file["filename"], version)})
+    if not found:
+        raise SystemExit(f"PyPI has no file of {package} {version} for Linux")
+    return found
+
+
+def fits(file: str, version: str) -> bool:
+    """Whether a file on PyPI is a source archive of this version, or a wheel for Linux and CPython 3.11 or newer."""
+    try:
+        _, found, _, tags = parse_wheel_filename(file)
+    except InvalidWheelFilename:
+        source = re.fullmatch(r".+-([^-]+)\.tar\.gz", file)
+        return source is not None and source[1] == version
+    return str(found) == version and any(_fits(tag) for tag in tags)
+
+
+def _fits(tag: Tag) -> bool:
+    linux = tag.platform.startswith(("manylinux", "linux")) and tag.platform.endswith(MACHINES)
+    minor = _minor(tag.interpreter)
+    python = tag.interpreter.startswith("py3") or minor >= 11 or (minor > 0 and tag.abi == "abi3")
+    return (linux or tag.platform == "any") and python and not tag.abi.endswith("t")  # t: without the GIL
+
+
+def _minor(interpreter: str) -> int:
+    found = re.fullmatch(r"cp3(\d+)", interpreter)
+    return int(found[1]) if found else 0
+
+
 def write(file: Path, what: str, packages: dict[str, str]) -> None:
     """Replace `file` atomically."""
+    lines = [HEADER.format(what=what)]
+    for name, version in sorted(packages.items()):
+        hashes = hashes_of(name, version)
+        if name == "open3d":
+            hashes = sorted({*hashes, *hashes_of("open3d-cpu", version)})
+        lines.append(" \\\n    ".join([f"{name}=={version}", *(f"--hash=sha256:{value}" for value in hashes)]) + "\n")
     new = file.with_suffix(".new")
-    new.write_text(
-        HEADER.format(what=what) + "".join(f"{name}=={version}\n" for name, version in sorted(packages.items())),
-        encoding="utf-8",
-    )
+    new.write_text("".join(lines), encoding="utf-8")
     new.replace(file)
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent), str(HERE)]
 
+import bombs  # noqa: E402
 import clients  # noqa: E402
 import mutations  # noqa: E402
 import servers  # noqa: E402
@@ -70,10 +71,18 @@ def writes(kind: str) -> Callable[[Path, float, Outcome], None]:
 
 PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
     "kills": ("the take opens, finished frames stay, the same bytes in the end", writes("kill")),
+    "two-kills": (
+        "the same: each take is killed twice, at random writes",
+        lambda folder, share, outcome: takes.random_cuts(
+            project_in(folder), "kill", max(1, round(25 * share)), outcome
+        ),
+    ),
     "full": ("a sentence, finished frames stay, the same bytes in the end", writes("full")),
     "power": (
         "the take opens or says what is damaged; the same bytes in the end",
-        lambda folder, share, outcome: takes.power_cuts(project_in(folder), max(1, round(40 * share)), outcome),
+        lambda folder, share, outcome: takes.random_cuts(
+            project_in(folder), "power", max(1, round(40 * share)), outcome
+        ),
     ),
     "small-files": (
         "a sentence; the same bytes without the limit",
@@ -94,6 +103,11 @@ PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
     "files": (
         "a sentence, or a result; bounded memory",
         lambda folder, share, outcome: mutations.files(folder, max(20, round(20_000 * share)), outcome),
+    ),
+    "bombs": ("a sentence within two minutes and 2 GiB", bombs.attack),
+    "models": (
+        "a sentence, or a matte",
+        lambda folder, share, outcome: mutations.models(folder, max(20, round(2000 * share)), outcome),
     ),
     "servers": ("a sentence within the deadlines", servers.attack),
     "clients": ("another client is answered; connections and log are bounded", clients.attack),

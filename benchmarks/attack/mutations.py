@@ -31,6 +31,8 @@ from studio.audio import SoundFile
 from studio.calibration.manual.file import read_tie_points
 from studio.camera_files import read_rig, write_rig
 from studio.capture.images import read_image
+from studio.capture.mattes.onnx_model import OnnxModel
+from studio.capture.settings import OnnxSettings
 from studio.capture.video import VideoReader
 from studio.errors import StudioError
 from studio.export.videogs import export_videogs
@@ -52,6 +54,17 @@ BATCH = 500
 
 PATIENCE = 60.0
 """Seconds per mutation, on a busy machine, after which it counts as hanging."""
+
+MODELS = ROOT / "tests" / "studio" / "capture" / "mattes" / "data"
+NO_MODELS = {
+    "an empty file": b"",
+    "a picture": b"\x89PNG\r\n\x1a\n" + bytes(1000),
+    "a script": b"#!/bin/sh\necho hello\n",
+    "zeros": bytes(1 << 20),
+    "a pickle": b"cos\nsystem\n(S'true'\ntR.",
+    "lengths without end": b"\x3a\xff\xff\xff\xff\x0f" * 1000,
+}
+"""Files that are named like a model."""
 
 EXTREMES = (
     *(b"1e400", b"-1e400", b"NaN", b"true", b"null", b'""', b"[]", b"{}", b"-5", b"1.9", b"9" * 5000, b"\x00", b"\xff"),
@@ -255,7 +268,45 @@ def checked_sentence(error: StudioError) -> str:
 
 def files(folder: Path, total: int, outcome: Outcome) -> None:
     """`total` mutations over all kinds of files, the same number of each."""
-    every = kinds(folder / "files")
+    mutated(kinds(folder / "files"), total, outcome)
+
+
+def models(folder: Path, total: int, outcome: Outcome) -> None:
+    """`total` mutations of matting models, and files that are none."""
+    every = []
+    for path in sorted(MODELS.glob("*.onnx")):
+        if path.name in ("free.onnx", "fixed.onnx"):
+            (folder / "models").mkdir(exist_ok=True)
+            shutil.copy(path, folder / "models")
+            every.append(Kind(path.name, folder / "models", path.name, matte))
+    mutated(every, total, outcome)
+    for name, content in NO_MODELS.items():
+        path = folder / "models" / "none.onnx"
+        path.write_bytes(content)
+        found: Counter[str] = Counter()
+        in_process(lambda _, path=path: refusal(matte, path), range(1), outcome, found)
+        if not outcome.wrong and not next(iter(found)).startswith("refused"):
+            outcome.failed(f"{name} was taken for a model")
+
+
+def matte(path: Path) -> None:
+    """A matte of a small picture."""
+    OnnxModel(path, OnnxSettings(mask_model_mean=(0, 0, 0), mask_model_std=(1, 1, 1)), device="cpu", threads=1)(
+        np.zeros((64, 64, 3), np.uint8)
+    )
+
+
+def refusal(read: Callable[[Path], object], path: Path) -> str:
+    """ "read", or the code of the sentence with which a file is refused."""
+    try:
+        read(path)
+        return "read"
+    except StudioError as error:
+        return checked_sentence(error)
+
+
+def mutated(every: list[Kind], total: int, outcome: Outcome) -> None:
+    """`total` mutations over some kinds of files, the same number of each."""
     found: Counter[str] = Counter()
 
     def work(number: int) -> str:
@@ -264,10 +315,7 @@ def files(folder: Path, total: int, outcome: Outcome) -> None:
         original = originals[kind.name]
         try:
             file.write_bytes(changed(original, number))
-            kind.read(file)
-            return "read"
-        except StudioError as error:
-            return checked_sentence(error)
+            return refusal(kind.read, file)
         except BaseException as error:
             error.add_note(f"in {kind.name}")
             raise

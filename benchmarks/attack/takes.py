@@ -119,20 +119,22 @@ def at_every_write(project: Project, kind: str, most: int, outcome: Outcome) -> 
         outcome.failed(f"{kind}: in the end exit {ended.returncode}, other bytes: {str(ended.stderr)[-600:]}")
 
 
-def power_cuts(project: Project, count: int, outcome: Outcome) -> None:
-    """Runs that lose all that they have not synced; the next run must give the same bytes."""
-    random_ = random.Random(1)
-    take = project.folder / "power"
+def random_cuts(project: Project, kind: str, count: int, outcome: Outcome) -> None:
+    """Takes whose first run is killed at a random write, and whose second run ends with `kind`: killed again, or by a
+    power cut that loses all that it has not synced. The third must give the same bytes."""
+    random_ = random.Random(kind)
+    take = project.folder / "cut"
     for _ in range(count):
         shutil.rmtree(take, ignore_errors=True)
         kept = random_.randint(1, project.writes - 1)
         project.run("kill", kept, take)
         number = random_.randint(1, project.writes - kept + project.idle_writes)
-        ended = project.run("power", number, take)
+        before = results(take)
+        ended = project.run(kind, number, take)
         outcome.count += 1
-        where = f"power cut at write {number} after {kept}"
-        for problem in problems_of(take):
-            outcome.note(f"{where}: {problem}")
+        where = f"{kind} at write {number} after {kept}"
+        for problem in problems_of(take, before if kind == "kill" else None):
+            (outcome.failed if kind == "kill" else outcome.note)(f"{where}: {problem}")
         again = project.run("count", 0, take)
         if again.returncode != 0 or not project.same_results(take):
             outcome.failed(f"{where} ({ended.returncode}): then {again.returncode}: {str(again.stderr)[-800:]}")

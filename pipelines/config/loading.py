@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from pipelines.config.config import Config
 from pipelines.config.renamed import complete_older_take, first_tree, note_renames, renamed, renamed_override
+from studio.bounded_files import read_bounded_text
 from studio.errors import Message, StudioError, reason_of
 from studio.json_types import JsonObject
 from studio.paths import need_utf8
@@ -127,7 +128,7 @@ def read_yaml(path: Path) -> JsonObject:
     """
     fix = "Specify a YAML file of settings."
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_bounded_text(path)
     except FileNotFoundError:
         raise StudioError("settings.file_not_found", "no such file", file=path, fix=fix) from None
     except IsADirectoryError:

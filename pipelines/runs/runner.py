@@ -23,6 +23,7 @@ from pipelines.events import (
 )
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from pipelines.events.work_clock import counting_pauses
+from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, write_record
 from pipelines.runs.work import limit_threads
 from pipelines.stages import GROUP_STAGES, STAGES, stage_named
@@ -227,7 +228,7 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
         for path in stage.results(context):
             remove(path)
     try:
-        with disk_errors(context.take.root):
+        with disk_errors(context.take.root), memory_errors(stage.name):
             summary = stage.run(context, reporter)
             context.cancellation.check()
             seconds = context.clock() - started

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from pipelines.config import Config
 from pipelines.events import Emit
 from pipelines.events.cancellation import Cancellation
+from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess
 from pipelines.stages import GROUP_STAGES, grouping, stage_named
 from pipelines.stages.base import Context, GroupStage, StageReporter
@@ -71,7 +72,9 @@ def work(
                     group=group,
                     stage=stage.name,
                 )
-            if _work_on(stage, context, chosen):
+            with memory_errors(stage.name):
+                worked = _work_on(stage, context, chosen)
+            if worked:
                 done.append(stage.name)
     return tuple(done)
 

@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING
 
-import psutil
-
-from studio.errors import Cancelled
+from studio.errors import Cancelled, StudioError
+from studio.memory import memory_limit
 
 if TYPE_CHECKING:
     from pipelines.events.cancellation import Cancellation
@@ -36,8 +35,29 @@ def groups_at_once(context: Context) -> int:
     # a run on other machines may need a GPU that this one does not have
     if context.config.run.device.startswith("cuda") or context.device != "cpu":
         return 1
-    memory = psutil.virtual_memory().total // 2
+    memory = memory_limit() // 2
     return max(1, min(groups, context.threads, _MOST, memory // memory_of_group(context)))
+
+
+def refuse_too_little_memory(context: Context) -> None:
+    """Refuse to train on a CPU what cannot fit; otherwise the kernel kills the run, without a word.
+
+    A user who sets `run.groups_at_once` has the last word.
+
+    Raises:
+        StudioError: not even one group fits into this process's memory (`train.too_little_memory`).
+    """
+    if context.config.run.groups_at_once is not None or context.device != "cpu":
+        return
+    needed, limit = memory_of_group(context), memory_limit()
+    if needed > limit:
+        raise StudioError(
+            "train.too_little_memory",
+            f"training one group takes about {needed / 1e9:.1f} GB, and this process may use {limit / 1e9:.1f} GB",
+            value=needed,
+            fix="Allow more memory, set capture.scale, or use fewer cameras; run.groups_at_once: 1 tries it anyway.",
+            limit=limit,
+        )
 
 
 def memory_of_group(context: Context) -> int:

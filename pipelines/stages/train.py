@@ -11,7 +11,7 @@ from pipelines.events.cancellation import Cancellation
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.camera_colors import camera_colors_key, ensure_camera_colors
 from pipelines.stages.footage_check import footage_check
-from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_of_groups
+from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_memory, run_groups, threads_of_groups
 from pipelines.stages.live_bake import LiveBake
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
 from pipelines.stages.summaries import TrainSummary
@@ -107,6 +107,7 @@ class TrainStage:
         written: Callable[[int, int], None],
     ) -> None:
         """Train the groups of `groups` that are not finished, several at once."""
+        refuse_too_little_memory(context)
         at_once = groups_at_once(context)
         clock = TrainClock(groups, finished, context.config.train)
         work = GroupWork(context, reporter, clock, max(1, context.threads // at_once), written)

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipelines.config.renamed import first_path
 from studio.atomic_files import PARTIAL, atomic_path, is_being_written, remove, write_bytes, write_json, write_text
+from studio.bounded_files import read_bounded
 from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError, reason_of
 from studio.json_types import JsonObject
@@ -64,7 +65,7 @@ def read_json(path: Path) -> Any:
         StudioError: `take.file_not_found` or `take.damaged`.
     """
     try:
-        return parse_json(path.read_bytes())
+        return parse_json(read_bounded(path))
     except FileNotFoundError:
         raise StudioError("take.file_not_found", "no such file", file=path) from None
     except (OSError, TextError) as error:
@@ -168,12 +169,15 @@ def link_or_copy(source: str, target: str) -> None:
         shutil.copy2(source, target)
 
 
+_DISK_FAILED = (errno.EIO, errno.ESTALE, errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN, errno.EREMOTEIO)
+
+
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Turn "no space left" and "permission denied" inside the block into a StudioError.
+    """Turn what a disk does to any program inside the block into a StudioError: it is full, fails, or refuses.
 
     Raises:
-        StudioError: `take.disk_full` or `take.not_writable`.
+        StudioError: `take.disk_full`, `take.file_too_large`, `take.disk_failed` or `take.not_writable`.
     """
     try:
         yield
@@ -184,6 +188,21 @@ def disk_errors(folder: Path) -> Iterator[None]:
                 "the disk is full",
                 file=folder,
                 fix="Free some space and run again; finished work is kept.",
+            ) from error
+        if error.errno == errno.EFBIG:
+            raise StudioError(
+                "take.file_too_large",
+                "a file would be larger than the file system, or a limit of this session, allows",
+                file=error.filename or folder,
+                fix="Look at `ulimit -f`, or choose a folder on another file system, and run again; finished work is "
+                "kept.",
+            ) from error
+        if error.errno in _DISK_FAILED:
+            raise StudioError(
+                "take.disk_failed",
+                f"the disk cannot be read or written ({error.strerror})",
+                file=error.filename or folder,
+                fix="Check the disk or the network drive and run again; finished work is kept.",
             ) from error
         if error.errno in (errno.ENOTDIR, errno.EEXIST):
             raise StudioError(

@@ -126,11 +126,16 @@ def read_about(path: Path) -> FrameMetadata | None:
 
 def _load(path: Path) -> dict[str, Tensor]:
     """Raises SafetensorError for a damaged file."""
-    from safetensors import SafetensorError
+    from safetensors import SafetensorError, safe_open
     from safetensors.torch import load
 
-    data = path.read_bytes()
-    tensors = load(data)
+    try:
+        with safe_open(path, framework="np"):
+            pass  # its header fits its size: nothing larger than what it says is read
+        data = path.read_bytes()
+        tensors = load(data)
+    except MemoryError:
+        raise SafetensorError("it does not fit into memory") from None
     about = _metadata(data)
     if about.digest and about.digest != _digest(data):
         raise SafetensorError("checksum differs")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from studio.bounded_files import read_bounded
 from studio.errors import StudioError
 
 
@@ -22,6 +23,7 @@ def write_mesh(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
     path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
 
 
+_MAX_BYTES = 4 << 30
 _POINT = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [(name, "u1") for name in ("red", "green", "blue")]
 )
@@ -51,7 +53,7 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     fix = "Run `v3studio initialize --force`."
     try:
-        header, _, body = path.read_bytes().partition(b"end_header\n")
+        header, _, body = read_bounded(path, _MAX_BYTES).partition(b"end_header\n")
     except OSError as error:
         raise StudioError(
             "take.damaged", f"cannot be read ({error.strerror})", file=path, fix=fix, stage="initialize"

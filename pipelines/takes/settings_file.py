@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from pipelines.config.loading import dump_config, load_config, read_yaml
 from pipelines.config.renamed import renamed
 from pipelines.takes.atomic_files import write_text
+from studio.bounded_files import read_bounded_text
 from studio.errors import StudioError, reason_of
 from studio.yaml_text import YamlError, dump_with_comments, parse_with_comments
 
@@ -133,7 +134,7 @@ def _read(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise _refused(path, f"larger than {MAX_BYTES:,} bytes")
-        return path.read_text(encoding="utf-8")
+        return read_bounded_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise StudioError("settings.unreadable", f"cannot be read ({reason_of(error)})", file=path, fix=_FIX) from None
 

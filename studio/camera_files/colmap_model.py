@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from studio.bounded_files import read_bounded
 from studio.camera_files.common import camera_names, naming, read_text, unreadable, write_atomic
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -251,13 +252,16 @@ def _poses_text(path: Path) -> list[_Pose]:
     return poses
 
 
+_MAX_BYTES = 4 << 30  # images.bin also has every feature of every image
+
+
 class _Reader:
     """Little-endian values from a file that may be truncated."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self.data = path.read_bytes()
+            self.data = read_bounded(path, _MAX_BYTES)
         except OSError as error:
             raise unreadable(path, error) from None
         self.at = 0

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from studio.atomic_files import write_bytes
+from studio.bounded_files import read_bounded
 from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError
 from studio.json_types import JsonObject
@@ -38,7 +39,7 @@ def read_text(path: Path) -> str:
             (camera_file.empty).
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_bounded(path).decode("utf-8-sig")
     except OSError as error:
         raise unreadable(path, error) from None
     except UnicodeDecodeError:

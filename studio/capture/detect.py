@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
+from studio.bounded_files import read_bounded
 from studio.bounded_text import parse_json
 from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, find_files, walk
 from studio.errors import StudioError
@@ -152,7 +153,7 @@ def _named_by_cameras(root: Path) -> tuple[str, list[Match]] | None:
 def named_in(path: Path) -> set[str]:
     """Names without extension of the images in a transforms.json; empty if there is none."""
     try:
-        entries = parse_json(path.read_bytes())["frames"]
+        entries = parse_json(read_bounded(path))["frames"]
         return {Path(entry["file_path"]).stem for entry in entries}
     except (OSError, ValueError, KeyError, TypeError):
         return set()

@@ -15,6 +15,7 @@ from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.video import VideoReader
 from studio.chroma import ChromaSampling
 from studio.errors import StudioError
+from studio.memory import memory_available
 
 
 class FrameSource(Protocol):
@@ -215,11 +216,9 @@ class VideoSource:
 
 def decoder_limit(width: int, height: int) -> int:
     """Number of decoders for videos of this size (in pixels) that fit into a quarter of the free memory; at least 4."""
-    import psutil
-
     # A decoder holds up to 16 reference frames and a few more, at 1.5 bytes per pixel.
     each = width * height * 1.5 * 18 + (1 << 20)
-    return max(4, int(psutil.virtual_memory().available / 4 / each))
+    return max(4, int(memory_available() / 4 / each))
 
 
 def make_sources(

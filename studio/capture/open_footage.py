@@ -20,6 +20,7 @@ from studio.capture.settings import CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
 from studio.errors import Message, StudioError
+from studio.memory import memory_limit
 from studio.storage import is_address, mirrored
 
 
@@ -100,9 +101,7 @@ def open_footage(
 
 
 def _cache_bytes() -> int:
-    import psutil
-
-    return int(min(2 << 30, psutil.virtual_memory().total // 8))
+    return min(2 << 30, memory_limit() // 8)
 
 
 def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:

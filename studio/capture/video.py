@@ -176,6 +176,12 @@ class VideoReader:
         if not container.streams.video:
             container.close()
             raise StudioError("footage.no_video_stream", "the file has no video stream", file=self.path)
+        if container.streams.video[0].codec_context is None:
+            container.close()
+            raise StudioError(
+                "footage.video_unreadable", "the video has a codec that FFmpeg does not know", file=self.path,
+                fix=_ENCODE_AGAIN,
+            )  # fmt: skip
         self._container = container
         self._stream = container.streams.video[0]
         # One thread per decoder: a capture keeps many decoders open, and each frame thread needs its own frame buffer.

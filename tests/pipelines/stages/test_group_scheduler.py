@@ -6,13 +6,21 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import torch
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.group_scheduler import run_groups, threads_by_group
+from pipelines.stages import group_scheduler
+from pipelines.stages.group_scheduler import (
+    groups_at_once,
+    memory_of_group,
+    refuse_too_little_memory,
+    run_groups,
+    threads_by_group,
+)
 from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
 
@@ -30,6 +38,34 @@ from tests.support.errors import refuses
 )
 def test_all_threads_are_shared_out(groups: int, at_once: int, threads: int, expected: list[int]) -> None:
     assert threads_by_group(groups, at_once, threads) == expected
+
+
+def planned(asked: int | None = None) -> Any:
+    """A context of eight groups on a CPU with eight threads: ten cameras of 4 megapixels."""
+    cameras = {f"cam{number}": SimpleNamespace(width=2000, height=2000) for number in range(10)}
+    return SimpleNamespace(
+        config=SimpleNamespace(run=SimpleNamespace(groups_at_once=asked, device="cpu")),
+        device="cpu",
+        threads=8,
+        groups=range(8),
+        footage=SimpleNamespace(calibrated=SimpleNamespace(rig=cameras, train_cameras=list(cameras))),
+    )
+
+
+def test_less_memory_means_fewer_groups_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = memory_of_group(planned())
+    for times, expected in ((20, 8), (6.5, 3), (1.5, 1)):
+        monkeypatch.setattr(group_scheduler, "memory_limit", lambda times=times: int(times * one))
+        assert groups_at_once(planned()) == expected
+        refuse_too_little_memory(planned())
+
+
+def test_a_group_that_cannot_fit_is_refused_unless_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = memory_of_group(planned())
+    monkeypatch.setattr(group_scheduler, "memory_limit", lambda: one - 1)
+    with refuses("train.too_little_memory", value=one, limit=one - 1):
+        refuse_too_little_memory(planned())
+    refuse_too_little_memory(planned(asked=1))
 
 
 def test_jobs_run_side_by_side_with_their_own_number_of_threads() -> None:

@@ -125,6 +125,12 @@ def test_damaged_videos_are_refused(tmp_path: Path, make: SimpleNamespace) -> No
     assert str(caught.value) == (
         f"{text}: cannot open the file: it is truncated or not a video. Copy or encode the video again."
     )
+    unknown = tmp_path / "unknown.mp4"
+    assert b"avc1" in data
+    unknown.write_bytes(data.replace(b"avc1", b"zzzz"))
+    with refuses("footage.video_unreadable", file=unknown) as caught:
+        VideoReader(unknown)
+    assert "codec" in str(caught.value)
     with refuses("footage.video_missing", file=tmp_path / "none.mp4"):
         VideoReader(tmp_path / "none.mp4")
     fast = make.video(tmp_path / "f.mp4", frames, options={"crf": "20", "movflags": "faststart"})

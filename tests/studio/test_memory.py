@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+import torch
+
+from studio import memory
+from studio.memory import is_out_of_memory, memory_available, memory_limit
+
+
+@pytest.fixture
+def cgroups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of cgroups; this process is in /outer/inner."""
+    own = tmp_path / "cgroup"
+    own.write_text("0::/outer/inner\n")
+    monkeypatch.setattr(memory, "_OWN_CGROUP", own)
+    monkeypatch.setattr(memory, "_CGROUPS", tmp_path / "fs")
+    (tmp_path / "fs" / "outer" / "inner").mkdir(parents=True)
+    return tmp_path / "fs"
+
+
+def test_without_limits_it_is_the_machines_memory(cgroups: Path) -> None:
+    (cgroups / "outer" / "memory.max").write_text("max\n")
+    assert memory_limit() == psutil.virtual_memory().total
+
+
+def test_a_container_limits_it_at_any_level(cgroups: Path) -> None:
+    (cgroups / "outer" / "inner" / "memory.max").write_text(f"{1 << 32}\n")
+    assert memory_limit() == 1 << 32
+    (cgroups / "outer" / "memory.max").write_text(f"{1 << 31}\n")
+    assert memory_limit() == 1 << 31
+    assert 0 < memory_available() < 1 << 31, "less what this process has"
+
+
+def test_cgroups_of_version_1(cgroups: Path) -> None:
+    (cgroups.parent / "cgroup").write_text("5:devices:/other\n4:cpu,memory:/docker/abc\n")
+    place = cgroups / "memory" / "docker" / "abc"
+    place.mkdir(parents=True)
+    (cgroups / "memory" / "memory.limit_in_bytes").write_text("9223372036854771712\n")
+    assert memory_limit() == psutil.virtual_memory().total
+    (place / "memory.limit_in_bytes").write_text(f"{3 << 30}\n")
+    assert memory_limit() == 3 << 30
+
+
+def test_limits_of_the_session_count(cgroups: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = psutil.virtual_memory().total // 2
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, before[1]))
+    try:
+        assert memory_limit() == limit
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def test_every_librarys_way_to_say_that_memory_ran_out_is_known() -> None:
+    with pytest.raises(MemoryError) as numpy_says:
+        np.empty(1 << 60, np.uint8)
+    with pytest.raises(RuntimeError) as torch_says:
+        torch.empty(1 << 55, dtype=torch.uint8)
+    assert is_out_of_memory(numpy_says.value)
+    assert is_out_of_memory(torch_says.value)
+    assert not is_out_of_memory(RuntimeError("shapes do not match"))
+    assert not is_out_of_memory(ValueError("out of memory"))
