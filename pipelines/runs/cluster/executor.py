@@ -6,6 +6,7 @@ Ray's: so it can say what happened, and choose where a group runs next.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -33,6 +34,9 @@ _AHEAD = 8
 
 _NO_NODE_SECONDS = 30.0
 """How long a task may wait without a node that is large enough before people are told: one may be starting."""
+
+_DELIVERY_SECONDS = 30.0
+"""How long a task waits until its last events have arrived. Those of a task that has ended are dropped."""
 
 _PROGRAM_BYTES = 1 << 30
 """Memory of a worker process without images."""
@@ -402,7 +406,10 @@ def _task(task: GroupTask, mailbox: Any) -> tuple[str, Message | None]:
     import ray
 
     node = ray.get_runtime_context().get_node_id()
-    return node, run_task(task, mailbox, node)
+    problem = run_task(task, mailbox, node)
+    with contextlib.suppress(ray.exceptions.RayError):  # figures that are lost must not lose the group
+        ray.get(mailbox.delivered.remote(), timeout=_DELIVERY_SECONDS)
+    return node, problem
 
 
 def _last_line(error: Exception) -> str:

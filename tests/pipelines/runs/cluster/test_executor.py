@@ -304,6 +304,9 @@ def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     assert other is not None
     assert other.code == "cluster.version"
     assert "but the run was started with 0.0.1" in other.problem
+    other = run_task(sent(python="2.7"), mailbox, "")
+    assert other is not None
+    assert other.problem.endswith(f"but the run was started with {versions()[0]} on Python 2.7")
     blind = run_task(sent(), mailbox, "")
     assert blind is not None
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/take/take.json")
