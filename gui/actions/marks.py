@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from gui.presenters.playback.mark_views import show_view, view_of
 from gui.presenters.run.history import Change
 from gui.shell import Shell
 from pipelines.takes.marks import Mark
@@ -46,7 +47,7 @@ class MarkActions:
             if note is None:
                 marks.remove(frame, known)
             else:
-                marks.set(frame, note, known)
+                marks.set(frame, note, known, view_of(window.player))
         except StudioError as error:
             window.player.message = str(error)
         now = marks.marks.get(frame)
@@ -64,15 +65,22 @@ class MarkActions:
             window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
     def go(self, direction: int) -> None:
-        """Go to the next (1) or previous (-1) mark."""
+        """Go to the next (1) or previous (-1) mark, and to its view."""
         window = self._window
         frame = window.marks.next_after(window.player.transport.frame, direction)
         if frame is not None:
-            window.player.transport.pause()
-            window.player.transport.seek(frame)
+            self._go_to(frame)
 
     def show_all(self) -> None:
-        """Show the list of marks; choosing one goes to its frame."""
+        """Show the list of marks; choosing one goes to its frame and view."""
         window = self._window
         lines = {f"{frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
-        window.dialogs.choose("marks", "Marks", list(lines), lambda line: window.player.transport.seek(lines[line]))
+        window.dialogs.choose("marks", "Marks", list(lines), lambda line: self._go_to(lines[line]))
+
+    def _go_to(self, frame: int) -> None:
+        """Go to a mark's frame, and to its view if it has one."""
+        player, mark = self._window.player, self._window.marks.marks.get(frame)
+        player.transport.pause()
+        player.transport.seek(frame)
+        if mark is not None and mark.view is not None:
+            show_view(player, mark.view)

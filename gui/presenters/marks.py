@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipelines.takes.marks import Mark, change_mark, read_marks
+from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
 from studio.errors import StudioError
 
 
@@ -54,20 +54,23 @@ class Marks:
             self.marks, self._damage, self.error = {}, error, str(error)
         return True
 
-    def set(self, frame: int, note: str, replaces: Mark | None) -> None:
+    def set(self, frame: int, note: str, replaces: Mark | None, view: MarkView | None = None) -> None:
         """Mark a frame, or change its note.
 
         Args:
             frame: counted from 0.
             note: the text; unchanged text keeps its author.
             replaces: the frame's mark when the change was begun.
+            view: what is on screen; a mark that has a view keeps its own.
 
         Raises:
             StudioError: somebody else has changed this mark meanwhile, or the file is damaged or cannot be written.
         """
         note = note.strip()
         if replaces is None or note != replaces.note:
-            self.put(frame, Mark(frame=frame, note=note), replaces)
+            view = replaces.view or view if replaces is not None else view
+            mark = Mark(frame=frame, note=note) if view is None else Mark(frame=frame, note=note, view=view)
+            self.put(frame, mark, replaces)
 
     def remove(self, frame: int, replaces: Mark | None) -> None:
         """Remove a frame's mark; arguments and exceptions as `set`."""

@@ -13,7 +13,7 @@ import numpy as np
 from pipelines.config import Config
 from pipelines.reports.pictures import encode
 from pipelines.reports.plots import mark_rows, plots
-from pipelines.takes.atomic_files import write_text
+from pipelines.takes.atomic_files import digest_of, write_text
 from pipelines.takes.calibration import read_cameras_report
 from pipelines.takes.evaluation import Evaluation, read_evaluation
 from pipelines.takes.groups import Group
@@ -92,6 +92,8 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
             fix=f"Run `v3studio evaluate --take {take.root} --force`.",
             stage="evaluate",
         )
+    if _note_of(*_marks(take)) in text:
+        return False  # drawing the plots of a long take takes seconds
     new = head + _over_time(take, groups, read_evaluation(take.evaluation)) + tail
     if new == text:
         return False
@@ -102,18 +104,27 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
 
 def _over_time(take: Take, groups: Sequence[Group], evaluation: Evaluation) -> str:
     """The part of the report with the marks, between two comments."""
-    error, marks = "", dict[int, str]()
-    try:
-        marks = {frame: mark.words for frame, mark in read_marks(take.marks).items()}
-    except StudioError as found:  # write the report even if the marks are damaged
-        error = str(found)
+    marks, error = _marks(take)
     body = _rendered(
         "over_time.html.j2",
         plots=plots(take, groups, evaluation, marks),
         marks=mark_rows(evaluation, marks),
         marks_error=error,
     )
-    return f"{_BEGIN}\n{body}\n{_END}"
+    return f"{_BEGIN}\n{_note_of(marks, error)}\n{body}\n{_END}"
+
+
+def _marks(take: Take) -> tuple[dict[int, str], str]:
+    """Notes by frame; and why they cannot be read, with which the report is written, too."""
+    try:
+        return {frame: mark.words for frame, mark in read_marks(take.marks).items()}, ""
+    except StudioError as found:
+        return {}, str(found)
+
+
+def _note_of(marks: dict[int, str], error: str) -> str:
+    """A comment in the report by which its marks are recognized."""
+    return f"<!-- marks {digest_of([sorted(marks.items()), error])} -->"
 
 
 def _rendered(template: str, **values: Any) -> str:

@@ -77,7 +77,7 @@ def _quality_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
         if row.keyframe:
             axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
     axes.set(xlabel="frame (gray: keyframes; red ticks: marks)", ylabel="PSNR (dB)")
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="best" if len(rows) <= 1000 else "upper right")  # the best place takes long to find
     return True
 
 

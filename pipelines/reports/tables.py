@@ -16,14 +16,25 @@ if TYPE_CHECKING:
 _FOUR_DIGITS = ("ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
 
 
+MOST_FRAMES = 300
+"""Longer takes are shown by their lowest frames: nobody reads thousands of rows, and printing them takes a minute."""
+
+LOWEST_FRAMES = 20
+
+
 def print_evaluation(take: Take) -> None:
-    """Print one row per frame, the means, and how they were measured."""
+    """Print one row per frame, in a long take only those of the lowest PSNR; the means, and how they were measured."""
     evaluation = read_evaluation(take.evaluation)
     summary, protocol = evaluation.summary, evaluation.protocol
     screen = console()
     lpips = ("LPIPS trained", "decoded") if evaluation.has_lpips else ()
     table = table_of("frame", "group", "splats", "PSNR trained", "decoded", "SSIM trained", "decoded", *lpips, "KB")
-    for row in evaluation.frames:
+    rows, left_out = evaluation.frames, ""
+    if len(rows) > MOST_FRAMES:
+        lowest = sorted(rows, key=lambda row: row.psnr_decoded)[:LOWEST_FRAMES]
+        rows = tuple(sorted(lowest, key=lambda row: row.index))
+        left_out = f"The {len(rows)} frames with the lowest PSNR, decoded, of {len(evaluation.frames):,}. "
+    for row in rows:
         mark = "*" if row.keyframe else ""
         table.add_row(f"{row.frame}{mark}", str(row.group), str(row.splats), *_quality(row), f"{row.bytes / 1000:.1f}")
     table.add_section()
@@ -32,7 +43,7 @@ def print_evaluation(take: Take) -> None:
     screen.print(table)
     which = "held-out cameras" if protocol.held_out else "TRAINING cameras (none held out):"
     screen.print(
-        f"{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
+        f"{left_out}{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
         f"{protocol.background}. * keyframe. KB: the group's files, divided by its frames.\n"
         f"To play it all: {protocol.total_bytes:,} bytes with manifest and sound, "
         f"{summary.bytes_per_frame / 1000:.1f} KB per frame." + (f"\nLPIPS: {protocol.lpips}" if lpips else ""),

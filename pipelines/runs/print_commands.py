@@ -15,6 +15,7 @@ from pipelines.stages import GROUP_STAGES
 from pipelines.stages.base import Context
 from pipelines.stages.group_scheduler import groups_at_once
 from pipelines.takes.take import Take
+from studio.errors import StudioError
 
 
 def printed_commands(
@@ -42,7 +43,8 @@ def printed_commands(
         text that ends with a newline; "" if all groups are finished.
 
     Raises:
-        StudioError: the footage cannot be read, or where groups begin is not known yet (`work.groups_unknown`).
+        StudioError: the footage cannot be read, where groups begin is not known yet (`work.groups_unknown`), or a word
+            cannot be quoted for Deadline (`work.cannot_quote`).
     """
     context = Context(take, config)
     groups = known_groups(context)
@@ -57,7 +59,27 @@ def printed_commands(
         # one number for all tasks: groups of the last round have more threads (`threads_by_group`)
         cpus = max(cpus_of_group(longest, context, group) for group in todo)
         return _sbatch(take, command, todo, cpus, gpu=config.run.device not in ("auto", "cpu"))
+    if form == "deadline":
+        command = _double_quoted(command)
     return "".join(f"{command} --group {group}\n" for group in todo)
+
+
+def _double_quoted(command: str) -> str:
+    """The same command for Deadline, which starts it without a shell and knows double quotes only.
+
+    Raises:
+        StudioError: a word cannot be written so (`work.cannot_quote`).
+    """
+    words = shlex.split(command)
+    for word in words:
+        if set(word) & set('"\\$`\n'):
+            raise StudioError(
+                "work.cannot_quote",
+                f"'{word}' cannot be part of a command for Deadline",
+                value=word,
+                fix='Use paths and settings without ", \\, $ and `.',
+            )
+    return " ".join(word if shlex.quote(word) == word else f'"{word}"' for word in words)
 
 
 def _command(take: Take, context: Context, stages: Sequence[str], overrides: Sequence[str]) -> str:

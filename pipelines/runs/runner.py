@@ -150,11 +150,12 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
     here = context.config.run.executor == "local"
     if here and {"train", "bake", "evaluate"} & set(todo) and context.config.run.device not in ("auto", "cpu"):
         _ = context.device  # report a missing GPU before hours of work
-    limit_threads(context.threads)
-    with _executor(context, todo) as context.executor:
-        if "evaluate" in todo:
-            _ = context.lpips  # report weights that cannot be loaded before hours of work, too
-        _run_stages(context, todo, force, run_started)
+    if todo:
+        limit_threads(context.threads)
+        with _executor(context, todo) as context.executor:
+            if "evaluate" in todo:
+                _ = context.lpips  # report weights that cannot be loaded before hours of work, too
+            _run_stages(context, todo, force, run_started)
     if "evaluate" in names and "evaluate" not in todo:
         _update_marks(context)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
+import os
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import cast
@@ -22,6 +25,7 @@ from pipelines.takes.atomic_files import (
     write_model,
 )
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.json_types import JsonData
 
@@ -141,17 +145,26 @@ def _why_not_done(stage: Stage, context: Context, record: StageRecord | None, wa
     changed = differences(record.params, current_params(stage, context))
     if changed:
         return "; ".join(changed)
-    root = context.take.root
+    root, written, touched = context.take.root, record.written, False
     for name, size in record.files.items():
-        path = context.take.file(name)
-        if not path.is_file() or path.stat().st_size != size:
-            return f"{name} was {'modified' if path.exists() else 'deleted'}"
+        state = _state_of(context.take, name)
+        if state is None or not stat.S_ISREG(state.st_mode) or state.st_size != size:
+            return f"{name} was {'deleted' if state is None else 'modified'}"
+        touched |= name in written and state.st_mtime_ns != written[name]
     # with another modification time the content may still be the same, as in a copied take
-    written = record.written
-    touched = any(context.take.file(name).stat().st_mtime_ns != time for name, time in written.items())
     if touched and digest_of_files(root, [context.take.file(name) for name in written]) != record.result:
         return "result files were modified"
     return ""
+
+
+def _state_of(take: Take, name: str) -> os.stat_result | None:
+    """Of a file by its path in the take; None if there is none. A long take has ten thousand."""
+    try:
+        return os.stat(f"{take.root}/{name}")
+    except OSError:
+        with contextlib.suppress(OSError):
+            return take.file(name).stat()  # a take of format 1 has other names
+    return None
 
 
 def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:

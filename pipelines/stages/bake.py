@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from pipelines.stages.summaries import BakeSummary
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy, read_model, remove, write_model
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
+from pipelines.takes.records import digests_on_record
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
 from studio.atomic_files import exchange
@@ -96,7 +97,8 @@ class BakeStage:
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Groups that are baked with current settings and inputs."""
         groups = self.parts(context)
-        return sum(self._place(context, group) is not None for group in groups), len(groups), "groups"
+        known = digests_on_record(context.take, "train") | digests_on_record(context.take, self.name)
+        return sum(self._seems_done(context, group, known) for group in groups), len(groups), "groups"
 
     def run(self, context: Context, reporter: StageReporter) -> BakeSummary:
         """Bake the groups that are missing, then replace the stream."""
@@ -220,9 +222,21 @@ class BakeStage:
         """File with the key, digests and manifest entry of a baked group."""
         return context.take.work(self.name) / f"{group_name(group.index)}.json"
 
-    def _key(self, context: Context, group: Part) -> str:
+    def _seems_done(self, context: Context, group: Part, known: Mapping[Path, str]) -> bool:
+        """Whether a group is baked; `known` are digests of files that need not be read, gigabytes in a long take."""
+        if context.config.bake.stream_version != 3:
+            return self._place(context, group) is not None
+        if not self._note(context, group).is_file():
+            return False
+        note = read_model(self._note(context, group), BakedGroupNote)
+        if note.key != self._key(context, group, known):
+            return False
+        return all(self._file(context, path, note, known) is not None for path in note.files)
+
+    def _key(self, context: Context, group: Part, known: Mapping[Path, str] | None = None) -> str:
+        """Digest of everything that the group is made from; `known` are digests of frames that need not be read."""
         frames = [context.take.trained_frame(group.trained.index, index) for index in group.indices]
-        content = [digest_of_file(path) if path.is_file() else None for path in frames]
+        content = [(known or {}).get(path) or (digest_of_file(path) if path.is_file() else None) for path in frames]
         settings = settings_affecting(context.config, "videos")
         if context.config.bake.stream_version == 3:  # its level depends on it
             settings["frames a second"] = float(context.footage.raw.fps)
@@ -257,11 +271,15 @@ class BakeStage:
                 return place
         return None
 
-    def _file(self, context: Context, path: str, note: BakedGroupNote) -> Path | None:
-        """Version 3: an undamaged file of a baked group, in the work folder or in the old stream."""
+    def _file(
+        self, context: Context, path: str, note: BakedGroupNote, known: Mapping[Path, str] | None = None
+    ) -> Path | None:
+        """Version 3: an undamaged file of a baked group, in the work folder or in the old stream; `known` are digests
+        of files that need not be read."""
         for folder in (self._folder(context), context.take.stream):
             file = folder / path
-            if file.is_file() and digest_of_file(file) == note.digests.get(path):
+            digest = (known or {}).get(file) or (digest_of_file(file) if file.is_file() else None)
+            if digest is not None and digest == note.digests.get(path):
                 return file
         return None
 

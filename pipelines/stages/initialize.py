@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from pipelines.stages.summaries import InitializeSummary
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
-from pipelines.takes.records import result_of
+from pipelines.takes.records import digests_on_record, result_of
 from pipelines.takes.stage_files import InitialPointsReport
 from studio.errors import Message
 
@@ -69,7 +69,9 @@ class InitializeStage:
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Groups with valid points."""
         groups = context.groups
-        return sum(self.group_done(context, group) for group in groups), len(groups), "groups"
+        known = digests_on_record(context.take, self.name)
+        done = sum(self._seems_done(context, group, known) for group in groups)
+        return done, len(groups), "groups"
 
     def run(self, context: Context, reporter: StageReporter) -> InitializeSummary:
         """Find groups, and sample points for groups that have none."""
@@ -106,15 +108,34 @@ class InitializeStage:
 
     def group_done(self, context: Context, group: Group) -> bool:
         """The report has the current key, and the files have the digests in it."""
+        folder, report = context.take.initialize_group(group.index), self._has_report(context, group)
+        return report is not None and all(
+            digest_of_file(folder / name) == value for name, value in report.files.items()
+        )
+
+    def _seems_done(self, context: Context, group: Group, known: Mapping[Path, str]) -> bool:
+        """The same without reading files, gigabytes in a long take, whose digest is known or which are older than the
+        report."""
+        folder, report = context.take.initialize_group(group.index), self._has_report(context, group)
+        if report is None:
+            return False
+        written = (folder / "report.json").stat().st_mtime_ns
+        for name, value in report.files.items():
+            file = folder / name
+            digest = known.get(file) or (None if file.stat().st_mtime_ns <= written else digest_of_file(file))
+            if digest not in (None, value):
+                return False
+        return True
+
+    def _has_report(self, context: Context, group: Group) -> InitialPointsReport | None:
+        """The report, if it has the current key and its files are there."""
         folder = context.take.initialize_group(group.index)
         if not (folder / "report.json").is_file():
-            return False
+            return None
         report = read_model(folder / "report.json", InitialPointsReport)
         if report.key != self.group_key(context, group):
-            return False
-        return all(
-            (folder / name).is_file() and digest_of_file(folder / name) == value for name, value in report.files.items()
-        )
+            return None
+        return report if all((folder / name).is_file() for name in report.files) else None
 
     def _make(
         self, context: Context, group: Group, reporter: StageReporter, start: float, stop: float, label: str

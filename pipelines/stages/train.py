@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
+from pipelines.config.renamed import first_name, first_names
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.camera_colors import camera_colors_key, ensure_camera_colors
@@ -17,7 +18,7 @@ from pipelines.stages.params import Params, key_of, settings_affecting, settings
 from pipelines.stages.summaries import TrainSummary
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
-from pipelines.takes.atomic_files import read_model, remove
+from pipelines.takes.atomic_files import digest_of, read_model, remove
 from pipelines.takes.frame_files import read_about
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
@@ -58,8 +59,8 @@ class TrainStage:
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Frames trained with current settings and inputs."""
-        groups = context.groups
-        done = sum(self._finished(context, group) for group in groups)
+        groups, recipe = context.groups, self._keyframe_recipe(context)
+        done = sum(self._finished(context, group, recipe) for group in groups)
         return done, sum(len(group.frames) for group in groups), "frames"
 
     def run(self, context: Context, reporter: StageReporter) -> TrainSummary:
@@ -170,12 +171,12 @@ class TrainStage:
             **settings_affecting(context.config, "keyframe", "later_frames"),
         }
 
-    def _keys(self, context: Context, group: Group) -> list[str]:
-        """Key of each frame of the group, in order."""
+    def _keys(self, context: Context, group: Group, recipe: Params | None = None) -> list[str]:
+        """Key of each frame of the group, in order; `recipe` is what `_keyframe_recipe` returns, if it is known."""
         points = context.take.initialize_group(group.index) / "report.json"
         files = read_model(points, InitialPointsReport).files if points.is_file() else None
         later = settings_affecting(context.config, "later_frames")
-        recipe = self._keyframe_recipe(context)
+        recipe = self._keyframe_recipe(context) if recipe is None else recipe
         colors = [camera_colors_key(context, recipe)] if context.config.train.camera_colors else []
         start = key_of(
             self.name,
@@ -187,13 +188,14 @@ class TrainStage:
             *colors,
         )
         keys = [key_of(self.name, self.version, start, group.keyframe)]
+        named = first_names(later)  # as `key_of` does for each of the frames, which may be thousands
         for frame in group.frames[1:]:
-            keys.append(key_of(self.name, self.version, keys[-1], later, frame))
+            keys.append(digest_of([first_name(self.name), self.version, keys[-1], named, frame]))
         return keys
 
-    def _finished(self, context: Context, group: Group) -> int:
+    def _finished(self, context: Context, group: Group, recipe: Params | None = None) -> int:
         """Number of valid trained frames of the group, from the first without gaps."""
-        take, keys = context.take, self._keys(context, group)
+        take, keys = context.take, self._keys(context, group, recipe)
         count = 0
         for index, key in zip(group.indices, keys, strict=True):
             about = read_about(take.trained_frame(group.index, index))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from functools import lru_cache
+from pathlib import Path
 
 from pydantic import Field, JsonValue, ValidationError, model_validator
 
@@ -113,6 +115,20 @@ def note_rewritten(take: Take, stage: str) -> None:
         "written": {name: stat.st_mtime_ns for name, stat in stats.items()},
     }
     write_model(take.record(stage), record.model_copy(update=update))
+
+
+def digests_on_record(take: Take, stage: str) -> dict[Path, str]:
+    """Digests of a finished stage's files that have not been written since, by path; without reading them."""
+    record, found = read_record(take, stage), dict[Path, str]()
+    if record is None:
+        return found
+    for name, digest in record.digests.items():
+        path = take.file(name)
+        with contextlib.suppress(OSError):
+            state = path.stat()
+            if (state.st_mtime_ns, state.st_size) == (record.written.get(name), record.files.get(name)):
+                found[path] = digest
+    return found
 
 
 def result_of(take: Take, stage: str) -> str | None:

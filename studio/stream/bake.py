@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from studio.atomic_files import remove_leftovers, temporary_path
+from studio.atomic_files import leftovers, remove, remove_leftovers, temporary_path
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
@@ -84,7 +86,8 @@ def bake_group(
     folder = directory / group_folder_name(group)
     partial = temporary_path(folder)
     try:
-        shutil.rmtree(directory / f".{folder.name}.partial", ignore_errors=True)  # of a killed run of earlier versions
+        for name in ("partial", "old"):  # of a killed run of earlier versions
+            shutil.rmtree(directory / f".{folder.name}.{name}", ignore_errors=True)
         remove_leftovers(directory, folder)
         if settings.stream_version == 3:
             return bake_ladder(
@@ -214,10 +217,20 @@ def _write_plain(
 
 
 def _replace_folder(new: Path, target: Path) -> None:
-    """Rename a folder into place. An existing one is moved aside first, then removed."""
-    old = target.with_name(f".{target.name}.old")
-    shutil.rmtree(old, ignore_errors=True)
-    if target.exists():
-        os.rename(target, old)
-    os.rename(new, target)
-    shutil.rmtree(old, ignore_errors=True)
+    """Rename a folder into place. An existing one is moved aside first, then removed.
+
+    Where several workers do it at once, the folder of one of them remains, whole.
+    """
+    for path in leftovers(target.parent, target, ".old"):
+        remove(path)
+    while True:
+        try:
+            os.rename(new, target)
+            return
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+        old = temporary_path(target, ".old")
+        with contextlib.suppress(FileNotFoundError):  # another worker has just moved it
+            os.rename(target, old)
+        remove(old)

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from gui.presenters.run.jobs import Job
+from gui.presenters.run.jobs import Job, is_paused
 from gui.presenters.run.run_state import CURVE_POINTS, Curve, RunState
 from gui.presenters.run.workspace import Workspace
 from pipelines.events import Log, Metrics, Progress, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
@@ -322,3 +322,16 @@ def test_damaged_settings_are_a_sentence(workspace: Workspace, take_copy: Path) 
     assert "config.yaml" in workspace.message
     assert workspace.row("capture").state == "failed"
     assert not workspace.start("all")
+
+
+def test_a_run_on_a_cluster_is_not_paused(workspace: Workspace, take_copy: Path) -> None:
+    """Suspending its process would only make the cluster believe that it is gone."""
+    config = take_copy / "config.yaml"
+    config.write_text(config.read_text().replace("executor: local", "executor: ray"))
+    workspace.open(Take.open(take_copy))
+    with subprocess.Popen(["sleep", "600"]) as child:
+        workspace.holder = {"pid": child.pid}
+        workspace.pause()
+        assert "on a cluster cannot be paused" in workspace.message
+        assert (workspace.paused, is_paused(child.pid)) == (False, False)
+        child.kill()

@@ -13,6 +13,7 @@ from gui.presenters.drawing.palette import ACCENT
 from gui.presenters.evaluation import Evaluation
 from gui.presenters.marks import Marks
 from gui.presenters.playback.image_zoom import ImageZoom
+from gui.presenters.playback.mark_views import show_view, view_of
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import TimelinePlots, plots_of
 from gui.presenters.run.inspector import figures_picture, log_lines, review_blocks
@@ -20,7 +21,7 @@ from pipelines.config import load_config
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.marks import Mark, change_mark
+from pipelines.takes.marks import Mark, MarkView, change_mark
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -156,6 +157,48 @@ def test_marks_stay_in_the_take(tmp_path: Path) -> None:
     session = Marks(None)
     session.set(2, "kept until closed", None)
     assert not session.kept
+
+
+def test_a_mark_keeps_its_view_and_leads_back_to_it(player: PlayerPresenter) -> None:
+    player.orbit = player.orbit.orbit(120, -40).zoom(3).pan(15, 5, 192)
+    free, seen = view_of(player), player.view()
+    assert seen is not None
+    assert free.eye == pytest.approx(seen.center.tolist())
+    player.look_through("cam4")
+    player.choose_mode("wipe")
+    player.wipe = 0.3
+    compared = view_of(player)
+    assert (compared.camera, compared.wipe, compared.whole) == ("cam4", 0.3, False)
+    player.choose_mode("single")
+    player.reset_view()
+    player.wipe = 0.5
+    filmed = view_of(player)
+    assert (filmed.camera, filmed.wipe, filmed.whole) == ("cam4", None, True)
+
+    show_view(player, free)
+    again = player.view()
+    assert again is not None
+    assert player.camera == ""
+    assert np.allclose(again.world_to_camera, seen.world_to_camera)
+    assert np.allclose(again.K, seen.K)
+    for view in (compared, filmed):
+        show_view(player, view)
+        assert view_of(player) == view
+    show_view(player, compared.model_copy(update={"camera": "gone"}))
+    assert player.camera == ""
+    assert player.orbit.eye == pytest.approx(np.array(compared.eye)), "from the same place"
+
+
+def test_a_changed_note_leaves_the_view_of_its_mark(tmp_path: Path) -> None:
+    first = MarkView(eye=(0, -3, 1), target=(0, 0, 1), fov=40, camera="cam4", wipe=0.5)
+    marks = Marks(tmp_path / "marks.json")
+    marks.set(2, "soft", None, first)
+    marks.set(2, "soft hand", marks.marks[2], first.model_copy(update={"camera": "cam2"}))
+    assert marks.marks[2].view == first
+    change_mark(tmp_path / "marks.json", 3, Mark(frame=3, note="of version 0.2"), None)
+    marks.refresh()
+    marks.set(3, "with a view", marks.marks[3], first)
+    assert marks.marks[3].view == first
 
 
 def test_plots_show_the_frame_and_clicks_find_it() -> None:

@@ -23,6 +23,7 @@ import { planePositions, planesLayout } from "../src/stream/planes.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
 import { DepthSorter } from "../src/stream/sort.ts";
 import { warmUp } from "../src/stream/warm_up.ts";
+import { demuxSample } from "../src/worker/sample_video.ts";
 import { linkTo, parseTime, parseView } from "../src/ui/link.ts";
 import { inDisplayOrder, packetsNeeded } from "../src/worker/order.ts";
 
@@ -140,8 +141,18 @@ void test("a side file that decompresses to far more than it says is not decompr
 
 void test("warming up reads what it has made up, for as long as it is wanted", async () => {
   let rounds = 0;
-  await warmUp(() => ++rounds <= 3);
-  assert.equal(rounds, 4);
+  let others = 0;
+  await warmUp(() => ++rounds <= 6, () => {
+    others++;
+    return Promise.resolve();
+  });
+  // Asked before each of the two parts of a round.
+  assert.equal(rounds, 7);
+  assert.equal(others, 3);
+});
+
+void test("the demuxer is warmed up with a video that it reads", async () => {
+  await demuxSample();
 });
 
 void test("tables are right whichever groups came before", async () => {

@@ -83,6 +83,19 @@ class OrbitCamera:
         )
         return orbit._facing(camera.forward)
 
+    @classmethod
+    def from_to(cls, eye: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float) -> OrbitCamera:
+        """The view from a point to another one, which it orbits.
+
+        Args:
+            eye: (3,) position of the viewer, world coordinates.
+            target: (3,), not at `eye`.
+            up: (3,) world up direction.
+            fov: vertical field of view, radians.
+        """
+        orbit = cls(target=target, up=up, distance=float(np.linalg.norm(target - eye)), fov=fov)
+        return orbit._facing(target - eye)
+
     def basis(self) -> tuple[np.ndarray, np.ndarray]:
         """Two fixed directions that span the plane perpendicular to `up`; the first is yaw 0."""
         helper = np.eye(3)[int(np.argmin(np.abs(self.up)))]

@@ -287,6 +287,9 @@ class Workspace:
         pid = self.pid
         if pid is None:
             return
+        if self.config is not None and self.config.run.executor == "ray":
+            self.message = "A run on a cluster cannot be paused. Cancel it; the next run resumes it."
+            return
         if self._elsewhere:
             self.message = f"The run is on another machine ({self.holder and self.holder.get('host')}); pause it there."
             return

@@ -20,6 +20,9 @@ class Mailbox:
         """An event of a task, as JSON."""
         self._letters.append(("event", (stage, group, attempt), (line,)))
 
+    def delivered(self) -> None:
+        """Answers when everything that the same task sent before is here: Ray keeps the order of a sender's calls."""
+
     def take(self) -> list[Letter]:
         """What arrived since the last call."""
         letters, self._letters = self._letters, []

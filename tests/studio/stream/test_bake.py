@@ -1,6 +1,7 @@
 """Files of a baked group: determinism, layout, decoding with other libraries, and atomicity."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import torch
 
 from studio.errors import Cancelled
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream.bake import _replace_folder
 from studio.stream.layout import plane_side
 from studio.stream.morton import morton_order
 from tests.support.errors import refuses
@@ -173,6 +175,27 @@ def test_a_group_that_is_baked_twice_at_once_is_whole(tmp_path, make_frames):
     first = bake_group(frames, tmp_path, 0, 0, PLANES, progress=another)
     assert first == again[0]
     assert [path.name for path in tmp_path.iterdir()] == ["group_000"]
+
+
+def test_two_workers_that_replace_a_group_at_once_leave_one_of_them(tmp_path, monkeypatch):
+    target, rename = tmp_path / "group_000", os.rename
+
+    def folder(name, text):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "opacity.mp4").write_text(text)
+        return tmp_path / name
+
+    folder("group_000", "before")
+    others = [folder("second", "second"), folder("third", "third")]
+
+    def racing(source, place):
+        rename(source, place)
+        if source == target and others:  # moved aside: another worker is faster
+            rename(others.pop(), target)
+
+    monkeypatch.setattr(os, "rename", racing)
+    _replace_folder(folder("first", "first"), target)
+    assert {path.name: (path / "opacity.mp4").read_text() for path in tmp_path.iterdir()} == {"group_000": "first"}
 
 
 def test_progress_counts_frames(tmp_path, make_frames):

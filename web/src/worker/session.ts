@@ -32,6 +32,7 @@ import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo
 import { Closed, PathFailed, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
 import { Pool } from "./pool.ts";
+import { demuxSample } from "./sample_video.ts";
 import { type Files, GroupStore } from "./store.ts";
 import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
@@ -122,6 +123,8 @@ export class Session {
     const packed = remote && /\.v3s$/i.test(address.pathname);
     if (remote && !packed && !address.pathname.endsWith(".json"))
       address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
+    // Until the first group is there, this thread has nothing else to do.
+    void warmUp(() => this.idle && !this.closing.signal.aborted, demuxSample).catch(() => undefined);
     const last = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
     const name = remote && !packed ? last : MANIFEST_NAME;
     const early = port === null ? null : new EarlyFiles(port);
@@ -586,14 +589,11 @@ export class Session {
     );
   }
 
-  private warm = false;
+  /** Whether no group has been there yet. */
+  private idle = true;
 
   private async read(index: number): Promise<Prepared> {
-    let waiting = true;
-    const getting = this.store!.get(index).finally(() => (waiting = false));
-    if (!this.warm && this.manifest!.profile === "motion") void warmUp(() => waiting);
-    this.warm = true;
-    const { group, files } = await getting;
+    const { group, files } = await this.store!.get(index).finally(() => (this.idle = false));
     const began = performance.now();
     if (group.profile === "planes") {
       const pictures = new PlanesPictures(
