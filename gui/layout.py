@@ -20,6 +20,9 @@ from gui.viewport import Viewport
 NARROW = 60
 """Width in em below which the right panel is hidden until the user shows it (I)."""
 
+LEFT, LEAST_LEFT, MOST_LEFT = 18.0, 14.0, 40.0
+"""Width of the left panel in em: at first, the least and the most."""
+
 
 @dataclass(frozen=True)
 class Panels:
@@ -54,6 +57,7 @@ class Layout:
     Attributes:
         fullscreen: only the viewport is visible.
         figures: whether the right panel is visible; None to decide by width.
+        left: width of the left panel, em; at most a third of the window.
     """
 
     def __init__(self, panels: Panels) -> None:
@@ -65,6 +69,13 @@ class Layout:
         self.fills = [gui.Vert() for _ in range(4)]
         for number, fill in enumerate(self.fills):
             fill.background_color = color(GROUND if number < 3 else PANEL)
+        self.left = LEFT
+
+    def widen(self, x: float) -> None:
+        """Drag the left panel's edge to a column of the window."""
+        at = x - self._panels.window.content_rect.x
+        self.left = min(max(at / self._panels.em, LEAST_LEFT), MOST_LEFT)
+        self._panels.window.set_needs_layout()
 
     @property
     def shows_figures(self) -> bool:
@@ -106,9 +117,9 @@ class Layout:
             if panels.camera_menu.camera:
                 panels.camera_menu.place(context, area)
             return
-        left = min(round(18 * em), width // 3)
+        left = min(round(self.left * em), width // 3)
         right = min(round(17 * em), width // 4) if figures else 0
-        gap, pad = round(0.3 * em), round(0.5 * em)
+        gap, pad = round(0.4 * em), round(0.5 * em)
         inner = x + left + gap
         inner_width = width - left - gap
         padded = inner_width - 2 * pad

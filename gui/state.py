@@ -168,6 +168,7 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         **{key: button for (stage, key), button in window.modes.buttons.items() if stage == window.views.stage},
         **{f"dialog {key}": widget for key, widget in window.dialogs.widgets.items()},
         "settings filter": settings.filter,
+        **settings.widgets,
         **{f"setting {name}": editor for name, (_, editor) in settings.editors.items()},
     }
 

@@ -17,6 +17,7 @@ from gui.panels.modes import ModesPanel
 from gui.panels.picture import color, plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
+from gui.platform.chords import Chords
 from gui.platform.closing import CloseRequests
 from gui.platform.redraw import Redraws
 from gui.presenters.drawing.palette import BAD, DIM, GROUND, PANEL, TEXT
@@ -43,14 +44,6 @@ from studio.gaussians import Gaussians
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
 render frames. The longer one applies while rendering falls behind playback."""
-
-MODIFIERS = {
-    gui.KeyName.LEFT_CONTROL: "control",
-    gui.KeyName.RIGHT_CONTROL: "control",
-    gui.KeyName.META: "control",
-    gui.KeyName.LEFT_SHIFT: "shift",
-    gui.KeyName.RIGHT_SHIFT: "shift",
-}
 
 Loaded = tuple[Opened, Gaussians | None] | str
 
@@ -94,7 +87,7 @@ class MainWindow:
         self.close_requests = CloseRequests()
         self.wants_close = False
         self.ticks = 0
-        self._modifiers: set[object] = set()
+        self._chords = Chords()
         application = gui.Application.instance
         menus.build(application)
         self.window = application.create_window("V3 Studio", *size)
@@ -104,6 +97,7 @@ class MainWindow:
         self.dialogs = Dialogs(self.window)
         self.actions = Actions(self)
         self._build()
+        self.layout.left = self.preferences.panel_width
         self.window.set_on_layout(self.layout.place)
         self.window.set_on_tick_event(self._on_tick)
         self.window.set_on_key(self._on_key)
@@ -117,7 +111,9 @@ class MainWindow:
         self.timeline = TimelinePanel(self.player, em, changed)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen)
-        self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, changed)
+        self.stages = StagesPanel(
+            self.workspace, em, self.select, self.actions.run, changed, self.actions.pick, self._widen
+        )
         self.inspector = InspectorPanel(em, changed)
         self.camera_menu = CameraMenu(em, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
@@ -216,6 +212,7 @@ class MainWindow:
         """After the last tick: end threads, close files. A job keeps running."""
         self.views.close()
         self.serving.stop()
+        self.stages.estimates.stop()
         self.actions.queue.close()
         self.workspace.close()
         self._opener.close()
@@ -245,6 +242,7 @@ class MainWindow:
         self.changed()
 
     def _on_key(self, event: gui.KeyEvent) -> bool:
+        modifier = self._chords.note(event)
         if event.key == gui.KeyName.ESCAPE:
             self.close_requests.escape()
             if event.type == gui.KeyEvent.Type.DOWN:
@@ -257,13 +255,14 @@ class MainWindow:
             return True
         if self.dialogs.key(event):
             return True
-        if event.key in MODIFIERS:
-            (self._modifiers.add if event.type == gui.KeyEvent.Type.DOWN else self._modifiers.discard)(event.key)
+        if modifier:
             return False
         if event.type != gui.KeyEvent.Type.DOWN or self.dialogs.name:
             return False
-        held = {MODIFIERS[key] for key in self._modifiers}
-        action = self.actions.for_chord(event, "shift" in held) if "control" in held else self.actions.for_key(event)
+        if self._chords.control:
+            action = None if self._chords.again else self.actions.for_chord(event, self._chords.shift)
+        else:
+            action = self.actions.for_key(event)
         if action is None:
             return False
         action()
@@ -383,6 +382,13 @@ class MainWindow:
     def marks_changed(self) -> None:
         """Update the timeline's marks."""
         self.timeline.marks = tuple(sorted(self.marks.notes))
+
+    def _widen(self, x: float, ended: bool) -> None:
+        """The edge of the left panel is dragged; the width is kept for next time."""
+        self.layout.widen(x)
+        if ended:
+            self.preferences.panel_width = round(self.layout.left, 2)
+            self.preferences.save()
 
     def laid_out(self) -> None:
         """Lay the window out again before it is next drawn."""

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from pipelines.commands.board import add_board_command, add_sync_command
+from pipelines.commands.stored import working_copy
 from pipelines.events.cancellation import EXIT_CANCELLED
 from studio.environment import keep_freed_memory, passive_openmp
 from studio.errors import Cancelled, StudioError
@@ -94,7 +95,8 @@ def execute(arguments: Sequence[str]) -> int:
         command: Callable[[argparse.Namespace], int] = known.command
         with _json_output() if getattr(known, "json", False) else nullcontext(sys.stdout) as known.output:
             try:
-                code = command(known)
+                with working_copy(known):
+                    code = command(known)
             except StudioError as error:
                 if getattr(known, "json", False) and not getattr(known, "reported", False):
                     _print_failure(error, known.output)
@@ -170,7 +172,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     )
     _add_live(run)
     _add_detach(run)
-    run.set_defaults(command=_run, stage=None)
+    run.set_defaults(command=_run, stage=None, stored_take="run")
     for name, text in STAGE_HELP.items():
         stage = _stage_parser(commands, name, text)
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
@@ -180,7 +182,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         if name == "train":
             _add_live(stage)
         _add_detach(stage)
-        stage.set_defaults(command=_run, stage=name, until=None)
+        stage.set_defaults(command=_run, stage=name, until=None, stored_take="run")
 
     status = commands.add_parser(
         "status",
@@ -188,9 +190,9 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         description="Show which stages of a take are up to date, and why the others are not.",
         allow_abbrev=False,
     )
-    status.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
+    status.add_argument("take", type=Path, metavar="DIR", help="folder or address of the take")
     status.add_argument("--json", action="store_true", help="print JSON")
-    status.set_defaults(command=_status)
+    status.set_defaults(command=_status, stored_take="read")
 
     estimate.register(commands)
     attach.register(commands)
@@ -369,7 +371,7 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
         metavar="CONFIG",
         help="YAML file of settings, or the folder of a take (default: the settings in the take)",
     )
-    parser.add_argument("--take", type=Path, metavar="DIR", help="folder of the take; created if needed")
+    parser.add_argument("--take", type=Path, metavar="DIR", help="folder or address of the take; created if needed")
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     return parser

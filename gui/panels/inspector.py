@@ -111,7 +111,7 @@ class InspectorPanel:
             if id(run) != self._lines_of[0]:
                 self._back = 0
             self._lines_of = lines_of
-            self._lines = log_lines(run.lines, size[0], self._em)
+            self._lines = log_lines(run.lines, size[0], self._em, run.times)
         state = (len(self._lines), self._lines[-1:], self._back, size)
         if state == self._log_of:
             return False

@@ -1,16 +1,45 @@
-"""The settings of a stage under headings, with documentation as tooltips and a search field."""
+"""The settings of a stage under headings: presets, search, what differs from the preset, and a field for each."""
 
 from __future__ import annotations
 
 import textwrap
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from open3d.visualization import gui
 
 from gui.panels.picture import color
-from gui.presenters.drawing.palette import ACCENT, DIM, PANEL
+from gui.panels.setting_editors import Editor, make_editor
+from gui.presenters.drawing.palette import ACCENT, DIM, FAIR, PANEL, RAISED
+from gui.presenters.run.estimates import Estimates
 from gui.presenters.run.settings import SettingField, fields_of, matching
 from pipelines.config import Config
+from pipelines.config.presets import PRESETS, differing, preset_of
+
+PRESET_STAGES = ("initialize", "train", "bake")
+"""Stages that presets set."""
+
+
+@dataclass(frozen=True)
+class SettingActions:
+    """What the panel asks for.
+
+    Attributes:
+        set_value: called with the field and the new text.
+        reset: called with the names of settings to set as in the preset.
+        choose: called with a preset.
+        pick: called with a field whose file or folder is to be chosen in a dialog.
+        estimate: measures the presets.
+        changed: called when something must be drawn again.
+    """
+
+    set_value: Callable[[SettingField, str], None]
+    reset: Callable[[list[str]], None]
+    choose: Callable[[str], None]
+    pick: Callable[[SettingField], None]
+    estimate: Callable[[], None]
+    changed: Callable[[], None]
 
 
 class SettingsList:
@@ -19,32 +48,74 @@ class SettingsList:
     Args:
         stage: key of `TITLES`.
         em: font size, pixels.
-        set_value: called with the field and the new text.
-        changed: called when the filter has changed; call `refilter` afterwards.
+        actions: what it asks for.
+        estimates: figures of the presets.
     """
 
-    def __init__(
-        self, stage: str, em: float, set_value: Callable[[SettingField, str], None], changed: Callable[[], None]
-    ) -> None:
-        self._em, self._set_value, self._changed = em, set_value, changed
+    def __init__(self, stage: str, em: float, actions: SettingActions, estimates: Estimates) -> None:
+        self._em, self._actions, self._estimates = em, actions, estimates
         self._fields = fields_of(stage)
-        self.editors: dict[str, tuple[SettingField, gui.Widget]] = {}
-        self._shown: dict[str, str] = {}
-        self._words: str | None = None
+        self._has_presets = stage in PRESET_STAGES
+        self._rows: dict[str, tuple[SettingField, Editor, gui.Label, gui.Checkbox]] = {}
+        self._words: tuple[str, bool] | None = None
         self._typed = ""
+        self._differing: list[str] = []
         self.widget = gui.Widget()
         self.widget.background_color = color(PANEL)
+        self.preset = gui.Combobox()
+        self.preset.tooltip = "A schedule of training with a size of the stream; sets the settings that matter for both"
+        for name in PRESETS:
+            self.preset.add_item(name)
+        self.preset.set_on_selection_changed(lambda _, number: actions.choose(list(PRESETS)[number]))
+        words = "Measure how long the presets take for this footage on this machine: about a minute, on all cores"
+        self.estimate = self._button("Estimate", words, actions.estimate)
+        self.summary = gui.Label(" " * 60)
+        self.reset_all = self._button("Reset", "", lambda: actions.reset(list(self._differing)))
         self.filter = gui.TextEdit()
         self.filter.placeholder_text = "search settings"
         self.filter.tooltip = "Show settings whose name, heading or documentation contains all of these words"
         self.filter.set_on_text_changed(self._type)
+        self.all = gui.Checkbox("all")
+        self.all.tooltip = "Also show settings that few people need"
+        self.all.set_on_checked(lambda _: actions.changed())
         self._scroll = gui.ScrollableVert(0, gui.Margins(0.6 * em, 0.2 * em, 1.2 * em, 0.4 * em))
         self._scroll.background_color = color(PANEL)
         self._content = gui.WidgetProxy()
         self._scroll.add_child(self._content)
-        self.widget.add_child(self.filter)
-        self.widget.add_child(self._scroll)
+        heads = (self.preset, self.estimate) if self._has_presets else ()
+        for widget in (*heads, self.summary, self.reset_all, self.filter, self.all, self._scroll):
+            self.widget.add_child(widget)
         self.refilter()
+
+    def _button(self, icon: str, tooltip: str, action: Callable[[], object]) -> gui.Button:
+        button = gui.Button(icon)
+        button.tooltip = tooltip
+        button.vertical_padding_em = 0.0
+        button.horizontal_padding_em = 0.25
+        button.background_color = color(RAISED)
+
+        def clicked() -> None:
+            action()
+            self._actions.changed()
+
+        button.set_on_clicked(clicked)
+        return button
+
+    @property
+    def editors(self) -> dict[str, tuple[SettingField, gui.Widget]]:
+        """The fields on screen, by name of the setting."""
+        return {name: (field, editor.widget) for name, (field, editor, _, _) in self._rows.items()}
+
+    @property
+    def widgets(self) -> dict[str, gui.Widget]:
+        """What can be pressed besides the fields, by name."""
+        heads = {"preset": self.preset, "estimate": self.estimate} if self._has_presets else {}
+        rows = {f"reset {name}": row[3] for name, row in self._rows.items()}
+        sliders = {f"slider {name}": row[1].slider for name, row in self._rows.items() if row[1].slider is not None}
+        pickers = {f"browse {name}": row[1].browse for name, row in self._rows.items() if row[1].browse is not None}
+        return {
+            **heads, "all settings": self.all, "reset settings": self.reset_all, **rows, **sliders, **pickers,
+        }  # fmt: skip
 
     def find(self, name: str) -> None:
         """Filter for one setting; call `refilter` afterwards."""
@@ -52,27 +123,46 @@ class SettingsList:
 
     def _type(self, text: str) -> None:
         self._typed = text
-        self._changed()
+        self._actions.changed()
 
-    def place(self, x: float, y: float, width: float, height: float) -> None:
+    def place(self, x: float, y: float, width: float, height: float, context: gui.LayoutContext) -> None:
         """Set the panel's rectangle in window pixels."""
         em = self._em
-        left, above, top = int(x), int(y), int(1.9 * em)
-        wide, high = int(width), int(y + height) - above  # whole pixels: a child one pixel too high adds a scroll bar
-        self.widget.frame = gui.Rect(left, above, wide, high)
-        self.filter.frame = gui.Rect(int(x + 0.6 * em), int(above + 0.2 * em), int(width - 1.2 * em), int(1.4 * em))
-        self._scroll.frame = gui.Rect(left, above + top, wide, max(high - top, 1))
+        left, top, wide = int(x), int(y), int(width)
+        bottom = int(y + height)  # whole pixels: a child one pixel too high adds a scroll bar
+        self.widget.frame = gui.Rect(left, top, wide, bottom - top)
+        line, gap, edge = int(1.4 * em), int(0.3 * em), int(0.6 * em)
+        inner = wide - 2 * edge
+
+        def row(main: gui.Widget, side: gui.Widget) -> None:
+            nonlocal top
+            small = side.calc_preferred_size(context, gui.Widget.Constraints()).width
+            main.frame = gui.Rect(left + edge, top, inner - small - gap, line)
+            side.frame = gui.Rect(left + edge + inner - small, top, small, line)
+            top += line + gap
+
+        top += gap
+        if self._has_presets:
+            row(self.preset, self.estimate)
+        self.summary.visible = bool(self.summary.text.strip())
+        if self.summary.visible:
+            row(self.summary, self.reset_all)
+        row(self.filter, self.all)
+        self._scroll.frame = gui.Rect(left, top, wide, max(bottom - top, 1))
 
     def refilter(self) -> bool:
         """Apply the filter; return whether the list has changed, which requires `show` and a new layout. Deferred to
         the next tick, because the toolkit reports typing while it draws the window."""
-        if self._words == self._typed:
+        words = (self._typed, self.all.checked)
+        if self._words == words:
             return False
-        self._words = self._typed
-        self.editors.clear()
-        grid = gui.VGrid(2, 0.25 * self._em)
+        self._words = words
+        self._rows.clear()
+        grid = gui.VGrid(3, 0.25 * self._em)
         heading = ""
-        found = matching(self._fields, self._words)
+        found = matching(self._fields, self._typed)
+        if not self._typed.strip() and not self.all.checked:
+            found = [field for field in found if field.basic]
         # headings share a column with the labels: a longer one would take the width from the fields
         width = max(16, *(len(field.label) for field in found)) if found else 16
         for field in found:
@@ -82,54 +172,70 @@ class SettingsList:
                 title = gui.Label("\n".join(lines))
                 title.text_color = color(ACCENT)
                 grid.add_child(title)
-                grid.add_child(gui.Label("\n".join(" " for _ in lines)))  # as high: columns are laid out separately
-            label = gui.Label(field.label)
-            label.tooltip = _broken(field.documentation)
-            label.text_color = color(DIM)
-            grid.add_child(label)
-            editor = self._editor(field)
-            editor.tooltip = _broken(field.documentation)
-            grid.add_child(editor)
-            self.editors[field.name] = (field, editor)
+                for _ in range(2):  # as high: columns are laid out separately
+                    grid.add_child(gui.Label("\n".join(" " for _ in lines)))
+            self._add(grid, field)
         if not found:
             grid.add_child(gui.Label("No matching settings."))
         self._content.set_widget(grid)
         return True
 
-    def _editor(self, field: SettingField) -> gui.Widget:
-        set_value = self._set_value
-        if field.kind == "switch":
-            switch = gui.Checkbox("")
-            switch.set_on_checked(lambda on: set_value(field, "true" if on else "false"))
-            return switch
-        if field.kind == "choice":
-            box = gui.Combobox()
-            for choice in field.choices:
-                box.add_item(choice)
-            box.set_on_selection_changed(lambda text, _: set_value(field, text))
-            return box
-        edit = gui.TextEdit()
-
-        def typed(text: str) -> None:
-            if text != self._shown.get(field.name):
-                set_value(field, text)
-
-        edit.set_on_value_changed(typed)
-        return edit
+    def _add(self, grid: gui.VGrid, field: SettingField) -> None:
+        """A row: label, field, button that resets it."""
+        label = gui.Label(field.label.replace(" ", "\u00a0"))
+        label.tooltip = broken(field.documentation)
+        grid.add_child(label)
+        editor = make_editor(field, self._em, self._actions.set_value, self._actions.pick)
+        editor.widget.tooltip = broken(field.documentation)
+        reset = gui.Checkbox("")  # as high as the other fields
+        reset.set_on_checked(lambda _: self._actions.reset([field.name]))
+        reset.visible = False
+        if len(editor.parts) == 1:
+            grid.add_child(editor.widget)
+        else:
+            row = gui.Horiz(round(0.25 * self._em))
+            for widget in editor.parts:
+                row.add_child(widget)
+            grid.add_child(row)
+        grid.add_child(reset)
+        self._rows[field.name] = (field, editor, label, reset)
 
     def show(self, config: Config) -> None:
-        """Show the values of the settings."""
-        for name, (field, editor) in self.editors.items():
-            text = field.shown(config)
-            self._shown[name] = text
-            if field.kind == "switch":
-                editor.checked = text == "true"
-            elif field.kind == "choice":
-                editor.selected_text = text
-            else:
-                editor.text_value = text
+        """Show the values of the settings, and what differs from the preset."""
+        preset = preset_of(config)
+        usual = differing(config, preset)
+        names = {field.name for field in self._fields}
+        self._differing = [name for name in usual if name in names]
+        for name, (field, editor, label, reset) in self._rows.items():
+            editor.show(field.shown(config))
+            label.text_color = color(FAIR if name in usual else DIM)
+            reset.visible = reset.checked = name in usual
+            reset.tooltip = f"Changed: untick to set it as in the preset {preset}"
+        count = len(self._differing)
+        usual_words = preset if self._has_presets else "the default" + "s" * (count > 1)
+        if count:
+            self.summary.text = f"{count} differ{'s' * (count == 1)} from {usual_words}"
+        else:
+            self.summary.text = f"as in the preset {preset}" if self._has_presets else ""
+        self.summary.text_color = color(FAIR if count else DIM)
+        self.reset_all.visible = count > 0
+        self.reset_all.tooltip = f"Set them as in the preset {preset}"
+        self.preset.selected_index = list(PRESETS).index(preset)
+
+    def show_estimates(self) -> None:
+        """Show what is known about the presets."""
+        chosen = self.preset.selected_index
+        for number, name in enumerate(PRESETS):
+            self.preset.change_item(number, self._estimates.words(name))
+        self.preset.selected_index = chosen
+
+    def tick(self) -> None:
+        """Write values of sliders that have come to rest. Call at each tick."""
+        now = time.monotonic()
+        for _, editor, _, _ in self._rows.values():
+            editor.tick(now)
 
 
-def _broken(text: str) -> str:
+def broken(text: str) -> str:
     """Wrap a tooltip; the toolkit shows it as one line otherwise."""
     return "\n".join(textwrap.wrap(text, 70))

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget, color
-from gui.panels.settings import SettingsList
+from gui.panels.settings import SettingActions, SettingsList
 from gui.presenters.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
+from gui.presenters.run.estimates import Estimates
 from gui.presenters.run.settings import SettingField, stage_of
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages import stage_list
 from gui.presenters.stages.stage_rows import TITLES
 from pipelines.config import Config
+from pipelines.config.presets import PRESETS, differing, preset_of
 from studio.errors import Message, StudioError
 
 _PAUSE = {
@@ -31,6 +33,8 @@ class StagesPanel:
         select: called with a stage's key.
         run: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
         changed: called after every user action.
+        pick: called with a setting whose file or folder is to be chosen in a dialog.
+        widen: called while the panel's right edge is dragged, with the column of the window and whether that was all.
     """
 
     def __init__(
@@ -40,6 +44,8 @@ class StagesPanel:
         select: Callable[[str], None],
         run: Callable[[str, bool], None],
         changed: Callable[[], None],
+        pick: Callable[[SettingField], None],
+        widen: Callable[[float, bool], None],
     ) -> None:
         self._workspace, self._em = workspace, em
         self._select, self._run, self._changed = select, run, changed
@@ -70,10 +76,14 @@ class StagesPanel:
         self.error = gui.Label("")
         self.error.text_color = color(BAD)
         self.error.background_color = color(PANEL)
-        self.settings = {stage: SettingsList(stage, em, self._set, changed) for stage in TITLES}
+        self.estimates = Estimates()
+        actions = SettingActions(self._set, self._reset, self._choose, pick, self._estimate, changed)
+        self.settings = {stage: SettingsList(stage, em, actions, self.estimates) for stage in TITLES}
         for widget in (self.detail, self.error, self.link, *(panel.widget for panel in self.settings.values())):
             widget.visible = False  # until there is something to show
         self._shown_config: Config | None = None
+        self._estimating = self._widening = False
+        self._widen = widen
 
     @property
     def widgets(self) -> list[gui.Widget]:
@@ -106,7 +116,19 @@ class StagesPanel:
         self._run(self.selected, row.state == "done")
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
-        if event.type != gui.MouseEvent.Type.BUTTON_DOWN:
+        kind = gui.MouseEvent.Type
+        if event.type == kind.BUTTON_DOWN:
+            self._widening = x > self.list.size[0] - stage_list.GRIP * self._em
+        if self._widening and event.type in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP):
+            if event.type != kind.BUTTON_DOWN:
+                self._widen(self.list.widget.frame.x + x, event.type == kind.BUTTON_UP)
+            self._widening = event.type != kind.BUTTON_UP
+            self._changed()
+            return True
+        if event.type == kind.MOVE:
+            at_edge = x > self.list.size[0] - stage_list.GRIP * self._em
+            self.list.widget.tooltip = "Drag to make the panel wider or narrower" if at_edge else ""
+        if event.type != kind.BUTTON_DOWN:
             return event.type != gui.MouseEvent.Type.WHEEL
         row = stage_list.row_at(y, self._em, len(TITLES))
         if row is not None:
@@ -114,6 +136,38 @@ class StagesPanel:
             self._select(list(TITLES)[row])
             self._changed()
         return True
+
+    def _estimate(self) -> None:
+        take = self._workspace.take
+        if self._workspace.busy:
+            self._say("A run is in progress. Estimate when it has finished: both would take longer.")
+        elif take is not None and not take.rig.is_file():
+            self._say("The cameras are not known yet. Run Calibrate first, then estimate.")
+        elif take is not None:
+            self.estimates.start(take)
+
+    def _say(self, text: str) -> None:
+        self._refuse(None)
+        self.error.text = text
+
+    def _choose(self, preset: str) -> None:
+        """Set the settings of a preset; all others stay as they are."""
+        self._write(dict(PRESETS[preset]), f"the preset {preset}")
+
+    def _reset(self, names: list[str]) -> None:
+        config = self._workspace.config
+        if config is not None:
+            usual = differing(config, preset_of(config))
+            self._write({name: usual[name] for name in names if name in usual}, "")
+
+    def _write(self, values: Mapping[str, object], words: str) -> None:
+        self._refuse(self._workspace.change_settings(values, words))
+        self._shown_config = None
+        self._changed()
+
+    def set_text(self, field: SettingField, text: str) -> None:
+        """Set a setting to a text, as if it were typed."""
+        self._set(field, text)
 
     def _set(self, field: SettingField, text: str) -> None:
         try:
@@ -169,7 +223,7 @@ class StagesPanel:
             self.link.frame = gui.Rect(int(x + 0.6 * em), int(top), int(min(wide, limits.width)), int(1.5 * em))
             top += 1.8 * em
         for panel in self.settings.values():
-            panel.place(x, top, width, max(y + height - top, 1))
+            panel.place(x, top, width, max(y + height - top, 1), context)
         end = top if self._workspace.config is not None else y + height
         self.ground.frame = gui.Rect(int(x), int(y + list_height), int(width), int(end - y - list_height))
 
@@ -209,10 +263,26 @@ class StagesPanel:
             self._shown_config = config
             for panel in self.settings.values():
                 panel.show(config)
-            changed = True
+            changed = layout = True
+        if self._update_estimates(config):
+            changed = layout = True
+        self.settings[self.selected].tick()
         if self._update_buttons(row.state):
             changed = layout = True  # the new text has another width
         return changed, layout
+
+    def _update_estimates(self, config: Config | None) -> bool:
+        """Whether what is known about the presets has changed."""
+        if not self.estimates.poll(self._workspace.take, config) and self._estimating == self.estimates.running:
+            return False
+        self._estimating = self.estimates.running
+        if self.estimates.failure:
+            self._say(f"The presets could not be estimated: {self.estimates.failure}")
+            self.estimates.failure = ""
+        for panel in self.settings.values():
+            panel.show_estimates()
+            panel.estimate.enabled = not self._estimating
+        return True
 
     def _update_buttons(self, state: str) -> bool:
         changed = False

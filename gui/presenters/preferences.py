@@ -36,12 +36,14 @@ class Preferences:
         picture_size: maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`.
         background: initial background, one of `BACKGROUND_NAMES`.
         play_on_opening: whether playback starts when a take or stream is opened.
+        panel_width: width of the left panel, em.
         recent: folders and URLs, newest first.
     """
 
     picture_size: str = "960 x 540"
     background: str = "dark"
     play_on_opening: bool = True
+    panel_width: float = 18.0
     recent: list[str] = field(default_factory=list)
 
     @classmethod

@@ -35,6 +35,9 @@ def register(commands: Any) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings, or the folder of a take")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    parser.add_argument(
+        "--presets", action="store_true", help="estimate the presets preview, standard and final too; about a minute"
+    )
     parser.set_defaults(command=_estimate)
 
 
@@ -42,24 +45,48 @@ def _estimate(arguments: argparse.Namespace) -> int:
     keep_freed_memory()  # as a run does
     import json
 
-    from pipelines.commands.working import working
-    from pipelines.estimate.estimate import estimate
-    from pipelines.estimate.rehearsal import load, rehearse
-    from pipelines.estimate.work import Work
+    from pipelines.config.presets import PRESETS, with_values
+    from pipelines.estimate.rehearsal import load
+    from pipelines.reports.terminal import console, duration
+    from pipelines.stages.base import Context
 
+    presets: dict[str, Estimate] = {}
     with ExitStack() as stack:
         context = _context(arguments, stack)
-        bake = context.config.bake
-        known = bake.profile == "motion" and bake.stream_version == 3 and not bake.ladder
-        qp = bake.qp if known and bake.target_kb_per_frame is None and bake.target_psnr is None else None
         now = load()
-        work = Work.of(context)
-        found = estimate(work, rehearse(context, work, stack.enter_context(working("rehearsal", None))), qp)
+        found = _rehearsed(context, "rehearsal")
+        if arguments.presets:
+            for name, values in PRESETS.items():
+                preset = Context(context.take, with_values(context.config, values))
+                presets[name] = _rehearsed(preset, f"rehearsal of the preset {name}")
     if arguments.json:
-        print(json.dumps({**found.to_json(), "load": now}), file=arguments.output)
+        more = {"presets": {name: one.to_json() for name, one in presets.items()}} if presets else {}
+        print(json.dumps({**found.to_json(), "load": now, **more}), file=arguments.output)
     else:
-        _print(found, work.threads, now)
+        _print(found, context.threads, now)
+        for name, one in presets.items():
+            console().print(f"preset {name}: about {duration(one.seconds)}{_stream_words(one)}")
     return 0
+
+
+def _rehearsed(context: Context, title: str) -> Estimate:
+    """The estimate of a take whose cameras are known."""
+    from pipelines.commands.working import working
+    from pipelines.estimate.estimate import estimate
+    from pipelines.estimate.rehearsal import rehearse
+    from pipelines.estimate.work import Work
+
+    bake = context.config.bake
+    known = bake.profile == "motion" and bake.stream_version == 3 and not bake.ladder
+    qp = bake.qp if known and bake.target_kb_per_frame is None and bake.target_psnr is None else None
+    work = Work.of(context)
+    with working(title, None) as progress:
+        return estimate(work, rehearse(context, work, progress), qp)
+
+
+def _stream_words(found: Estimate) -> str:
+    stream = next((stage.bytes for stage in found.stages if stage.stage == "bake"), None)
+    return "" if stream is None else f", a stream of about {_size(stream)}"
 
 
 def _context(arguments: argparse.Namespace, stack: ExitStack) -> Context:

@@ -32,20 +32,31 @@ def allowed_values(field: FieldInfo) -> str:
     choices = list(_choices(field.annotation))
     if choices:
         parts.append("one of " + ", ".join(map(str, choices)))
-    bounds: dict[str, float] = {}
-    for rule in (*field.metadata, *_inner_rules(field.annotation)):
-        for name in ("ge", "gt", "le", "lt"):
-            if getattr(rule, name, None) is not None:
-                bounds[name] = getattr(rule, name)
-    low = f"at least {bounds['ge']}" if "ge" in bounds else f"above {bounds['gt']}" if "gt" in bounds else ""
-    high = f"at most {bounds['le']}" if "le" in bounds else f"below {bounds['lt']}" if "lt" in bounds else ""
-    if "ge" in bounds and "le" in bounds:
-        parts.append(f"{bounds['ge']} to {bounds['le']}")
+    found = _rules(field)
+    low = f"at least {found['ge']}" if "ge" in found else f"above {found['gt']}" if "gt" in found else ""
+    high = f"at most {found['le']}" if "le" in found else f"below {found['lt']}" if "lt" in found else ""
+    if "ge" in found and "le" in found:
+        parts.append(f"{found['ge']} to {found['le']}")
     else:
         parts += [text for text in (low, high) if text]
     if type(None) in get_args(field.annotation):
         parts.append("or null")
     return ", ".join(parts)
+
+
+def bounds(field: FieldInfo) -> tuple[float | None, float | None]:
+    """The lowest and the highest value of a setting, where there are such limits; exclusive ones count too."""
+    found = _rules(field)
+    return found.get("ge", found.get("gt")), found.get("le", found.get("lt"))
+
+
+def _rules(field: FieldInfo) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for rule in (*field.metadata, *_inner_rules(field.annotation)):
+        for name in ("ge", "gt", "le", "lt"):
+            if getattr(rule, name, None) is not None:
+                found[name] = getattr(rule, name)
+    return found
 
 
 def _section(model: Settings, depth: int) -> Iterator[str]:

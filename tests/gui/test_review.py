@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -224,5 +225,10 @@ def test_long_log_lines_are_broken_and_nothing_is_lost() -> None:
     text = "a_long_path_without_any_break_" * 20
     lines = log_lines([("", text), ("error", "short")], 200, 16.0)
     assert "".join(part for kind, part in lines if kind == "") == text
-    assert lines[-1] == ("error", "short")
+    assert lines[-1] == ("error", "error  short")
+    noon = datetime(2024, 5, 17, 12, 0, 1).timestamp()
+    timed = log_lines([("warning", "word " * 30), ("", "later")], 200, 16.0, [noon, noon + 61])
+    assert timed[0][1].startswith("12:00:01 warning  word")
+    assert all(kind == "warning" and part.startswith("   ") for kind, part in timed[1:-1])
+    assert timed[-1] == ("", "12:01:02  later")
     assert figures_picture([], 100, 50, 16.0).shape == (50, 100, 3)

@@ -22,6 +22,7 @@ LINE: RGB = (60, 65, 73)
 TEXT: RGB = (222, 226, 232)
 DIM: RGB = (140, 148, 160)
 FAINT: RGB = (92, 99, 110)
+"""Not for text: it lacks contrast."""
 
 ACCENT: RGB = (86, 190, 222)
 """The accent: selection, running stages, the playhead, decoded splats."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas
-from gui.presenters.drawing.palette import DIM, FAINT, LINE, PANEL, RGB, TEXT
+from gui.presenters.drawing.palette import DIM, LINE, PANEL, RGB, TEXT
 
 
 def ticks(low: float, high: float, count: int = 4) -> list[float]:
@@ -60,12 +60,10 @@ def curve(
         for xs, ys in series
     ]
     lines = [line for line in lines if len(line)]
-    canvas.text(left, top + high + 3, x_words[0], size, FAINT)
-    canvas.text(left + wide, top + high + 3, x_words[1], size, FAINT, align="right")
+    canvas.text(left, top + high + 3, x_words[0], size, DIM)
+    canvas.text(left + wide, top + high + 3, x_words[1], size, DIM, align="right")
     if not lines:
-        canvas.text(
-            left + wide / 2, top + high / 2 - size / 2, "no data from the last run", size, FAINT, align="middle"
-        )
+        canvas.text(left + wide / 2, top + high / 2 - size / 2, "no data from the last run", size, DIM, align="middle")
         return
     points = np.concatenate(lines)
     low, high_value = float(points[:, 1].min()), float(points[:, 1].max())

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, text_width
-from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAINT, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
+from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from gui.presenters.playback.timeline import Timeline
 
 LEAST_SPAN = 2.0
@@ -243,7 +243,7 @@ class TimelinePlots:
             self._waveform(canvas, plot, y, height)
             return
         if plot.range is None:
-            canvas.text(self.left + 8, y + height / 2 - size * 0.62, "not evaluated yet", size, FAINT)
+            canvas.text(self.left + 8, y + height / 2 - size * 0.62, "not evaluated yet", size, DIM)
             return
         for index, value in enumerate(plot.values[: self.frame_count]):
             if value is not None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 
@@ -181,13 +183,32 @@ def heading(canvas: Canvas, y: float, text: str, em: float) -> float:
     return y + 0.2 * em
 
 
+INDENT, CONTINUED = 0.8, "   "
+"""Of the lines that continue one of the log: room in em, and the blanks."""
+
 LINE_COLORS: dict[str, RGB] = {"": DIM, "warning": FAIR, "error": BAD}
 
 
-def log_lines(lines: Iterable[tuple[str, str]], width: int, em: float) -> list[tuple[str, str]]:
-    """The log wrapped to the width: (kind, line)."""
+def log_lines(
+    lines: Iterable[tuple[str, str]], width: int, em: float, times: Iterable[float] = ()
+) -> list[tuple[str, str]]:
+    """The log wrapped to the width: (kind, line). A line begins with its time of day, where known, and its level; what
+    continues it is indented.
+
+    Args:
+        lines: (kind, text).
+        width: pixels.
+        em: font size, pixels.
+        times: when each line was told, seconds since 1970; 0 if unknown.
+    """
     size = round(0.82 * em)
-    return [(kind, part) for kind, text in lines for part in wrapped(text, size, width - 1.2 * em)]
+    found: list[tuple[str, str]] = []
+    for (kind, text), told in zip(lines, itertools.chain(times, itertools.repeat(0.0)), strict=False):
+        clock = datetime.fromtimestamp(told).strftime("%H:%M:%S") if told else ""
+        head = " ".join(filter(None, (clock, kind)))
+        parts = wrapped(f"{head}  {text}" if head else text, size, width - 1.2 * em - (INDENT * em if head else 0))
+        found += [(kind, part if not (head and number) else CONTINUED + part) for number, part in enumerate(parts)]
+    return found
 
 
 def log_picture(lines: Sequence[tuple[str, str]], width: int, height: int, em: float, back: int = 0) -> np.ndarray:

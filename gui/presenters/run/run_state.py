@@ -59,6 +59,7 @@ class RunState:
         outcome: "" during the run, then "done", "failed" or "cancelled".
         message: text of the outcome.
         lines: the log, newest last: (kind, text), kind one of "", "warning", "error".
+        times: when each line was told, seconds since 1970; 0 if unknown.
         curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
         previews: latest picture by camera.
         lanes: latest state by stage and group, of stages that ran on several machines.
@@ -74,6 +75,7 @@ class RunState:
     outcome: str = ""
     message: str = ""
     lines: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    times: deque[float] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
     previews: dict[str, Preview] = field(default_factory=dict)
     lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
@@ -81,6 +83,7 @@ class RunState:
     started: float = 0.0
     changes: int = 0
     _trained: float = 0.0
+    _now: float = 0.0
     results: int = 0
     """Incremented when the take has new results: a frame, a group, a stage."""
 
@@ -98,6 +101,7 @@ class RunState:
     def apply(self, event: Event) -> None:
         """Update with one event."""
         self.changes += 1
+        self._now = event.time
         if isinstance(event, RunStarted):
             self.planned, self.pid, self.started = event.stages, event.pid, event.time
             todo = ", ".join(event.stages) or "nothing to do, everything is up to date"
@@ -147,6 +151,7 @@ class RunState:
     def crashed(self, message: str, tail: str = "") -> None:
         """Note that the process ended without reporting an outcome."""
         self.changes += 1
+        self._now = 0.0
         if self.stage:
             self.failed[self.stage] = message
         self.outcome, self.message, self.stage, self.progress = "failed", message, "", None
@@ -156,6 +161,7 @@ class RunState:
 
     def _say(self, text: str, kind: str = "") -> None:
         self.lines.append((kind, text))
+        self.times.append(self._now)
 
     def _metrics(self, event: Metrics) -> None:
         if event.stage in ("train", "bake", "initialize"):

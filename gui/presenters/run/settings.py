@@ -7,8 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Union, get_args, get_origin
 
+from pydantic.fields import FieldInfo
+
+from gui.presenters.run.setting_words import BASIC, EMPTY, UNITS
 from pipelines.config import Config
-from pipelines.config.description import allowed_values
+from pipelines.config.description import allowed_values, bounds
 from pipelines.config.loading import parse_override
 from studio.settings import Heading, Settings, marker, submodel
 from studio.yaml_text import inline_yaml
@@ -23,8 +26,14 @@ SECTIONS = {
 }
 """Sections of the settings shown for each stage."""
 
-NULL = "null"
-"""Text of a setting without a value, as in YAML."""
+NULLS = ("", "null", "~")
+"""Texts that mean no value, besides the setting's own word."""
+
+SWITCH_WORDS = {"true": "on", "false": "off"}
+"""Of a switch that can also be without a value."""
+
+WIDEST_SLIDER = 100
+"""Whole numbers between more distant limits have no slider."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +45,14 @@ class SettingField:
         heading: heading of its block of settings.
         label: displayed name; for a nested setting it begins with the section.
         kind: "switch", "choice" or "text"; a switch that can be null is a choice.
-        choices: values of a choice, `NULL` first if it can be null.
+        choices: values of a choice, `empty` first if it can be null.
         text: whether the value is plain text (else it is parsed as YAML).
-        nullable: whether it can be null; an empty field and "null" both mean null.
+        nullable: whether it can be null; `empty`, an empty field and "null" all mean null.
         documentation: description and bounds.
+        empty: word for null, an empty list or an empty mapping; "" if it is never empty.
+        kind_of_list: "list" or "mapping" for those, shown without brackets; "" for others.
+        limits: lowest and highest value of a slider; None for no slider.
+        whole: whether a slider has whole numbers only.
     """
 
     name: str
@@ -50,13 +63,30 @@ class SettingField:
     text: bool
     nullable: bool
     documentation: str
+    empty: str = ""
+    kind_of_list: str = ""
+    limits: tuple[float, float] | None = None
+    whole: bool = False
+
+    @property
+    def basic(self) -> bool:
+        """Whether most people need it."""
+        return self.name in BASIC
 
     def shown(self, config: Config) -> str:
         """The value as text: "true" or "false" for a switch, one of `choices` for a choice."""
         value: Any = config.model_dump(mode="json")
         for part in self.name.split("."):
             value = value[part]
-        return value if isinstance(value, str) else inline_yaml(value)
+        if self.empty and value in (None, [], {}):
+            return self.empty
+        if isinstance(value, str):
+            return value
+        text = inline_yaml(value)
+        if self.kind == "choice":
+            return SWITCH_WORDS.get(text, text) if self.nullable else text
+        flat = self.kind_of_list and not any(isinstance(one, (list, dict)) for one in _items(value))
+        return text[1:-1].strip() if flat else text
 
     def parsed(self, text: str) -> Any:
         """Parse typed text.
@@ -65,10 +95,17 @@ class SettingField:
             StudioError: not valid YAML.
         """
         text = text.strip()
-        if self.nullable and text in ("", NULL, "~"):
+        nothing = text in NULLS or (self.empty != "" and text.casefold() == self.empty.casefold())
+        if self.nullable and nothing:
             return None
         if self.text:
             return text
+        if self.kind == "choice":
+            text = next((value for value, word in SWITCH_WORDS.items() if word == text), text)
+        if self.kind_of_list == "list":
+            text = "[]" if nothing else text if text.startswith("[") else f"[{text}]"
+        elif self.kind_of_list == "mapping":
+            text = "{}" if nothing else text if text.startswith("{") else f"{{{text}}}"
         return parse_override(f"{self.name}={text}")[1]
 
 
@@ -118,7 +155,7 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
         choices = tuple(map(str, get_args(kinds[0]))) if get_origin(kinds[0]) is Literal else ()
         nullable = len(kinds) < len(parts)
         if kinds == [bool] and nullable:
-            choices = ("true", "false")
+            choices = tuple(SWITCH_WORDS.values())
         kind = "choice" if choices else "switch" if kinds == [bool] else "text"
         # text settings keep words such as "off" and "1" as they are
         text = kinds != [bool] and all(
@@ -126,16 +163,39 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
         )
         words = " ".join((field.description or "").split())
         allowed = allowed_values(field)
+        empty, unit = EMPTY.get(f"{prefix}{name}", ""), UNITS.get(f"{prefix}{name}", "")
+        whole = kinds == [int]
         yield SettingField(
             name=f"{prefix}{name}",
             heading=heading,
-            label=within + name.replace("_", " "),
+            label=within + name.replace("_", " ") + (f" ({unit})" if unit else ""),
             kind=kind,
-            choices=(NULL, *choices) if choices and nullable else choices,
+            choices=(empty, *choices) if choices and nullable else choices,
             text=text,
             nullable=nullable,
             documentation=f"{words} [{allowed}]" if allowed else words,
+            empty=empty,
+            kind_of_list=_kind_of_list(kinds[0]) if len(kinds) == 1 else "",
+            limits=_limits(field, whole) if len(kinds) == 1 and kinds[0] in (int, float) and not nullable else None,
+            whole=whole,
         )
+
+
+def _kind_of_list(kind: Any) -> str:
+    origin = get_origin(kind)
+    return "list" if origin in (tuple, list) else "mapping" if origin is dict else ""
+
+
+def _items(value: Any) -> list[Any]:
+    return list(value.values()) if isinstance(value, dict) else list(value)
+
+
+def _limits(field: FieldInfo, whole: bool) -> tuple[float, float] | None:
+    """Of a slider: both bounds, if a slider can be set precisely between them."""
+    low, high = bounds(field)
+    if low is None or high is None or high - low > (WIDEST_SLIDER if whole else 1):
+        return None
+    return low, high
 
 
 def _all_text(part: Any) -> bool:

@@ -100,6 +100,12 @@ class InitializeView(OrbitView):
             self._home = _home(take, self._points[0])
         self._read_of = stamp
 
+    def close(self) -> bool:
+        """See `StageView`. Open3D exits with an error if one of its meshes outlives it."""
+        ended = super().close()
+        self._mesh = None
+        return ended
+
 
 def _home(take: Take, points: np.ndarray) -> OrbitCamera:
     """The initial view: from the first camera, looking at the points."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height
-from gui.presenters.drawing.palette import ACCENT, DIM, FAINT, GROUND, LINE, PANEL, RAISED, TEXT
+from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, LINE, PANEL, RAISED, TEXT
 from gui.presenters.drawing.plots import number, ticks
 from gui.presenters.stages.qp_trial import TRIED_QPS, QpTrial, Trial
 from gui.presenters.stages.stage_view import Size
@@ -61,7 +61,7 @@ class QpChart:
                 canvas.rect(x, y - 0.2 * em, 20 * em, self._step, RAISED)
             canvas.text(columns[0], y, str(qp), round(em), ACCENT if qp == self._current else TEXT, align="right")
             if qp not in results:
-                canvas.text(columns[1], y, "..." if running else "", round(em), FAINT, align="right")
+                canvas.text(columns[1], y, "..." if running else "", round(em), DIM, align="right")
                 continue
             found = results[qp]
             numbers = (found.bytes_per_frame / 1000, found.bytes_per_frame * fps * 8 / 1e6, found.psnr)
@@ -77,7 +77,7 @@ class QpChart:
         canvas.text(x, y - 1.4 * em, "PSNR, dB", small, DIM)
         canvas.text(left + wide, y + high + 1.4 * em, "KB per frame", small, DIM, align="right")
         if not results:
-            canvas.text(left + wide / 2, y + high / 2, "baking the first QP", small, FAINT, align="middle")
+            canvas.text(left + wide / 2, y + high / 2, "baking the first QP", small, DIM, align="middle")
             return
         most = 1.1 * max(found.bytes_per_frame for found in results.values()) / 1000
         low, top = min(found.psnr for found in results.values()), max(found.psnr for found in results.values())

@@ -10,6 +10,9 @@ from gui.presenters.drawing.canvas import Canvas, text_width
 from gui.presenters.drawing.palette import ACCENT, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT
 from gui.presenters.stages.stage_rows import StageRow
 
+GRIP = 0.55
+"""Width in em of the edge that is dragged to make the panel wider or narrower."""
+
 
 def row_height(em: float) -> float:
     """Height of a row in pixels."""
@@ -45,4 +48,6 @@ def picture(rows: Sequence[StageRow], selected: str, width: int, em: float) -> n
         if row.state == "running":
             canvas.rect(2.2 * em, y + each - 4, width - 2.8 * em, 2, LINE)
             canvas.rect(2.2 * em, y + each - 4, (width - 2.8 * em) * min(max(row.fraction or 0.0, 0.0), 1.0), 2, ACCENT)
+    for number in range(-1, 2):  # the edge that is dragged
+        canvas.rect(width - 4, canvas.height / 2 + number * 6 - 1, 2, 2, DIM)
     return canvas.pixels

@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from pipelines.events import Metrics, Preview, Progress, Warned, parse_event
@@ -22,6 +23,7 @@ from pipelines.runs.work import cpus_of_group
 from pipelines.stages.base import Context, GroupStage, StageReporter
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
 from pipelines.takes.groups import Group
+from pipelines.takes.stored_take import stored_take
 from studio.errors import Message, StudioError
 
 _WAIT = 0.3
@@ -120,6 +122,7 @@ class _Run:
         self._lanes = Lanes(stage.name, context.emit)
         self._figures: dict[str, Any] = {}
         self._unfit_since: float | None = None
+        self._stored = stored_take(context.take.root)
 
     def go(self, groups: Sequence[Group]) -> None:
         """Run the groups; see `RayExecutor.run`.
@@ -143,6 +146,8 @@ class _Run:
 
     def _go(self, groups: Sequence[Group]) -> None:
         ray = self._ray
+        if self._stored is not None:
+            self._stored.push()
         for group in groups:
             cpus = cpus_of_group(self._stage.name, self._context, group.index)
             self._queue.append(_Job(group, self._stage.group_key(self._context, group), cpus))
@@ -179,7 +184,7 @@ class _Run:
             self._queue.popleft()
             job.wanted = wanted
             task = GroupTask(
-                take=str(self._context.take.root),
+                take=str(self._context.take.root) if self._stored is None else self._stored.address,
                 footage=str(self._context.config.capture.root),
                 paths=tuple(self._context.config.run.paths.items()),
                 stage=self._stage.name,
@@ -268,7 +273,7 @@ class _Run:
         elif isinstance(event, Metrics):
             self._lanes.metrics(job.group, event)
             self._context.emit(event)
-        elif isinstance(event, Preview):
+        elif isinstance(event, Preview) and Path(event.path).is_file():  # not in a folder of that node only
             self._context.emit(event)
         elif isinstance(event, Warned) and event.message not in self._warned:
             self._warned.add(event.message)  # every group says what a local run says once
@@ -304,7 +309,7 @@ class _Run:
 
     def _arrived(self, job: _Job) -> None:
         until = time.monotonic() + VISIBLE_SECONDS
-        while not self._stage.group_done(self._context, job.group):
+        while not self._is_here(job.group):
             self._context.cancellation.check()
             if time.monotonic() > until:
                 raise StudioError(
@@ -318,6 +323,11 @@ class _Run:
             time.sleep(0.2)
         self._lanes.done(job.group)
         self._finished(job.group)
+
+    def _is_here(self, group: Group) -> bool:
+        if self._stored is not None:
+            self._stored.pull(group.index)
+        return self._stage.group_done(self._context, group)
 
     def _refused(self, job: _Job, message: Message) -> None:
         if message.code in (NOT_VISIBLE, *NODE_CODES):

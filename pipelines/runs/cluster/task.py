@@ -11,10 +11,13 @@ import socket
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from studio.environment import passive_openmp
 from studio.errors import Message, StudioError
+
+if TYPE_CHECKING:
+    from pipelines.takes.take import Take
 
 _PROGRESS_SECONDS = 0.5
 """Shortest interval between two progress events of a task: hundreds of tasks send them."""
@@ -40,7 +43,7 @@ class GroupTask:
     """A stage of a group, as it is sent to a node: plain values only.
 
     Attributes:
-        take: the take's folder.
+        take: the take's folder, or its address in object storage.
         footage: the footage's folder, or its address in object storage.
         paths: `run.paths`: a folder and its paths on other machines.
         stage: name of the stage.
@@ -139,15 +142,26 @@ def _do_when_visible(task: GroupTask, emit: Any) -> None:
 
 
 def _do(task: GroupTask, emit: Any) -> None:
-    from pipelines.config import load_config
-    from pipelines.runs.work import work
+    from pipelines.takes.stored_take import StoredTake
     from pipelines.takes.take import Take
     from studio.storage import is_address
 
+    if is_address(task.take):
+        stored = StoredTake(task.take)
+        stored.pull(None if task.stage == "evaluate" else task.group)
+        with stored.pushed():
+            _work(Take.open(stored.folder), task, emit)
+        return
     about = _here(Path(task.take, "take.json"), "take", task)
     if not is_address(task.footage):
         _here(Path(task.footage), "footage", task)
-    take = Take.open(about.parent)
+    _work(Take.open(about.parent), task, emit)
+
+
+def _work(take: Take, task: GroupTask, emit: Any) -> None:
+    from pipelines.config import load_config
+    from pipelines.runs.work import work
+
     config = load_config(take.config, task.settings)
     work(take, config, (task.stage,), task.group, emit, expected=task.key)
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
+from gui.presenters.run import setting_words
 from gui.presenters.run.settings import SECTIONS, SettingField, fields_of, matching, stage_of
-from pipelines.config import load_config
+from pipelines.config import Config, load_config
 
 
 @pytest.mark.parametrize("stage", SECTIONS)
@@ -51,13 +52,13 @@ def test_optional_settings_of_all_kinds_are_tried() -> None:
 
 
 @pytest.mark.parametrize("field", OPTIONAL, ids=lambda field: field.name)
-def test_a_setting_without_a_value_shows_null_and_can_be_set_to_null_again(field: SettingField) -> None:
+def test_a_setting_without_a_value_shows_a_word_and_can_be_without_a_value_again(field: SettingField) -> None:
     empty = load_config(None, [(field.name, None)])
     shown = field.shown(empty)
-    assert shown == "null"
+    assert shown == field.empty != ""
     if field.kind == "choice":
         assert field.choices.count(shown) == 1, "else the combobox shows its first choice"
-    for text in (shown, "", " null "):
+    for text in (shown, shown.upper(), "", " null "):
         assert field.parsed(text) is None
     assert load_config(None, [(field.name, field.parsed(shown))]) == empty
 
@@ -84,8 +85,45 @@ def test_every_choice_is_a_value_that_is_shown_as_itself(field: SettingField) ->
 def test_letters_beyond_ascii_are_shown_as_they_are() -> None:
     held_out = next(field for field in fields_of("capture") if field.name == "capture.held_out")
     config = load_config(None, [("capture.held_out", ["caméra 1", "影"])])
-    assert held_out.shown(config) == "[caméra 1, 影]"
+    assert held_out.shown(config) == "caméra 1, 影"
     assert held_out.parsed(held_out.shown(config)) == ["caméra 1", "影"]
+    assert held_out.parsed("[caméra 1, 影]") == ["caméra 1", "影"], "as in the file"
+
+
+def test_words_units_and_choices_of_paths_belong_to_settings() -> None:
+    fields = {field.name: field for stage in SECTIONS for field in fields_of(stage)}
+    named = {*setting_words.EMPTY, *setting_words.UNITS, *setting_words.FOLDERS, *setting_words.FILES}
+    assert named | setting_words.BASIC <= set(fields)
+    assert fields["calibrate.board.square"].label == "board: square (m)"
+    for name, field in fields.items():
+        shown = field.shown(Config())
+        assert shown not in ("null", "[]", "{}", "[", "{"), name
+        if name != "capture.root":  # becomes absolute
+            assert load_config(None, [(name, field.parsed(shown))]) == Config(), f"{name}: {shown!r}"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "shown"),
+    [
+        ("capture.offsets", {"cam1": 2, "cam2": -1}, "cam1: 2, cam2: -1"),
+        ("capture.background", [0.0, 0.5, 1.0], "0.0, 0.5, 1.0"),
+        ("capture.cameras", [], "all"),
+        ("calibrate.shared_intrinsics", True, "on"),
+        ("bake.b_frames", None, "automatic"),
+    ],
+)
+def test_lists_and_mappings_are_typed_without_brackets(name: str, value: object, shown: str) -> None:
+    field = next(field for field in fields_of(name.split(".")[0]) if field.name == name)
+    assert field.shown(load_config(None, [(name, value)])) == shown
+    assert field.parsed(shown) == value
+
+
+def test_sliders_have_the_limits_of_their_settings() -> None:
+    fields = {field.name: field for stage in SECTIONS for field in fields_of(stage)}
+    assert (fields["bake.qp"].limits, fields["bake.qp"].whole) == ((0, 51), True)
+    assert fields["train.dropout"].limits == (0, 1)
+    assert fields["evaluate.crop_padding"].limits is None, "0 to 10,000"
+    assert fields["train.max_splats"].limits is None
 
 
 def opened(open_window: Callable, take: Path, stage: str) -> Any:
@@ -132,6 +170,8 @@ def test_a_setting_is_found_and_changed_through_the_filter(
     open_window: Callable, take_copy: Path, artifacts: Path
 ) -> None:
     window = opened(open_window, take_copy, "train")
+    state = window.wait_for("few settings", lambda s: "setting train.dropout" in s["widgets"])
+    assert len([name for name in state["widgets"] if name.startswith("setting ")]) < 20
     window.click("settings filter")
     window.enter_text("settings filter", "rates opacity")
     state = window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == FOUND)
@@ -141,7 +181,20 @@ def test_a_setting_is_found_and_changed_through_the_filter(
     window.key("Return")
     window.wait_for("a stale training", lambda s: s["stages"]["train"][0] != "done")
     assert load_config(take_copy / "config.yaml").train.rates.opacity == 0.025
+    window.click("reset train.rates.opacity")
+    window.wait_for("the usual value", lambda s: s["texts"][FOUND[0]] == "0.05" and s["stages"]["train"][0] == "done")
+    window.chord("z")
+    window.wait_for("the change", lambda s: s["texts"][FOUND[0]] == "0.025")
+    window.chord("z", "Shift_L")
+    window.wait_for("no change", lambda s: s["texts"][FOUND[0]] == "0.05" and "Redone" in s["notice"])
+    assert load_config(take_copy / "config.yaml").train.rates.opacity == 0.05
+    before = window.states()[-1]["widgets"]["stages"][2]
+    window.drag("stages", (0.99, 0.5), (1.25, 0.5))
+    state = window.wait_for("a wider panel", lambda s: s["widgets"]["stages"][2] > before + 40)
+    assert state["stage"] == "train", "dragging the edge selects no stage"
+    window.screenshot(artifacts / "settings_wide.png")
     window.retype("settings filter", "")
+    window.click("all settings", 0.2)
     window.wait_for("all of them", lambda s: len([n for n in s["widgets"] if n.startswith("setting ")]) > 40)
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 

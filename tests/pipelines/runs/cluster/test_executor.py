@@ -19,6 +19,8 @@ from pipelines.runs.cluster.executor import RayExecutor
 from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
 from pipelines.stages.base import StageReporter
 from pipelines.takes.groups import cut_into_groups
+from pipelines.takes.stored_take import StoredTake
+from pipelines.takes.take import Take
 from studio.errors import Cancelled, Message, StudioError
 from tests.support.errors import refuses
 
@@ -321,6 +323,26 @@ def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     blind = run_task(sent(paths=(("/no", (str(tmp_path),)),)), mailbox, "")
     assert blind is not None
     assert blind.file == "/no/footage", "the take is found where this node has it"
+
+
+def test_a_node_gets_and_sends_a_take_in_object_storage(object_store, tmp_path, monkeypatch):
+    address = "s3://studio/takes/first"
+    head = StoredTake(address)
+    take = Take.create(head.folder)
+    take.config.write_text("{}")
+    head.push()
+    monkeypatch.setenv("V3STUDIO_CACHE", str(tmp_path / "node"))
+
+    def work(take: Take, config: Any, stages: tuple[str, ...], group: int, emit: Any, expected: str) -> None:
+        assert take.root.is_relative_to(tmp_path / "node")
+        take.trained_frame(group, 0).parent.mkdir(parents=True)
+        take.trained_frame(group, 0).write_bytes(b"splats")
+
+    monkeypatch.setattr("pipelines.runs.work.work", work)
+    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
+    assert run_task(sent(take=address, footage="s3://studio/day1"), mailbox, "") is None
+    head.pull()
+    assert take.trained_frame(0, 0).read_bytes() == b"splats"
 
 
 @pytest.mark.parametrize("code", [NOT_VISIBLE, "stage.dependency", "work.take_changed"])

@@ -1,0 +1,87 @@
+"""How settings are shown: words for missing values, units, paths to choose, and which ones most people need."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+EMPTY: Mapping[str, str] = {
+    "bake.attribute_qps": "as qp",
+    "bake.b_frames": "automatic",
+    "bake.first_group_size": "automatic",
+    "bake.ladder": "none",
+    "bake.smooth_paths": "automatic",
+    "bake.target_kb_per_frame": "no target",
+    "bake.target_psnr": "no target",
+    "calibrate.board_images": "none",
+    "calibrate.board_origin": "automatic",
+    "calibrate.frame": "automatic",
+    "calibrate.intrinsics_groups": "none",
+    "calibrate.intrinsics_images": "none",
+    "calibrate.known_cameras": "none",
+    "calibrate.scale_between": "none",
+    "calibrate.scale_distance": "none",
+    "calibrate.shared_intrinsics": "automatic",
+    "calibrate.tie_points": "none",
+    "capture.audio": "none",
+    "capture.cache_megabytes": "automatic",
+    "capture.cameras": "all",
+    "capture.evaluation_mattes": "none",
+    "capture.fps": "as filmed",
+    "capture.garbage_mattes": "none",
+    "capture.held_out": "none",
+    "capture.mask_model": "none",
+    "capture.offsets": "none",
+    "capture.rig": "none",
+    "capture.start": "first",
+    "capture.stop": "last",
+    "evaluate.lpips": "not measured",
+    "initialize.min_view_share": "automatic",
+    "run.gpus_per_group": "automatic",
+    "run.groups_at_once": "automatic",
+    "run.memory_per_group": "automatic",
+    "train.motion_first_iterations": "as the others",
+}
+"""What is shown instead of null, an empty list, an empty mapping or an empty text."""
+
+UNITS: Mapping[str, str] = {
+    "bake.target_psnr": "dB",
+    "calibrate.board.marker": "m",
+    "calibrate.board.square": "m",
+    "calibrate.max_image_size": "px",
+    "calibrate.scale_distance": "m",
+    "calibrate.tie_accuracy": "px",
+    "calibrate.tie_world_accuracy": "m",
+    "capture.audio_offset": "s",
+    "capture.cache_megabytes": "MiB",
+    "capture.fps": "1/s",
+    "evaluate.crop_padding": "px",
+    "evaluate.report_width": "px",
+    "run.memory_per_group": "GB",
+    "run.preview_seconds": "s",
+    "train.group_size": "frames",
+}
+"""Shown in parentheses after the name."""
+
+FOLDERS = frozenset({"capture.root"})
+"""Settings that are a folder, to be chosen in a dialog."""
+
+FILES = frozenset(
+    {"calibrate.known_cameras", "calibrate.tie_points", "capture.audio", "capture.mask_model", "capture.rig"}
+)
+"""Settings that are a file."""
+
+BASIC = frozenset(
+    {
+        "bake.codec", "bake.ladder", "bake.qp", "bake.splats", "bake.target_kb_per_frame", "bake.target_psnr",
+        "calibrate.board.columns", "calibrate.board.kind", "calibrate.board.rows", "calibrate.board.square",
+        "calibrate.board_images", "calibrate.camera_model", "calibrate.floor", "calibrate.frames",
+        "calibrate.scale_distance", "calibrate.tie_points", "capture.audio", "capture.cameras", "capture.clean_plates",
+        "capture.fps", "capture.held_out", "capture.images", "capture.mask_files", "capture.mask_sensitivity",
+        "capture.masks", "capture.rig", "capture.root", "capture.scale", "capture.start", "capture.step",
+        "capture.stop", "evaluate.lpips", "evaluate.report_frames", "initialize.points", "initialize.resolution",
+        "run.device", "run.groups_at_once", "run.seed", "run.threads", "train.alpha_weight", "train.dropout",
+        "train.finetune_iterations", "train.group_size", "train.grouping", "train.keyframe_iterations",
+        "train.max_splats", "train.motion_iterations", "train.scale_reg", "train.sh_degree",
+    }
+)  # fmt: skip
+"""Settings that are shown unless all are wanted."""

@@ -1,0 +1,117 @@
+"""Presets: schedules of training and sizes of the stream, from a quick look to the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pydantic import JsonValue
+
+from pipelines.config.config import Config
+
+PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
+    "preview": {
+        "initialize.points": 20_000,
+        "train.keyframe_iterations": 800,
+        "train.densify_from": 150,
+        "train.densify_until": 500,
+        "train.densify_gradient": 5.0e-4,
+        "train.densify_max_splats": 24_000,
+        "train.prune_finetune_iterations": 250,
+        "train.max_splats": 18_000,
+        "train.motion_iterations": 80,
+        "train.motion_first_iterations": 150,
+        "train.motion_views": 2,
+        "train.motion_learning_rate": 4.0e-3,
+        "train.hash_levels": 6,
+        "train.finetune_iterations": 80,
+        "train.finetune_means": True,
+        "bake.qp": 28,
+    },
+    "standard": {
+        "initialize.points": 45_000,
+        "train.keyframe_iterations": 2400,
+        "train.densify_from": 300,
+        "train.densify_until": 1500,
+        "train.densify_gradient": 5.0e-4,
+        "train.densify_max_splats": 50_000,
+        "train.prune_finetune_iterations": 800,
+        "train.max_splats": 36_000,
+        "train.motion_iterations": 170,
+        "train.motion_first_iterations": 300,
+        "train.motion_views": 2,
+        "train.motion_learning_rate": 4.0e-3,
+        "train.hash_levels": 6,
+        "train.finetune_iterations": 250,
+        "train.finetune_means": True,
+        "bake.qp": 24,
+    },
+    "final": {
+        "initialize.points": 50_000,
+        "train.keyframe_iterations": 12_000,
+        "train.densify_from": 500,
+        "train.densify_until": 9000,
+        "train.densify_gradient": 2.0e-4,
+        "train.densify_max_splats": 300_000,
+        "train.prune_finetune_iterations": 2000,
+        "train.max_splats": 100_000,
+        "train.motion_iterations": 500,
+        "train.motion_first_iterations": None,
+        "train.motion_views": 4,
+        "train.motion_learning_rate": 1.0e-3,
+        "train.hash_levels": 16,
+        "train.finetune_iterations": 2000,
+        "train.finetune_means": False,
+        "bake.qp": 20,
+    },
+}
+"""Values by dotted name. preview: a quick look. standard: the schedule of sample_configs/quickstart.yaml, for CPUs.
+final: the paper's schedule, the defaults, for GPUs. All of them set the same settings."""
+
+
+def values_of(config: Config) -> dict[str, JsonValue]:
+    """All settings, JSON-ready, by dotted name."""
+
+    def leaves(value: Mapping[str, JsonValue], model: object, prefix: str) -> dict[str, JsonValue]:
+        found: dict[str, JsonValue] = {}
+        for name, one in value.items():
+            inner = getattr(model, name)
+            if isinstance(one, dict) and hasattr(type(inner), "model_fields"):
+                found |= leaves(one, inner, f"{prefix}{name}.")
+            else:
+                found[prefix + name] = one
+        return found
+
+    return leaves(config.model_dump(mode="json"), config, "")
+
+
+def preset_of(config: Config) -> str:
+    """The preset with the fewest settings that differ; the first of several."""
+    values = values_of(config)
+    return min(PRESETS, key=lambda name: sum(values[key] != value for key, value in PRESETS[name].items()))
+
+
+def differing(config: Config, preset: str) -> dict[str, JsonValue]:
+    """Settings of the take's processing that differ from a preset, with the preset's values; settings that a preset
+    does not set have their defaults. Settings of the capture and the calibration describe the footage: left out."""
+    values, usual = values_of(config), {**values_of(Config()), **PRESETS[preset]}
+    return {
+        name: value
+        for name, value in usual.items()
+        if not name.startswith(("capture.", "calibrate.")) and values[name] != value
+    }
+
+
+def with_values(config: Config, values: Mapping[str, JsonValue]) -> Config:
+    """A validated copy with some values replaced, by dotted name.
+
+    Raises:
+        pydantic.ValidationError: the values do not fit together.
+    """
+    changed = config.model_dump(mode="json")
+    for name, value in values.items():
+        *sections, last = name.split(".")
+        target = changed
+        for section in sections:
+            target = target[section]
+        target[last] = value
+    return Config.model_validate(changed)

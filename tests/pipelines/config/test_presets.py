@@ -1,0 +1,41 @@
+"""Presets: valid, complete, and compared with settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from pipelines.config import Config, load_config
+from pipelines.config.presets import PRESETS, differing, preset_of, values_of, with_values
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def test_all_presets_set_the_same_valid_settings() -> None:
+    names = {tuple(preset) for preset in PRESETS.values()}
+    assert len(names) == 1
+    for name, values in PRESETS.items():
+        config = with_values(Config(), values)
+        assert preset_of(config) == name
+        assert differing(config, name) == {}
+        assert values_of(config).items() >= dict(values).items()
+
+
+def test_final_has_the_defaults_and_standard_the_schedule_of_the_sample() -> None:
+    assert with_values(Config(), PRESETS["final"]) == Config()
+    sample = load_config(ROOT / "sample_configs" / "quickstart.yaml")
+    assert preset_of(sample) == "standard"
+    assert set(differing(sample, "standard")) == {
+        "train.group_size", "train.alpha_weight", "train.scale_reg", "train.dropout", "train.crop_margin",
+    }  # fmt: skip
+
+
+def test_what_differs_has_the_values_of_the_preset() -> None:
+    config = with_values(Config(), {**PRESETS["standard"], "train.max_splats": 7, "train.rates.opacity": 0.5})
+    config = with_values(config, {"capture.scale": 0.5, "calibrate.floor": True})
+    assert differing(config, "standard") == {"train.max_splats": 36_000, "train.rates.opacity": 0.05}
+    assert with_values(config, differing(config, "standard")).train == with_values(Config(), PRESETS["standard"]).train
+    with pytest.raises(ValidationError):
+        with_values(Config(), {"bake.qp": 77})
