@@ -48,7 +48,13 @@ BASE: dict[str, Any] = {
     "camera_color_every": 3,
 }
 MCMC = {"strategy": "mcmc", "densify_max_splats": 600}
-REFINED = {"refine_mattes": "auto", "refine_above": 0.0, "refine_moved_below": 1e9, "refine_every": 2}
+REFINED = {
+    "rates.opacity": 0.5,
+    "refine_mattes": "auto",
+    "refine_above": 0.0,
+    "refine_moved_below": 1e9,
+    "refine_every": 2,
+}
 
 CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "sh_degree": (0, {}),
