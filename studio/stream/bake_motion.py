@@ -14,6 +14,7 @@ from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
 from studio.rotations import quat_conjugate, quat_multiply, quats_to_mrp
 from studio.stream.files import describe
+from studio.stream.hidden_splats import carry_hidden_splats
 from studio.stream.layout import channels, component_frames, scale_floor, tile_grid, tile_side, typical_size
 from studio.stream.manifest_models import (
     BlockTable,
@@ -66,7 +67,7 @@ class MotionBake:
             values.append(np.take(components, order, axis=1))
         self._values = np.stack(values)  # (F, C, N) float32
         positions = self._values[:, :3].transpose(0, 2, 1).astype(np.float64)
-        self._positions = positions
+        self._positions = positions = carry_hidden_splats(positions, self._values[:, -8])
         self._box = Box(min=_point(positions.min(axis=(0, 1))), max=_point(positions.max(axis=(0, 1))))
         sizes = self._values[0, -7:-4].mean(axis=0)
         typical = typical_size(self._values[0, -7:-4], self._extent)
