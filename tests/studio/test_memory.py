@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import mmap
+import re
 import resource
 from pathlib import Path
 
@@ -9,7 +11,8 @@ import pytest
 import torch
 
 from studio import memory
-from studio.memory import is_out_of_memory, memory_available, memory_limit
+from studio.memory import is_out_of_memory, memory_available, memory_limit, require_memory
+from tests.support.errors import refuses
 
 
 @pytest.fixture
@@ -31,9 +34,10 @@ def test_without_limits_it_is_the_machines_memory(cgroups: Path) -> None:
 def test_a_container_limits_it_at_any_level(cgroups: Path) -> None:
     (cgroups / "outer" / "inner" / "memory.max").write_text(f"{1 << 32}\n")
     assert memory_limit() == 1 << 32
-    (cgroups / "outer" / "memory.max").write_text(f"{1 << 31}\n")
-    assert memory_limit() == 1 << 31
-    assert 0 < memory_available() < 1 << 31, "less what this process has"
+    own = psutil.Process().memory_info().rss
+    (cgroups / "outer" / "memory.max").write_text(f"{own + (64 << 20)}\n")
+    assert memory_limit() == own + (64 << 20)
+    assert memory_available() < 128 << 20, "less what this process has, which may just have changed a little"
 
 
 def test_cgroups_of_version_1(cgroups: Path) -> None:
@@ -63,5 +67,30 @@ def test_every_librarys_way_to_say_that_memory_ran_out_is_known() -> None:
         torch.empty(1 << 55, dtype=torch.uint8)
     assert is_out_of_memory(numpy_says.value)
     assert is_out_of_memory(torch_says.value)
+    with pytest.raises(OSError) as mmap_says:
+        mmap.mmap(-1, 1 << 60)
+    assert is_out_of_memory(mmap_says.value)
     assert not is_out_of_memory(RuntimeError("shapes do not match"))
     assert not is_out_of_memory(ValueError("out of memory"))
+
+
+@pytest.mark.parametrize(("kind", "option"), [(resource.RLIMIT_DATA, "-d"), (resource.RLIMIT_AS, "-v")])
+def test_a_limit_of_the_session_that_cannot_do_is_refused(
+    kind: int, option: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The limit that the sentence asks for is enough; more threads need more."""
+    limits = {kind: 400_000 << 10}
+    monkeypatch.setattr(resource, "getrlimit", lambda one: (limits.get(one, resource.RLIM_INFINITY),) * 2)
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    asked = []
+    for threads in ("1", "16"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        limits[kind] = 400_000 << 10
+        with refuses("memory.limit_too_low", value=400_000 << 10) as caught:
+            require_memory()
+        found = re.search(rf"ulimit {option} ([0-9]+)", str(caught.value))
+        assert found is not None
+        asked.append(int(found[1]))
+        limits[kind] = asked[-1] << 10
+        require_memory()
+    assert asked[0] < asked[1]
