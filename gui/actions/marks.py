@@ -50,6 +50,9 @@ class MarkActions:
                 marks.set(frame, note, known, view_of(window.player))
         except StudioError as error:
             window.player.message = str(error)
+            window.marks_changed()
+            return  # nothing to undo, even if the frame's mark is another one now: somebody else changed it
+        unchanged = note is not None and known is not None and note.strip() == known.note
         now = marks.marks.get(frame)
         window.marks_changed()
 
@@ -60,7 +63,7 @@ class MarkActions:
                 return str(error)
             return ""
 
-        if now != known:
+        if not unchanged and now != known:
             undo, redo = partial(put, known, now), partial(put, now, known)
             window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
