@@ -139,7 +139,9 @@ class MotionCoding(SplatCoding):
         steps = channel_steps(self._degree, 0.0, BakeSettings(profile="motion"))[3:]
         columns = values.detach().cpu().double().numpy().T
         found = np.array([channel_range(column, step) for column, step in zip(columns, steps, strict=True)])
-        offsets, widths = torch.as_tensor(found, dtype=values.dtype, device=values.device).T
+        offsets, widths = torch.as_tensor(
+            found, dtype=values.dtype, device=values.device
+        ).T.contiguous()  # kernels read rows
         return offsets, widths
 
     def decode(self, gaussians: Gaussians, values: Tensor) -> Gaussians:

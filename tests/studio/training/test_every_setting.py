@@ -1,0 +1,250 @@
+"""Every setting of training changes something: none is read by nobody."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from studio.capture.footage import FootageView
+from studio.chroma import ChromaSampling
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.settings import affected
+from studio.training import (
+    LearningRates,
+    TrainingView,
+    TrainSettings,
+    fit_camera_colors,
+    train_interframe,
+    train_keyframe,
+)
+from tests.studio.training.test_group import HEIGHT, SHIFT, WIDTH, ball, cameras
+
+BASE: dict[str, Any] = {
+    "keyframe_iterations": 12,
+    "densify_from": 1,
+    "densify_until": 11,
+    "densify_every": 5,
+    "densify_gradient": 1e-6,
+    "prune_finetune_iterations": 4,
+    "prune_ratio": 0.2,
+    "max_splats": 5000,
+    "sh_degree": 1,
+    "sh_degree_every": 4,
+    "opacity_reset_every": 7,
+    "motion_iterations": 3,
+    "motion_views": 2,
+    "finetune_iterations": 4,
+    "hash_levels": 3,
+    "hash_log2_size": 8,
+    "mlp_width": 16,
+    "camera_color_iterations": 6,
+    "camera_color_every": 3,
+}
+MCMC = {"strategy": "mcmc", "densify_max_splats": 600}
+REFINED = {
+    "rates.opacity": 0.5,
+    "refine_mattes": "auto",
+    "refine_above": 0.0,
+    "refine_moved_below": 1e9,
+    "refine_every": 2,
+}
+
+CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "sh_degree": (0, {}),
+    "dssim_weight": (0.5, {}),
+    "alpha_weight": (0.3, {}),
+    "opacity_reg": (0.1, {}),
+    "scale_reg": (1.0, {}),
+    "background": ("white", {}),
+    "dropout": (0.4, {}),
+    "refine_mattes": ("always", {}),
+    "refine_above": (1e6, REFINED),
+    "refine_moved_below": (1e-6, REFINED),
+    "refine_every": (3, REFINED),
+    "refined_alpha_weight": (0.3, REFINED),
+    "chroma_siting": ("center", {}),
+    "final_iterations": (2, {}),
+    "final_dropout": (0.0, {"final_iterations": 2}),
+    "keyframe_iterations": (13, {}),
+    "strategy": ("mcmc", {"densify_max_splats": 600}),
+    "mcmc_noise": (50.0, MCMC),
+    "densify_from": (7, {}),
+    "densify_until": (4, {}),
+    "densify_every": (3, {}),
+    "densify_gradient": (1.0, {}),
+    "densify_max_splats": (301, {}),
+    "opacity_reset_every": (1000, {}),
+    "sh_degree_every": (6, {}),
+    "prune_ratio": (0.4, {}),
+    "prune_rounds": (2, {}),
+    "max_splats": (150, {}),
+    "prune_finetune_iterations": (5, {}),
+    "motion_iterations": (5, {}),
+    "motion_first_iterations": (6, {}),
+    "motion_learning_rate": (1e-2, {}),
+    "motion_views": (3, {}),
+    "motion_velocity": (False, {}),
+    "motion_velocity_neighbors": (0, {}),
+    "motion_warm_start": (True, {}),
+    "motion_neighbors": (6, {}),
+    "hash_levels": (4, {}),
+    "hash_features": (2, {}),
+    "hash_log2_size": (6, {}),
+    "hash_base_resolution": (8, {}),
+    "hash_growth": (2.0, {}),
+    "mlp_width": (32, {}),
+    "mlp_layers": (3, {}),
+    "finetune_iterations": (6, {}),
+    "finetune_means": (True, {}),
+    "entropy_weight": (1.0, {}),
+    "temporal_weight": (1.0, {}),
+    "temporal_huber": (2.0, {"temporal_weight": 1.0}),
+    "regularize": ("motion", {"entropy_weight": 1.0}),
+    "simulate_quantization": (True, {}),
+    "rates.means": (1e-3, {}),
+    "rates.means_final": (1e-4, {}),
+    "rates.means_finetune": (1e-3, {"finetune_means": True}),
+    "rates.sh_dc": (1e-2, {}),
+    "rates.sh_rest": (1e-2, {}),
+    "rates.opacity": (0.1, {}),
+    "rates.scale": (0.05, {}),
+    "rates.rotation": (0.05, {}),
+}
+"""Another value of each setting, and what else has to be set for it to matter. What is seen: the trained splats."""
+
+OTHERWISE: dict[str, Callable[[], bool]] = {}
+"""Settings with another observable: whether it changes."""
+
+
+def observed_by(name: str) -> Callable[[Callable[[], bool]], Callable[[], bool]]:
+    def add(check: Callable[[], bool]) -> Callable[[], bool]:
+        OTHERWISE[name] = check
+        return check
+
+    return add
+
+
+def settings(**changes: Any) -> TrainSettings:
+    rates = {name.partition(".")[2]: value for name, value in changes.items() if name.startswith("rates.")}
+    plain = {name: value for name, value in changes.items() if "." not in name}
+    return TrainSettings(**{**BASE, **plain}, rates=LearningRates(**rates))
+
+
+@functools.cache
+def views(shift: float) -> tuple[TrainingView, ...]:
+    """The ball in three frames, at half the size, with subsampled chroma and mattes that are a bit too wide."""
+    made = []
+    truth = ball(shift * SHIFT)
+    for camera in (one.scaled(0.5) for one in cameras()[:4]):
+        render = rasterize(truth, camera)
+        image = (render.image / render.alpha[..., None].clamp_min(1e-3)).clamp(0, 1)
+        wide = torch.nn.functional.max_pool2d(render.alpha[None, None], 3, 1, 1)[0, 0].clamp(0, 1)
+        size = (WIDTH // 2, HEIGHT // 2)
+        made.append(TrainingView(camera, image, wide, size, chroma=ChromaSampling((2, 2), (0.0, 0.5))))
+    return tuple(made)
+
+
+def points() -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(1)
+    means = ball(torch.zeros(3)).means
+    return means + 0.02 * torch.randn(means.shape, generator=generator), torch.full((300, 3), 0.5)
+
+
+def digest(frames: list[Gaussians]) -> str:
+    found = hashlib.sha256()
+    for frame in frames:
+        for _, value in frame.items():
+            found.update(value.contiguous().numpy().tobytes())
+    return found.hexdigest()
+
+
+@functools.cache
+def keyframe(chosen: TrainSettings) -> Gaussians:
+    return train_keyframe(views(0), *points(), chosen, seed=1)
+
+
+@functools.cache
+def trained(chosen: TrainSettings) -> str:
+    """Digest of a keyframe and two later frames."""
+    first = keyframe(chosen)
+    second = train_interframe(first, views(1), chosen, seed=2)
+    third = train_interframe(
+        second.gaussians, views(2), chosen, before_previous=first, warm_start=second.motion, seed=3
+    )
+    return digest([first, second.gaussians, third.gaussians])
+
+
+def captured() -> FootageView:
+    camera = cameras()[0]
+    render = rasterize(ball(torch.zeros(3)), camera)
+    image, matte = ((255 * one).clamp(0, 255).to(torch.uint8).numpy() for one in (render.image, render.alpha))
+    return FootageView(camera, image, matte, plate=np.full_like(image, 90))
+
+
+@observed_by("crop_margin")
+def _crop() -> bool:
+    seen = [TrainingView.from_view(captured(), crop_margin=settings(crop_margin=one).crop_margin) for one in (0.0, 0.3)]
+    return seen[0].image.shape != seen[1].image.shape
+
+
+@observed_by("use_plates")
+def _plates() -> bool:
+    seen = [TrainingView.from_view(captured(), use_plate=settings(use_plates=one).use_plates) for one in (True, False)]
+    return not torch.equal(seen[0].composited(torch.zeros(3)), seen[1].composited(torch.zeros(3)))
+
+
+@observed_by("checkpoint_every")
+def _checkpoints() -> bool:
+    counts = []
+    for every in (2, 5):
+        steps: list[int] = []
+        chosen = settings(checkpoint_every=every)
+        train_keyframe(views(0), *points(), chosen, checkpoint=lambda step, state, to=steps: to.append(step))
+        counts.append(steps)
+    return counts[0] != counts[1] and bool(counts[1])
+
+
+def _colors(**changes: Any) -> torch.Tensor:
+    seen = [view.with_color(torch.eye(3, 4)) for view in views(0)]
+    return fit_camera_colors(seen, *points(), settings(**changes), seed=1)
+
+
+@observed_by("camera_color_iterations")
+def _color_steps() -> bool:
+    return not torch.equal(_colors(), _colors(camera_color_iterations=8))
+
+
+@observed_by("camera_color_every")
+def _color_fits() -> bool:
+    return not torch.equal(_colors(), _colors(camera_color_every=2))
+
+
+@observed_by("camera_colors")
+def _camera_colors() -> bool:
+    """In a take: `tests/pipelines/stages/test_camera_colors.py`. Here, that a step sees the colors of its camera."""
+    plain = train_keyframe(views(0), *points(), settings(), seed=1)
+    darker = [view.with_color(0.8 * torch.eye(3, 4)) for view in views(0)]
+    return digest([plain]) != digest([train_keyframe(darker, *points(), settings(), seed=1)])
+
+
+def test_there_is_a_row_for_every_setting() -> None:
+    assert set(CHANGES) | set(OTHERWISE) == set(affected(TrainSettings))
+    assert not set(CHANGES) & set(OTHERWISE)
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_the_setting_changes_the_splats(name: str) -> None:
+    value, others = CHANGES[name]
+    assert trained(settings(**{**others, name: value})) != trained(settings(**others))
+
+
+@pytest.mark.parametrize("name", sorted(OTHERWISE))
+def test_the_setting_changes_something_else(name: str) -> None:
+    assert OTHERWISE[name]()
