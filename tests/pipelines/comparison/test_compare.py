@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from pipelines.comparison.opened_takes import open_takes
-from pipelines.comparison.protocols import PROTOCOLS
 from pipelines.config import dump_config, load_config, parse_override
 from pipelines.runs.runner import run
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
+from studio.comparison import PROTOCOLS
 
 
 @pytest.fixture(scope="module")

@@ -273,7 +273,9 @@ def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: P
     shown(views, lambda picture: not views.capture.checking)
     assert not views.capture._check.problems
     told: list[str] = []
-    window = SimpleNamespace(workspace=views.workspace, notices=SimpleNamespace(tell=lambda words, bad: told.append(words)))
+    window = SimpleNamespace(
+        workspace=views.workspace, notices=SimpleNamespace(tell=lambda words, bad: told.append(words))
+    )
     uses = CameraActions(cast("Shell", window))._uses()
     assert uses is not None, told
     assert len(uses.uses) == 6
