@@ -5,6 +5,8 @@ Without this, a run in a container of 4 GB on a machine of 64 GB would plan for 
 
 from __future__ import annotations
 
+import errno
+import re
 import resource
 from pathlib import Path
 
@@ -29,10 +31,24 @@ def memory_available() -> int:
 
 def is_out_of_memory(error: BaseException) -> bool:
     """Whether an error of Python, PyTorch (on the CPU or a GPU) or OpenCV says that memory ran out."""
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     words = ("can't allocate memory", "not enough memory", "out of memory", "Insufficient memory", "std::bad_alloc")
     return isinstance(error, (RuntimeError, OSError, _cv2_error())) and any(word in str(error) for word in words)
+
+
+def gpu_out_of_memory(error: BaseException) -> str | None:
+    """The GPU whose memory ran out, with its size in GB, as in "NVIDIA H200 (150.1 GB)"; None for any other error."""
+    import torch
+
+    says = isinstance(error, RuntimeError) and "CUDA" in str(error) and is_out_of_memory(error)
+    if not says and not isinstance(error, torch.cuda.OutOfMemoryError):
+        return None
+    if not torch.cuda.is_available():  # the error came from another machine
+        return "the GPU"
+    named = re.search(r"\bGPU (\d+)\b", str(error))  # as PyTorch's allocator says
+    about = torch.cuda.get_device_properties(int(named[1]) if named else torch.cuda.current_device())
+    return f"{about.name} ({about.total_memory / 1e9:.1f} GB)"
 
 
 def _cv2_error() -> type[BaseException]:

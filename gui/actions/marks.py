@@ -9,7 +9,7 @@ from gui.presenters.playback.mark_views import show_view, view_of
 from gui.presenters.run.history import Change
 from gui.shell import Shell
 from pipelines.takes.marks import Mark
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 
 class MarkActions:
@@ -46,26 +46,23 @@ class MarkActions:
         try:
             if note is None:
                 marks.remove(frame, known)
-            else:
-                marks.set(frame, note, known, view_of(window.player))
-        except StudioError as error:
+            elif not marks.set(frame, note, known, view_of(window.player)):
+                return
+        except StudioError as error:  # among others, somebody else has changed it: theirs is not to be undone here
             window.player.message = str(error)
-            window.marks_changed()
-            return  # nothing to undo, even if the frame's mark is another one now: somebody else changed it
-        unchanged = note is not None and known is not None and note.strip() == known.note
+            return
         now = marks.marks.get(frame)
         window.marks_changed()
 
-        def put(mark: Mark | None, replaces: Mark | None) -> str:
+        def put(mark: Mark | None, replaces: Mark | None) -> Message | None:
             try:
                 marks.put(frame, mark, replaces)
             except StudioError as error:
-                return str(error)
-            return ""
+                return error.message
+            return None
 
-        if not unchanged and now != known:
-            undo, redo = partial(put, known, now), partial(put, now, known)
-            window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
+        undo, redo = partial(put, known, now), partial(put, now, known)
+        window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
     def go(self, direction: int) -> None:
         """Go to the next (1) or previous (-1) mark, and to its view."""

@@ -54,8 +54,8 @@ class Marks:
             self.marks, self._damage, self.error = {}, error, str(error)
         return True
 
-    def set(self, frame: int, note: str, replaces: Mark | None, view: MarkView | None = None) -> None:
-        """Mark a frame, or change its note.
+    def set(self, frame: int, note: str, replaces: Mark | None, view: MarkView | None = None) -> bool:
+        """Mark a frame, or change its note; returns whether there was anything to change.
 
         Args:
             frame: counted from 0.
@@ -67,10 +67,12 @@ class Marks:
             StudioError: somebody else has changed this mark meanwhile, or the file is damaged or cannot be written.
         """
         note = note.strip()
-        if replaces is None or note != replaces.note:
-            view = replaces.view or view if replaces is not None else view
-            mark = Mark(frame=frame, note=note) if view is None else Mark(frame=frame, note=note, view=view)
-            self.put(frame, mark, replaces)
+        if replaces is not None and note == replaces.note:
+            return False
+        view = replaces.view or view if replaces is not None else view
+        mark = Mark(frame=frame, note=note) if view is None else Mark(frame=frame, note=note, view=view)
+        self.put(frame, mark, replaces)
+        return True
 
     def remove(self, frame: int, replaces: Mark | None) -> None:
         """Remove a frame's mark; arguments and exceptions as `set`."""

@@ -259,19 +259,27 @@ class QueueFile:
             the process ID of the program, which ends within seconds.
 
         Raises:
-            StudioError: no program does it (`queue.not_run`), or it cannot be stopped from here, because it runs on
-                another machine or belongs to another user (`queue.cannot_stop`).
+            StudioError: no program does it (`queue.not_run`), it is not known which (`queue.unknown_runner`), or it
+                cannot be stopped from here, because it runs on another machine or belongs to another user
+                (`queue.cannot_stop`).
         """
-        held = self.is_run()
-        try:
-            holder = json.loads(self._lock("run").read_text(encoding="utf-8")) if held else {}
-            pid, host = int(holder["pid"]), str(holder["host"])
-        except (OSError, ValueError, KeyError, TypeError):  # it has just ended, or has not written it yet
+        if not self.is_run():
             raise StudioError(
                 "queue.not_run",
                 "the queue is not running",
                 file=self.path,
                 fix="`v3studio queue run` starts it.",
+            )
+        try:
+            holder = json.loads(self._lock("run").read_text(encoding="utf-8"))
+            pid, host = int(holder["pid"]), str(holder["host"])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise StudioError(
+                "queue.unknown_runner",
+                "a program works through the queue, but does not say which: it begins or ends just now, or is of an "
+                "older version",
+                file=self.path,
+                fix="Try again in a moment, or press Ctrl+C where it was started.",
             ) from None
         try:
             if host != socket.gethostname():
@@ -307,8 +315,11 @@ class QueueFile:
             file.truncate(0)
             file.write(json.dumps({"pid": os.getpid(), "host": socket.gethostname()}))
             file.flush()
-            self.change(_interrupted)
-            yield
+            try:
+                self.change(_interrupted)
+                yield
+            finally:  # before the lock is released: the next program must never seem to be this one
+                file.truncate(0)
 
     def _lock(self, name: str) -> Path:
         return self.path.with_name(f".{self.path.name}.{name}")

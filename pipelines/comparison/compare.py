@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +22,7 @@ from pipelines.comparison.results import (
 )
 from pipelines.comparison.side_by_side import side_by_side
 from pipelines.reports.pictures import write_picture
-from pipelines.takes.atomic_files import disk_errors, write_model
+from pipelines.takes.atomic_files import disk_errors, read_model, remove, write_model
 from studio.comparison import EvaluationProtocol, ViewPair, flicker, measure_view, padded_box
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
@@ -36,7 +37,15 @@ class _Figures:
     def __init__(self) -> None:
         self.rows: list[dict[str, Measures]] = []
         self.flicker: list[FlickerOfFrame] = []
-        self.before: dict[str, ViewPair] = {}
+        self.before: dict[str, _Residual] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class _Residual:
+    """What is kept of a view for the flicker of the next frame."""
+
+    values: np.ndarray
+    matte: np.ndarray
 
 
 def compare(
@@ -59,7 +68,7 @@ def compare(
 
     Args:
         folders: of the takes.
-        out: folder of the results; created.
+        out: folder of the results; created. Pictures of an earlier comparison in it are replaced, other files stay.
         protocol: which cameras, pixels and size.
         cameras: names instead of the protocol's.
         truth: folder of the take whose footage settings (images, mattes) are the truth; None: the first.
@@ -70,7 +79,8 @@ def compare(
         progress: called with drawn and all views.
 
     Raises:
-        StudioError: see `open_takes`; `compare.no_common_frame`; `compare.nothing_visible`.
+        StudioError: see `open_takes`; `compare.no_common_frame`; `compare.nothing_visible`; `take.not_writable` or
+            `take.disk_full`, before anything is measured if that is known then.
         Cancelled: raised by `progress`; nothing is written then.
     """
     with ExitStack() as closing:
@@ -83,6 +93,7 @@ def compare(
                 value=str(folders[0]),
                 fix="Compare takes of the same footage.",
             )
+        closing.enter_context(_writable(out))
         shown = {frames[at] for at in np.linspace(0, len(frames) - 1, min(pictures, len(frames))).round().astype(int)}
         figures = [_Figures() for _ in takes]
         drawn: dict[str, np.ndarray] = {}
@@ -109,10 +120,11 @@ def compare(
                     quality = measure_view(pair, protocol.padding, lpips)
                     if quality is not None:
                         row[camera] = Measures(**{k: v for k, v in asdict(quality).items() if v is not None})
-                    before = found.before.get(camera)
-                    if before is not None and every == 1:
-                        changes += _flicker(before, pair, protocol.padding)
-                    found.before[camera] = pair
+                    if every == 1:
+                        now = _Residual(pair.residual, pair.matte)
+                        if camera in found.before:
+                            changes += _flicker(found.before[camera], now, protocol.padding)
+                        found.before[camera] = now
                     if frame in shown:
                         views[camera].append(pair)
                 if row:
@@ -125,7 +137,7 @@ def compare(
             for camera, pairs in views.items():
                 if pairs:
                     picture = side_by_side([take.name for take in takes], pairs, protocol.padding)
-                    drawn[f"{camera}_{frame:06d}.png"] = picture
+                    drawn[_picture_name(camera, frame)] = picture
         progress(total, total)
         if not all(found.rows for found in figures):
             raise StudioError(
@@ -139,23 +151,55 @@ def compare(
             takes=tuple(_result(take, found, names) for take, found in zip(takes, figures, strict=True)),
         )
     with disk_errors(out):
-        out.mkdir(parents=True, exist_ok=True)
+        for path in _earlier_pictures(out):
+            remove(path)
         for name, picture in drawn.items():
-            write_picture(out / name.replace("/", "_"), picture)
+            write_picture(out / name, picture)
         write_model(out / "comparison.json", result)
     return result
 
 
-def _flicker(before: ViewPair, now: ViewPair, padding: int | None) -> list[float]:
+@contextmanager
+def _writable(out: Path) -> Iterator[None]:
+    """Create the folder and try to write there, which must not fail after hours; gone again if the block fails."""
+    new = not out.exists()
+    with disk_errors(out):
+        out.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=out):
+            pass
+    try:
+        yield
+    except BaseException:
+        if new:
+            with suppress(OSError):
+                out.rmdir()
+        raise
+
+
+def _picture_name(camera: str, frame: int) -> str:
+    return f"{camera}_{frame:06d}.png".replace("/", "_")
+
+
+def _earlier_pictures(out: Path) -> list[Path]:
+    """Where the comparison that is in the folder has its pictures; nothing that somebody else put there."""
+    try:
+        earlier = read_model(out / "comparison.json", Comparison).protocol
+    except StudioError:
+        return []
+    names = (_picture_name(camera, frame) for camera in earlier.cameras for frame in earlier.frames)
+    return [out / name for name in names]
+
+
+def _flicker(before: _Residual, now: _Residual, padding: int | None) -> list[float]:
     """Flicker in the box around the performer of both frames; none if one of the mattes is empty."""
-    if before.truth.shape != now.truth.shape:
+    if before.values.shape != now.values.shape:
         return []
     box: tuple[slice, ...] | None = (slice(None), slice(None))
     if padding is not None:
         if not ((before.matte > 127).any() and (now.matte > 127).any()):
             return []
         box = padded_box(np.maximum(before.matte, now.matte), padding)
-    return [] if box is None else [flicker(before.residual[box], now.residual[box])]
+    return [] if box is None else [flicker(before.values[box], now.values[box])]
 
 
 def _result(take: OpenedTake, found: _Figures, names: Sequence[str]) -> ComparedTake:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from studio.errors import StudioError
-from studio.memory import is_out_of_memory, memory_limit
+from studio.memory import gpu_out_of_memory, is_out_of_memory, memory_limit
 
 
 @contextmanager
@@ -14,13 +14,22 @@ def memory_errors(stage: str) -> Iterator[None]:
     """Turn an allocation that fails inside the block into a StudioError.
 
     Raises:
-        StudioError: `run.out_of_memory`.
+        StudioError: `run.out_of_memory`, or `run.out_of_gpu_memory`.
     """
     try:
         yield
     except Exception as error:
         if isinstance(error, StudioError) or not is_out_of_memory(error):
             raise
+        gpu = gpu_out_of_memory(error)
+        if gpu is not None:
+            raise StudioError(
+                "run.out_of_gpu_memory",
+                f"the memory of {gpu} ran out in the stage {stage}",
+                fix="End other programs that use this GPU, or lower train.max_splats, capture.scale or "
+                "run.groups_at_once, and run again; finished work is kept.",
+                stage=stage,
+            ) from error
         raise StudioError(
             "run.out_of_memory",
             f"memory ran out in the stage {stage}; this process may use {memory_limit() / 1e9:.1f} GB",

@@ -14,7 +14,7 @@ from pipelines.takes.atomic_files import read_model, write_model
 from pipelines.takes.point_files import read_points
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import CameraColors, InitialPointsReport
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.training import TrainingView
@@ -103,6 +103,18 @@ def _fit(context: Context, reporter: StageReporter, key: str) -> None:
         ),
     )
     _tell(reporter, names, matrices)
+    without = [name for name in context.footage.calibrated.train_cameras if name not in names]
+    if without:
+        reporter.warn(
+            Message(
+                "training.no_camera_color",
+                f"the colors of {', '.join(without)} are not corrected in any frame: they do not see the performer in "
+                f"frame {group.keyframe}, to which the colors of the cameras are fitted",
+                fix="Start the take (capture.start) at a frame in which all cameras see the performer, or leave these "
+                "cameras out.",
+                fields={"cameras": tuple(without), "frame": int(group.keyframe)},
+            )
+        )
 
 
 def _tell(reporter: StageReporter, names: list[str], matrices: Any) -> None:

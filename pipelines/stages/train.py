@@ -76,6 +76,8 @@ class TrainStage:
             )
         finished = {group.index: self._finished(context, group) for group in groups}
         todo = [group for group in groups if finished[group.index] < len(group.frames)]
+        if context.executor is None and todo:
+            refuse_too_little_memory(context)
         if context.executor is None or not todo:  # else those that train the groups need it, and have the devices
             self._colors(context, reporter, Cancellation())
         reporter.start_clock()
@@ -108,7 +110,6 @@ class TrainStage:
         written: Callable[[int, int], None],
     ) -> None:
         """Train the groups of `groups` that are not finished, several at once."""
-        refuse_too_little_memory(context)
         at_once = groups_at_once(context)
         clock = TrainClock(groups, finished, context.config.train)
         work = GroupWork(context, reporter, clock, max(1, context.threads // at_once), written)
@@ -138,6 +139,7 @@ class TrainStage:
 
     def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
         """See `GroupStage`."""
+        refuse_too_little_memory(context)
         finished = self._finished(context, group)
         reporter.log(f"group {group.index}: {finished} of {len(group.frames)} frames are already trained")
         clock = TrainClock((group,), {group.index: finished}, context.config.train)

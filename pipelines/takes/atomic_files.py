@@ -169,7 +169,9 @@ def link_or_copy(source: str, target: str) -> None:
         shutil.copy2(source, target)
 
 
-_DISK_FAILED = (errno.EIO, errno.ESTALE, errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN, errno.EREMOTEIO)
+_DISK_FAILED = (errno.EIO, errno.ESTALE, errno.EREMOTEIO)
+_DISK_GONE = (errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN)
+"""Sockets and other devices fail with these numbers too, but their errors name no file."""
 
 
 @contextmanager
@@ -197,7 +199,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
                 fix="Look at `ulimit -f`, or choose a folder on another file system, and run again; finished work is "
                 "kept.",
             ) from error
-        if error.errno in _DISK_FAILED:
+        if error.errno in _DISK_FAILED or (error.errno in _DISK_GONE and error.filename is not None):
             raise StudioError(
                 "take.disk_failed",
                 f"the disk cannot be read or written ({error.strerror})",

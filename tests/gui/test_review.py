@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
 
-from gui.actions.marks import MarkActions
 from gui.presenters.drawing.palette import ACCENT
 from gui.presenters.evaluation import Evaluation
 from gui.presenters.marks import Marks
@@ -20,14 +17,12 @@ from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.mark_views import show_view, view_of
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import TimelinePlots, plots_of
-from gui.presenters.run.history import History
 from gui.presenters.run.inspector import figures_picture, log_lines, review_blocks
-from gui.shell import Shell
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
+from pipelines.takes.marks import Mark, MarkView, change_mark
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -237,37 +232,3 @@ def test_long_log_lines_are_broken_and_nothing_is_lost() -> None:
     assert all(kind == "warning" and part.startswith("   ") for kind, part in timed[1:-1])
     assert timed[-1] == ("", "12:01:02  later")
     assert figures_picture([], 100, 50, 16.0).shape == (50, 100, 3)
-
-
-def test_undo_never_takes_back_what_another_reviewer_did(player: PlayerPresenter, tmp_path: Path) -> None:
-    """Somebody else changes a mark while the dialog is open, which the window notices (`Marks.refresh`)."""
-    path, answers, history = tmp_path / "marks.json", [], History()
-    first = Mark(frame=0, note="hand")
-    change_mark(path, 0, first, None)
-    marks = Marks(path)
-
-    def line(name: str, title: str, words: str, note: str, given: list[tuple[str, str, Callable[[str], None]]]) -> None:
-        answers[:] = [act for _, _, act in given]
-
-    window = SimpleNamespace(
-        player=player, marks=marks, marks_changed=lambda: None,
-        dialogs=SimpleNamespace(line=line), workspace=SimpleNamespace(history=history),
-    )  # fmt: skip
-    actions = MarkActions(cast("Shell", window))
-    for note in ("mine", "hand"):  # refused; nothing to do
-        marks.refresh()
-        before = marks.marks[0]
-        actions.ask()
-        theirs = Mark(frame=0, note="hand" if note == "mine" else "theirs")
-        theirs = theirs.model_copy(update={"author": f"Ada {note}"})
-        change_mark(path, 0, theirs, before)
-        marks.refresh()
-        answers[0](note)
-        assert history.undo() == "Nothing to undo."
-        assert read_marks(path)[0] == theirs
-    marks.refresh()
-    actions.ask()
-    answers[0]("mine")
-    assert read_marks(path)[0].note == "mine"
-    assert history.undo().startswith("Undone")
-    assert read_marks(path)[0].note == "theirs"

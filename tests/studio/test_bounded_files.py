@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,19 @@ def test_up_to_the_limit_it_is_the_whole_file(tmp_path: Path) -> None:
     assert read_bounded_text(file) == "one\ntwo\n"
     with pytest.raises(OSError, match="more than the 8 bytes"):
         read_bounded(file, 8)
+
+
+def test_what_has_no_size_takes_no_more_memory_than_it_has_bytes(tmp_path: Path) -> None:
+    (tmp_path / "empty").touch()
+    assert read_bounded(tmp_path / "empty", 1 << 60) == b""
+    os.mkfifo(tmp_path / "pipe")
+    text = bytes(range(256)) * 10_000
+    with ThreadPoolExecutor(1) as pool:
+        writing = pool.submit((tmp_path / "pipe").write_bytes, text)
+        assert read_bounded(tmp_path / "pipe", len(text)) == text
+        writing.result()
+    with pytest.raises(OSError, match="more than the 3,000,000 bytes"):
+        read_bounded(Path("/dev/zero"), 3_000_000)
 
 
 @pytest.mark.parametrize(

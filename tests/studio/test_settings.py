@@ -67,8 +67,8 @@ def dataclass_defaults(path: Path) -> Iterator[tuple[str, str]]:
                     yield node.name, ast.unparse(item.target)
 
 
-RESULTS_OF_THE_SAME_NAME = {"Evaluation.held_out"}
-"""Result fields with the name of a setting: whether the measured cameras were held out."""
+RESULTS_OF_THE_SAME_NAME = {"Evaluation.held_out", "StreamMetadata.view_range"}
+"""Result fields with the name of a setting: whether the measured cameras were held out; the views a manifest allows."""
 
 
 def test_no_dataclass_repeats_a_setting() -> None:

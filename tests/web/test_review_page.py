@@ -18,7 +18,7 @@ from driver import PATIENCE, Page
 from pipelines.share.player_files import read_player
 from pipelines.share.served_streams import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
-from pipelines.takes.marks import read_marks
+from pipelines.takes.marks import Mark, change_mark, read_marks
 from pipelines.takes.take import Take
 from tests.support.web_servers import running
 
@@ -193,6 +193,23 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
     page.handle.locator(".v3-review .strip button").click()
     page.handle.get_by_role("button", name="End comparison").wait_for()
     assert page.handle.locator("v3-player .wipe [role=slider]").get_attribute("aria-valuenow") == "100"
+
+
+def test_a_note_that_is_not_saved_is_not_replaced(page, take):
+    page.handle.set_viewport_size({"width": 1200, "height": 900})  # the list of marks stays beside the form
+    change_mark(take.marks, 1, Mark(frame=1, note="elbow"), None)
+    page.handle.get_by_text("elbow").wait_for(timeout=PATIENCE)
+    page.handle.locator("v3-player .stage").press("n")
+    note = page.handle.get_by_placeholder("Note")
+    note.fill("the hand is blur")
+    page.handle.locator("v3-player .stage").press("n")
+    page.handle.get_by_role("button", name="Edit the mark at frame 1").click()
+    assert note.input_value() == "the hand is blur"
+    assert "Save or cancel" in page.handle.locator(".v3-review .trouble").inner_text()
+    page.handle.keyboard.type("red")
+    note.press("Enter")
+    page.handle.wait_for_selector(".v3-review form", state="hidden")
+    assert read_marks(take.marks)[0].note == "the hand is blurred"
 
 
 def test_a_comment_is_written_in_one_glance_on_a_phone(page):

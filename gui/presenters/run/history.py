@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from studio.errors import Message
+
 MOST = 200
 """Changes that are remembered."""
+
+_LASTING = ("take.mark_changed",)
+"""Refusals that will be repeated."""
 
 
 @dataclass(frozen=True)
@@ -15,16 +20,17 @@ class Change:
 
     Attributes:
         words: what it changed, as in "bake.qp 20 to 24".
-        undo, redo: reverse it, make it again; each returns why that was refused, "" if it was not.
+        undo, redo: reverse it, make it again; each returns why that was refused, None if it was not.
     """
 
     words: str
-    undo: Callable[[], str]
-    redo: Callable[[], str]
+    undo: Callable[[], Message | None]
+    redo: Callable[[], Message | None]
 
 
 class History:
-    """Changes that were made, and those that were undone since the last one. A refused one stays where it is."""
+    """Changes that were made, and those that were undone since the last one. A refused one stays where it is, such as
+    during a run, unless it can never be made: somebody else has changed the same mark."""
 
     def __init__(self) -> None:
         self._made: list[Change] = []
@@ -44,12 +50,14 @@ class History:
         return self._step(self._undone, self._made, "Redone", lambda change: change.redo())
 
     @staticmethod
-    def _step(source: list[Change], target: list[Change], word: str, act: Callable[[Change], str]) -> str:
+    def _step(source: list[Change], target: list[Change], word: str, act: Callable[[Change], Message | None]) -> str:
         if not source:
             return f"Nothing to {'undo' if word == 'Undone' else 'redo'}."
         refusal = act(source[-1])
-        if refusal:
-            return refusal
+        if refusal is not None:
+            if refusal.code in _LASTING:
+                source.pop()
+            return str(refusal)
         change = source.pop()
         target.append(change)
         return f"{word}: {change.words}."

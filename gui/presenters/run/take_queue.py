@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import time
 from collections.abc import Callable
@@ -67,6 +68,12 @@ def look(queue: QueueFile) -> QueueView:
     return QueueView(tuple(rows), is_run)
 
 
+def _killed(number: int) -> str:
+    name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
+    memory = ", as by the system when memory runs out" if number == signal.SIGKILL else ""
+    return f"The program that worked through the queue was ended by {name}{memory}. Start it again to go on."
+
+
 class TakeQueue:
     """See the module. Call `poll` at each tick while the queue is on screen; it does not block.
 
@@ -105,8 +112,11 @@ class TakeQueue:
         if done is not None:
             self.view = done.result if done.result is not None else QueueView(error=str(done.error))
         if self._process is not None and self._process.poll() is not None:
-            if self._process.returncode > 0:
+            code = self._process.returncode
+            if code > 0:
                 self.message = self._why_it_ended() or self.message
+            elif code < 0 and code != -signal.SIGTERM:  # SIGTERM is how it is stopped
+                self.message = _killed(-code)
             self._process = None
             self._next_look = 0.0
         return before != (self.view, self.message, self.running)

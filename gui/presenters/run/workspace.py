@@ -332,10 +332,7 @@ class Workspace:
             old = {name: setting_value(before, name) for name in values}
             new = {name: setting_value(self.context.config, name) for name in values}
             words = words or ", ".join(f"{name} {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new)
-
-            def write(values: Mapping[str, object]) -> str:
-                return str(self._write_settings(values) or "")
-
+            write = self._write_settings
             self.history.add(Change(words, lambda: write(old), lambda: write(new)))
         return refusal
 

@@ -114,6 +114,12 @@ run_queue(QueueFile(Path({str(queue.path)!r})), print, emit, print, program)
         lock.write_text('{"pid": 1, "host": "elsewhere.example"}')
         with refuses("queue.cannot_stop", file=queue.path):
             queue.stop()
+        lock.write_text("")  # it has just begun
+        with refuses("queue.unknown_runner", file=queue.path):
+            queue.stop()
+    with queue.running():
+        assert str(os.getpid()) in lock.read_text()
+    assert lock.read_text() == "", "the next program is never taken for this one"
 
 
 def test_changes_at_the_same_time_are_all_kept(queue: QueueFile, tmp_path: Path) -> None:

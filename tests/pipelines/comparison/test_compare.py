@@ -11,12 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
+from pipelines.comparison.compare import compare
 from pipelines.comparison.opened_takes import open_takes
 from pipelines.config import dump_config, load_config, parse_override
 from pipelines.runs.runner import run
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison import PROTOCOLS
+from tests.support.errors import refuses
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +56,31 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
     assert pictures == ["cam4_000000.png", "cam4_000004.png"]
     picture = cv2.imread(str(tmp_path / "out" / pictures[0]))
     assert picture[60:, :, :].any(), "differences are drawn"
+
+
+def test_an_earlier_comparison_is_replaced_and_other_pictures_stay(two, here, tmp_path):
+    earlier = {"protocol": {"cameras": ["cam2", "left/cam4"], "frames": [1]}}
+    values = json.loads(here("compare", two[0], "--every", "4", "--pictures", "1", "--json", "--out", tmp_path).stdout)
+    values["protocol"].update(earlier["protocol"])
+    (tmp_path / "comparison.json").write_text(json.dumps(values))
+    for name in ("cam2_000001.png", "left_cam4_000001.png", "poster.png", "cam9_000001.png"):
+        (tmp_path / name).write_bytes(b"")
+    here("compare", two[0], "--every", "4", "--pictures", "1", "--out", tmp_path)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["cam4_000000.png", "cam9_000001.png", "comparison.json", "poster.png"]
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_measuring(two, tmp_path):
+    (tmp_path / "file").write_text("")
+
+    def progress(done: int, total: int) -> None:
+        raise AssertionError("it began to measure")
+
+    with refuses("take.not_writable"):
+        compare([two[0]], tmp_path / "file" / "out", PROTOCOLS["box"], progress=progress)
+    with pytest.raises(AssertionError, match="began"):
+        compare([two[0]], tmp_path / "out", PROTOCOLS["box"], progress=progress)
+    assert not (tmp_path / "out").exists()
 
 
 def test_full_frames_over_white_of_another_camera(two, here, tmp_path):

@@ -11,7 +11,10 @@ import pytest
 
 from pipelines.config import load_config, parse_override
 from pipelines.events import Warned
+from pipelines.events.cancellation import Cancellation
 from pipelines.runs.runner import run, status
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.camera_colors import ensure_camera_colors
 from pipelines.takes.atomic_files import read_json
 from pipelines.takes.take import Take
 from tests.support.errors import refuses
@@ -79,3 +82,18 @@ def test_without_the_first_groups_points_it_says_so(uneven: Path) -> None:
     (take.initialize_group(0) / "points.ply").unlink()
     with refuses("training.no_first_points"):
         work(take, config, ("train",), 1, lambda event: None)
+
+
+def test_a_camera_that_is_not_corrected_is_named(finished: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished, tmp_path / "project")
+    path = tmp_path / "project" / "capture" / "images" / "cam1" / "000.png"
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image[..., 3] = 0
+    cv2.imwrite(str(path), image)
+    train(tmp_path / "project", until="initialize")
+    config = load_config(tmp_path / "project" / "ball.yaml", [parse_override(text) for text in OPTIONS])
+    events: list = []
+    context = Context(Take.open(tmp_path / "project" / "take"), config, events.append)
+    ensure_camera_colors(context, StageReporter("train", context), "key", Cancellation())
+    (warning,) = [one for one in events if isinstance(one, Warned) and one.code == "training.no_camera_color"]
+    assert "the colors of cam1 are not corrected" in warning.message

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -12,7 +13,10 @@ from typing import Any
 import pytest
 import torch
 
+from pipelines.config import load_config, parse_override
 from pipelines.events.cancellation import Cancellation
+from pipelines.runs.runner import run
+from pipelines.runs.work import work
 from pipelines.stages import group_scheduler
 from pipelines.stages.group_scheduler import (
     groups_at_once,
@@ -21,6 +25,7 @@ from pipelines.stages.group_scheduler import (
     run_groups,
     threads_by_group,
 )
+from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
 
@@ -66,6 +71,25 @@ def test_a_group_that_cannot_fit_is_refused_unless_it_is_asked_for(monkeypatch: 
     with refuses("train.too_little_memory", value=one, limit=one - 1):
         refuse_too_little_memory(planned())
     refuse_too_little_memory(planned(asked=1))
+
+
+def test_only_what_is_left_to_train_needs_memory(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(finished, tmp_path / "project")
+    take, config = Take.open(tmp_path / "project" / "take"), load_config(tmp_path / "project" / "ball.yaml")
+    assert config.run.groups_at_once is None
+    monkeypatch.setattr(group_scheduler, "memory_limit", lambda: 1)
+    take.forget("train")
+    run(take, config, lambda event: None, stages=("train",))
+    take.trained_frame(1, 3).unlink()
+    with refuses("train.too_little_memory"):
+        work(take, config, ("train",), 1, lambda event: None)
+    # before the colors of the cameras are fitted, which is training too
+    colored = load_config(tmp_path / "project" / "ball.yaml", [parse_override("train.camera_colors=true")])
+    with refuses("train.too_little_memory"):
+        run(take, colored, lambda event: None, stages=("train",))
+    assert not take.camera_colors.exists()
 
 
 def test_jobs_run_side_by_side_with_their_own_number_of_threads() -> None:

@@ -46,7 +46,7 @@ def test_a_limit_of_file_sizes_is_a_sentence(tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
-@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
+@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE, errno.ETIMEDOUT])
 def test_a_disk_that_fails_is_a_sentence(tmp_path, number):
     with refuses("take.disk_failed", file=tmp_path / "x"), disk_errors(tmp_path):
         raise OSError(number, os.strerror(number), str(tmp_path / "x"))
@@ -55,6 +55,8 @@ def test_a_disk_that_fails_is_a_sentence(tmp_path, number):
 def test_other_os_errors_pass(tmp_path):
     with pytest.raises(FileNotFoundError), disk_errors(tmp_path):
         (tmp_path / "none").read_text()
+    with pytest.raises(TimeoutError), disk_errors(tmp_path):
+        raise OSError(errno.ETIMEDOUT, "Connection timed out")  # as a socket says it
 
 
 def test_sweep_takes_leftovers_only(tmp_path):

@@ -117,9 +117,18 @@ export class Marks {
 
   /** Opens the form for the frame on the screen. */
   begin(): void {
+    if (this.unsaved()) return;
     const frame = this.host.frame();
     this.host.seek(frame);
     this.edit(frame, this.marks.find((one) => one.frame === frame), null);
+  }
+
+  /** Whether there is a note that another one would replace; goes back to it. */
+  private unsaved(): boolean {
+    if (this.editing === null || this.note.value === (this.editing.replaces?.note ?? "")) return false;
+    this.problem.textContent = "Save or cancel this note first.";
+    this.note.focus();
+    return true;
   }
 
   private edit(frame: number, mark: Mark | undefined, kept: MarkView | null): void {
@@ -191,6 +200,7 @@ export class Marks {
         if (mark.author !== "") text.append(make("small", {}, ` ${mark.author}`));
         const change = make("button", { type: "button", "aria-label": `Edit the mark at frame ${mark.frame}` }, "Edit");
         change.addEventListener("click", () => {
+          if (this.unsaved()) return;
           this.host.goTo(mark);
           this.edit(mark.frame, mark, mark.view);
         });

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -87,6 +88,20 @@ def test_what_is_refused_is_said(shown: TakeQueue, tmp_path: Path) -> None:
     (tmp_path / "queue.json").write_text("[")
     wait_until("the error", lambda: shown.poll() and shown.view.error != "")
     assert "queue.json" in shown.words
+
+
+def test_a_program_that_was_killed_is_said(tmp_path: Path) -> None:
+    def ended_by(number: int) -> str:
+        words = f"import os; os.kill(os.getpid(), {number})"
+        queue = QueueFile(tmp_path / "queue.json")
+        shown = TakeQueue(queue, lambda _: subprocess.Popen([sys.executable, "-S", "-c", words]), Clock())
+        shown.start()
+        wait_until("the end", lambda: shown.poll() and not shown.running)
+        shown.close()
+        return shown.message
+
+    assert "SIGKILL, as by the system when memory runs out" in ended_by(signal.SIGKILL)
+    assert ended_by(signal.SIGTERM) == "", "as it is stopped"
 
 
 def test_the_progress_of_the_take_that_runs(tmp_path: Path) -> None:

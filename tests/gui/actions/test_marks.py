@@ -1,0 +1,80 @@
+"""Marks that two people change at the same time, and undo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gui.actions.marks import MarkActions
+from gui.presenters.marks import Marks
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.run.history import History
+from pipelines.takes.marks import Mark, change_mark, read_marks
+
+ANNAS = Mark(frame=0, note="foot", author="Anna")
+
+
+class Window:
+    """What the actions use of the main window; its dialog keeps what can be answered."""
+
+    def __init__(self, path: Path) -> None:
+        self.marks = Marks(path)
+        self.player = PlayerPresenter()
+        self.player.opened = SimpleNamespace()  # type: ignore[assignment]
+        self.workspace = SimpleNamespace(history=History())
+        self.dialogs = SimpleNamespace(line=self._line)
+        self.answers: dict[str, Callable[[str], None]] = {}
+
+    def _line(self, kind: str, title: str, text: str, note: str, answers: Any) -> None:
+        self.answers = {name: act for name, _, act in answers}
+
+    def marks_changed(self) -> None:
+        """Nothing to draw."""
+
+
+@pytest.fixture
+def window(tmp_path: Path) -> Window:
+    return Window(tmp_path / "marks.json")
+
+
+@pytest.mark.parametrize("answer", ["save", "remove"])
+def test_undo_leaves_what_somebody_else_wrote_meanwhile(window: Window, tmp_path: Path, answer: str) -> None:
+    path = tmp_path / "marks.json"
+    window.marks.set(0, "hand", None)
+    MarkActions(window).ask()  # type: ignore[arg-type]
+    change_mark(path, 0, ANNAS, window.marks.marks[0])
+    assert window.marks.refresh(), "the window shows it at once"
+    window.answers[answer]("head")
+    assert "changed in the meantime" in window.player.message
+    assert window.workspace.history.undo() == "Nothing to undo."
+    assert read_marks(path) == {0: ANNAS}
+
+
+def test_an_unchanged_note_is_no_change(window: Window, tmp_path: Path) -> None:
+    window.marks.set(0, "hand", None)
+    MarkActions(window).ask()  # type: ignore[arg-type]
+    change_mark(tmp_path / "marks.json", 0, ANNAS, window.marks.marks[0])
+    window.marks.refresh()
+    window.answers["save"]("hand")
+    assert window.workspace.history.undo() == "Nothing to undo."
+
+
+def test_an_undo_that_can_never_be_made_does_not_block_those_before(window: Window, tmp_path: Path) -> None:
+    path, actions = tmp_path / "marks.json", MarkActions(window)  # type: ignore[arg-type]
+    change_mark(path, 7, Mark(frame=7, note="other"), None)
+    for note in ("hand", "head"):
+        actions.ask()
+        window.answers["save"](note)
+    history = window.workspace.history
+    assert history.undo() == "Undone: the mark of frame 0."
+    assert read_marks(path)[0].note == "hand"
+    assert history.redo() == "Redone: the mark of frame 0."
+    change_mark(path, 0, ANNAS, window.marks.marks[0])
+    assert "changed in the meantime" in history.undo()
+    change_mark(path, 0, Mark(frame=0, note="hand"), ANNAS)
+    assert history.undo() == "Undone: the mark of frame 0.", "the first one, which fits again"
+    assert set(read_marks(path)) == {7}
