@@ -23,6 +23,7 @@ from pipelines.commands.stored import working_copy
 from pipelines.events.cancellation import EXIT_CANCELLED
 from studio.environment import keep_freed_memory, passive_openmp
 from studio.errors import Cancelled, StudioError
+from studio.memory import require_memory
 from studio.standard_output import as_utf8, claim_stdout, discard
 
 if TYPE_CHECKING:
@@ -423,6 +424,7 @@ def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    require_memory()
     keep_freed_memory()
     from pipelines.config import load_config
     from pipelines.takes.atomic_files import disk_errors

@@ -13,7 +13,7 @@ import shutil
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -51,12 +51,26 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
     try:
         yield temporary
         if durable:
-            with temporary.open("rb") as file:
-                os.fsync(file.fileno())
+            sync(temporary)
         os.replace(temporary, path)
     except BaseException:
         remove(temporary)
         raise
+
+
+def sync(path: Path) -> None:
+    """Wait until a file's bytes, or a folder's names, are on the disk.
+
+    Raises:
+        OSError: a file cannot be opened or written. Folders that cannot be synced, as on some network file systems, are
+            left as they are.
+    """
+    with suppress(OSError) if path.is_dir() else nullcontext():
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def temporary_path(path: Path, what: str = "") -> Path:
@@ -159,13 +173,13 @@ def exchange(first: Path, second: Path) -> bool:
     raise OSError(number, os.strerror(number), str(first), None, str(second))
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file atomically.
+def write_bytes(path: Path, data: bytes, durable: bool = False) -> None:
+    """Write a file atomically; `durable` as for `atomic_path`.
 
     Raises:
         OSError: the file cannot be written.
     """
-    with atomic_path(path) as temporary:
+    with atomic_path(path, durable) as temporary:
         temporary.write_bytes(data)
 
 

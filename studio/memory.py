@@ -6,12 +6,23 @@ Without this, a run in a container of 4 GB on a machine of 64 GB would plan for 
 from __future__ import annotations
 
 import errno
+import importlib
+import os
 import re
 import resource
 from pathlib import Path
 
+from studio.errors import StudioError
+
 _CGROUPS = Path("/sys/fs/cgroup")
 _OWN_CGROUP = Path("/proc/self/cgroup")
+
+_LEAST = 768 << 20
+"""Bytes of data: a run of six cameras of 64x48 with one thread takes 588 MB."""
+_LIBRARIES = 2 << 30
+"""Bytes of addresses that libraries take beside the data: 1.8 GB in that run."""
+_PER_THREAD = 3 * 40 << 20
+"""Bytes: a buffer of 32 MiB and a stack of 8 MiB in each of three OpenBLAS."""
 
 
 def memory_limit() -> int:
@@ -27,6 +38,43 @@ def memory_available() -> int:
 
     own = int(psutil.Process().memory_info().rss)
     return max(0, min(int(psutil.virtual_memory().available), memory_limit() - own))
+
+
+def require_memory() -> None:
+    """Refuse a limit of the session (`ulimit -d`, `-v`) in which not even a tiny take can be trained; under any other
+    limit, load the libraries of linear algebra while there is room for them.
+
+    OpenBLAS, of which NumPy, SciPy and OpenCV have one each, tries again for ever if it cannot have its buffers, and
+    signals are not handled meanwhile. It takes them when it is loaded, so that later nothing can take their place.
+
+    Raises:
+        StudioError: `memory.limit_too_low`.
+    """
+    for kind, option, mapped in ((resource.RLIMIT_DATA, "-d", 0), (resource.RLIMIT_AS, "-v", _LIBRARIES)):
+        limit = resource.getrlimit(kind)[0]
+        if limit == resource.RLIM_INFINITY:
+            continue
+        least = _LEAST + mapped + _PER_THREAD * (_blas_threads() - 1)
+        if limit < least:
+            raise StudioError(
+                "memory.limit_too_low",
+                f"this session may use {limit / 1e9:.2f} GB of memory (ulimit {option}); at least {least / 1e9:.2f} GB "
+                "are needed",
+                value=limit,
+                fix=f"Set ulimit {option} {-(-least // 1024)} or more, or unlimited; fewer threads (OMP_NUM_THREADS=1) "
+                "need less.",
+            )
+        for name in ("numpy.linalg", "scipy.linalg", "cv2"):
+            importlib.import_module(name)
+
+
+def _blas_threads() -> int:
+    """Threads of each OpenBLAS, which reads these variables in this order; its wheels are built for 64."""
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        text = os.environ.get(name, "")
+        if text.isdecimal() and int(text[:9]) > 0:
+            return min(int(text[:9]), 64)
+    return min(os.cpu_count() or 1, 64)
 
 
 def is_out_of_memory(error: BaseException) -> bool:

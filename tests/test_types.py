@@ -29,7 +29,7 @@ READERS_AND_WRITERS = {
     "studio/camera_files/toml_rigs.py",
     "studio/camera_files/transforms_json.py",
     "studio/cameras.py",  # a camera of rig.json
-    "studio/coverage.py",  # what a manifest says of views
+    "studio/coverage.py",  # from where a stream can be looked at, in its manifest
     "studio/errors.py",  # a message as JSON
     "studio/export/camera_path.py",
     "studio/imports/videogs.py",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from studio.environment import keep_freed_memory
 from studio.errors import StudioError
+from studio.memory import require_memory
 
 if TYPE_CHECKING:
     from pipelines.estimate import Estimate
@@ -42,7 +43,8 @@ def register(commands: Any) -> None:
 
 
 def _estimate(arguments: argparse.Namespace) -> int:
-    keep_freed_memory()  # as a run does
+    require_memory()  # both as a run does
+    keep_freed_memory()
     import json
 
     from pipelines.config.presets import PRESETS, with_values

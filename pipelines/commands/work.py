@@ -8,6 +8,7 @@ from typing import Any
 
 from pipelines.runs.work_choices import CHAIN, FORMATS, GROUP_STAGE_NAMES
 from studio.errors import StudioError
+from studio.memory import require_memory
 
 _EPILOG = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
@@ -52,6 +53,7 @@ def register(commands: Any) -> None:
 
 
 def _work(arguments: argparse.Namespace) -> int:
+    require_memory()
     from pipelines.config import load_config
     from pipelines.takes.take import Take
 

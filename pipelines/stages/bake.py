@@ -23,7 +23,7 @@ from pipelines.takes.groups import Group
 from pipelines.takes.records import digests_on_record
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
-from studio.atomic_files import exchange
+from studio.atomic_files import exchange, sync
 from studio.capture.digest import digest_files
 from studio.errors import Message
 
@@ -434,6 +434,7 @@ class BakeStage:
             if not target.is_file() or digest_of_file(target) != digest_of_file(new / "files" / name):
                 with atomic_path(target) as temporary:
                     link_or_copy(str(new / "files" / name), str(temporary))
+        sync(stream / "files")
         os.replace(new / "manifest.json", stream / "manifest.json")
         for path in (stream / "files").iterdir():
             if path.name not in wanted:

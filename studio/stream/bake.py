@@ -212,7 +212,7 @@ def _write_plain(
         raise StudioError(
             "bake.manifest_invalid", f"the manifest is invalid ({first_finding(error)})", file=path
         ) from None
-    replace_manifest(path, data)
+    replace_manifest(path, data, [file.path for group in groups for file in group.files])
     return manifest
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from studio.atomic_files import write_bytes
+from studio.atomic_files import sync, write_bytes
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.bake_ladder import content_name
@@ -83,8 +83,9 @@ def write_ladder(
             "bake.manifest_invalid", f"the manifest is invalid ({first_finding(error)})", file=path
         ) from None
     before, kept = _files_before(path), _live_pages(path)
-    replace_manifest(path, data)
-    _remove_unused(directory, before, {file.path for group in groups for file in group.files} | kept, manifest)
+    wanted = {file.path for group in groups for file in group.files}
+    replace_manifest(path, data, wanted | _other_files(manifest))
+    _remove_unused(directory, before, wanted | kept | _other_files(manifest))
     return index.view(None)
 
 
@@ -142,10 +143,24 @@ def _write(path: Path, data: bytes) -> None:
         raise StudioError("bake.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
 
 
-def replace_manifest(path: Path, data: bytes) -> None:
-    """Write the manifest, atomically. Raises StudioError."""
+def replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
+    """Write the manifest, atomically, once the files that it names are on the disk: a power cut leaves the old stream
+    or the new one.
+
+    Args:
+        path: the manifest.
+        data: its bytes.
+        files: paths in the stream's folder.
+
+    Raises:
+        StudioError: it cannot be written.
+    """
+    named = sorted({path.parent / name for name in files})
     try:
-        write_bytes(path, data)
+        for one in (*named, *sorted({one.parent for one in named} | {path.parent})):
+            sync(one)
+        write_bytes(path, data, durable=True)
+        sync(path.parent)
     except OSError as error:
         raise StudioError(
             "bake.write_failed", f"the manifest cannot be written ({error.strerror or error})", file=path
@@ -178,10 +193,12 @@ def _live_pages(path: Path) -> set[str]:
         return set()
 
 
-def _remove_unused(directory: Path, before: set[str], files: set[str], manifest: LadderManifest) -> None:
-    used = files | {page.path for page in manifest.pages}
-    if manifest.audio is not None:
-        used.add(manifest.audio.path)
+def _other_files(manifest: LadderManifest) -> set[str]:
+    """Pages and sound."""
+    return {page.path for page in manifest.pages} | ({manifest.audio.path} if manifest.audio is not None else set())
+
+
+def _remove_unused(directory: Path, before: set[str], used: set[str]) -> None:
     with contextlib.suppress(OSError):  # the stream is complete; what stays only takes room
         for found in (directory / FILES).iterdir():
             if f"{FILES}/{found.name}" not in used and found.is_file():

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import mmap
+import re
 import resource
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import pytest
 import torch
 
 from studio import memory
-from studio.memory import is_out_of_memory, memory_available, memory_limit
+from studio.memory import is_out_of_memory, memory_available, memory_limit, require_memory
+from tests.support.errors import refuses
 
 
 @pytest.fixture
@@ -70,3 +72,25 @@ def test_every_librarys_way_to_say_that_memory_ran_out_is_known() -> None:
     assert is_out_of_memory(mmap_says.value)
     assert not is_out_of_memory(RuntimeError("shapes do not match"))
     assert not is_out_of_memory(ValueError("out of memory"))
+
+
+@pytest.mark.parametrize(("kind", "option"), [(resource.RLIMIT_DATA, "-d"), (resource.RLIMIT_AS, "-v")])
+def test_a_limit_of_the_session_that_cannot_do_is_refused(
+    kind: int, option: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The limit that the sentence asks for is enough; more threads need more."""
+    limits = {kind: 400_000 << 10}
+    monkeypatch.setattr(resource, "getrlimit", lambda one: (limits.get(one, resource.RLIM_INFINITY),) * 2)
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    asked = []
+    for threads in ("1", "16"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        limits[kind] = 400_000 << 10
+        with refuses("memory.limit_too_low", value=400_000 << 10) as caught:
+            require_memory()
+        found = re.search(rf"ulimit {option} ([0-9]+)", str(caught.value))
+        assert found is not None
+        asked.append(int(found[1]))
+        limits[kind] = asked[-1] << 10
+        require_memory()
+    assert asked[0] < asked[1]

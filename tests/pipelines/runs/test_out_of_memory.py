@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 import torch
 
 from pipelines.runs.out_of_memory import memory_errors
 from studio.errors import StudioError
 from tests.support.errors import refuses
+from tests.support.tiny_capture import ROOT
 
 
 def test_an_allocation_that_fails_is_a_sentence() -> None:
@@ -28,3 +33,17 @@ def test_other_errors_stay_what_they_are() -> None:
         raise RuntimeError("shapes do not match")
     with refuses("x.y"), memory_errors("train"):
         raise StudioError("x.y", "out of memory")
+
+
+def test_a_run_with_too_little_memory_ends_with_a_sentence(tmp_path: Path) -> None:
+    """Without the check, OpenBLAS tries for ever to have its buffers."""
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_DATA, (400 << 20, 400 << 20)); "
+        "from pipelines.cli import execute; sys.exit(execute(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", code, "run", str(tmp_path / "a.yaml"), "--take", str(tmp_path / "take")]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("error: this session may use 0.42 GB of memory (ulimit -d)")
+    assert "Traceback" not in ended.stderr
+    assert not (tmp_path / "take").exists()

@@ -247,3 +247,28 @@ def test_groups_must_follow_each_other(tmp_path, make_frames):
     (tmp_path / "group_000" / "opacity.mp4").write_bytes(b"short")
     with refuses("bake.group_changed", file=tmp_path / "group_000" / "opacity.mp4", value=5, group=0):
         write_manifest(tmp_path, [one], 30, PLANES)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_power_cut_leaves_no_manifest_of_lost_files(make_stream, make_ladder, monkeypatch, version):
+    """All that a manifest names, and the manifest, is on the disk before the manifest has its name."""
+    synced, at_the_name = set(), {}
+    fsync, replace = os.fsync, os.replace
+
+    def watched_fsync(descriptor):
+        fsync(descriptor)
+        synced.add(os.fstat(descriptor).st_ino)
+
+    def watched_replace(source, target):
+        replace(source, target)
+        if str(target).endswith("manifest.json"):
+            folder = os.path.dirname(target)
+            files = [os.path.join(root, name) for root, _, names in os.walk(folder) for name in names]
+            at_the_name.update({path: os.stat(path).st_ino in synced for path in files})
+
+    monkeypatch.setattr(os, "fsync", watched_fsync)
+    monkeypatch.setattr(os, "replace", watched_replace)
+    folder = make_stream((2, 1))[0] if version == 2 else make_ladder((2, 1))
+    files = {str(path) for path in folder.rglob("*") if path.is_file()}
+    assert len(files) > 2
+    assert files == {path for path, was in at_the_name.items() if was}
