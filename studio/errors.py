@@ -22,6 +22,26 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _ENDS = (".", "!", "?", ":")
 
 
+_SHOWN: dict[str, str] = {}
+
+
+def show_as(prefix: str, shown_prefix: str) -> None:
+    """Messages of this process name files whose path begins with a prefix differently from now on.
+
+    Args:
+        prefix: a folder on this machine that holds copies, ending in a slash.
+        shown_prefix: what the copies were made of, such as "s3://".
+    """
+    _SHOWN[prefix] = shown_prefix
+
+
+def shown(text: str) -> str:
+    """A text or path as people know it; see `show_as`."""
+    for prefix, shown_prefix in tuple(_SHOWN.items()):
+        text = text.replace(prefix, shown_prefix)
+    return text
+
+
 @dataclass(frozen=True)
 class Message:
     """An error or a warning, with everything needed to act on it.
@@ -47,14 +67,14 @@ class Message:
         """`FILE: problem. Fix.`, without control characters and at most `MAX_LENGTH` characters long."""
         text = f"{os.fspath(self.file)}: {self.problem}" if self.file is not None else self.problem
         parts = [_sentence(part) for part in (text, self.fix) if part]
-        text = _CONTROL.sub("?", " ".join(parts))
+        text = _CONTROL.sub("?", shown(" ".join(parts)))
         return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"
 
     def to_dict(self) -> JsonObject:
         """JSON-ready: `code`, `message` (the full text); `file`, `value` and `fix` if set; and the fields."""
         found: JsonObject = {"code": self.code, "message": str(self)}
         if self.file is not None:
-            found["file"] = os.fspath(self.file)
+            found["file"] = shown(os.fspath(self.file))
         if self.value is not None:
             found["value"] = _plain(self.value)
         if self.fix:

@@ -74,11 +74,12 @@ class Conflict(ValueError):
         problem: what is wrong, as a clause.
         fix: what to do, as a sentence; "" if that is obvious.
         names: fields that contradict each other, without their section; empty in validators of a single field.
+        secret: whether the value must not be shown or logged.
     """
 
-    def __init__(self, problem: str, fix: str = "", *names: str) -> None:
+    def __init__(self, problem: str, fix: str = "", *names: str, secret: bool = False) -> None:
         super().__init__(f"{problem}. {fix}" if fix else problem)
-        self.problem, self.fix, self.names = problem, fix, names
+        self.problem, self.fix, self.names, self.secret = problem, fix, names, secret
 
 
 class Settings(BaseModel):
@@ -90,8 +91,9 @@ class Settings(BaseModel):
     """
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, use_attribute_docstrings=True, validate_default=True, allow_inf_nan=False
-    )
+        extra="forbid", frozen=True, use_attribute_docstrings=True, validate_default=True, allow_inf_nan=False,
+        hide_input_in_errors=True,  # it may contain credentials
+    )  # fmt: skip
 
     affects: ClassVar[Affects | None] = None
     """Results affected by fields without their own `Affects`. None: those of the field that contains the model."""

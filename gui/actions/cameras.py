@@ -93,11 +93,11 @@ class CameraActions:
         window.laid_out()
 
     def _uses(self) -> CameraUses | None:
-        config = self._window.workspace.config
-        if config is None:
+        context = self._window.workspace.context
+        if context is None:
             return None
         try:
-            return CameraUses.of(config.capture)
+            return CameraUses.of(context.footage.capture)
         except StudioError as error:
             self._window.notices.tell(str(error), bad=True)
             return None

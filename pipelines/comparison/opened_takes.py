@@ -73,11 +73,11 @@ def open_takes(
 
     first = _footage(truth or folders[0])
     names = _cameras(first, protocol, cameras)
-    spec = first.config.capture.replace(
+    spec = first.capture.replace(
         cameras=names,
         held_out=(),
         held_out_every=0,
-        scale=protocol.scale or first.config.capture.scale,
+        scale=protocol.scale or first.capture.scale,
     )
     run = first.config.run
     seen: dict[bytes, Footage] = {}

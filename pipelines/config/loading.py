@@ -279,7 +279,9 @@ def _mistake(problem: JsonObject, file: Path | str | None, prefix: str, given: C
     cause = problem.get("ctx", {}).get("error")
     if isinstance(cause, Conflict):
         text, fix = cause.problem, cause.fix
-        if cause.names:
+        if cause.secret:
+            text, found = f"{name} {text}", None
+        elif cause.names:
             fields["settings"] = [f"{name}.{one}" for one in cause.names]
             text = f"{name}: {text}"
             found = None

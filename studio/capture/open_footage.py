@@ -19,7 +19,7 @@ from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
-from studio.errors import Message, StudioError
+from studio.errors import Message, StudioError, shown
 from studio.memory import memory_limit
 from studio.storage import is_address, mirrored
 
@@ -55,8 +55,7 @@ def open_footage(
             unknown camera in the settings, missing frames, or an aspect ratio that differs from the calibration's;
             `calibration.camera_missing`; `matte.*`: mattes are missing; `storage.*`.
     """
-    if is_address(spec.root):
-        spec = spec.replace(root=mirrored(spec.root, spec.disk_cache_gigabytes))
+    spec = _on_this_machine(spec)
     if not spec.root.is_dir():
         raise StudioError(
             "footage.folder_missing",
@@ -98,6 +97,13 @@ def open_footage(
         spec, sources, frames, held_out, rate / spec.step, matte_source, exact, warps, pool, cache, description,
         tuple(problems), sound,
     )  # fmt: skip
+
+
+def _on_this_machine(spec: CaptureSettings) -> CaptureSettings:
+    """With the mirror of a folder in object storage."""
+    if not is_address(spec.root):
+        return spec
+    return spec.replace(root=mirrored(spec.root, spec.disk_cache_gigabytes))
 
 
 def _cache_bytes() -> int:
@@ -250,7 +256,7 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
     span = "no common frames"
     if frames:
         span = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames ({frames[0]} to {frames[-1]})"
-    return f"Footage '{pattern}' in {spec.root}: {len(sources)} cameras, {span}, {size}."
+    return f"Footage '{pattern}' in {shown(str(spec.root))}: {len(sources)} cameras, {span}, {size}."
 
 
 def _stem(name: str) -> str:
@@ -351,9 +357,9 @@ def find_cameras(spec: CaptureSettings) -> tuple[str, ...]:
     """Names of all cameras of the footage in order, also of those that `spec.cameras` leaves out. Reads no images.
 
     Raises:
-        StudioError: there is no footage.
+        StudioError: there is no footage, or its store cannot be listed.
     """
-    return tuple(dict.fromkeys(match.camera for match in _find_images(spec)[1]))
+    return tuple(dict.fromkeys(match.camera for match in _find_images(_on_this_machine(spec))[1]))
 
 
 def held_out_cameras(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field
 
 from studio.settings import Affects, Color, Conflict, Heading, Settings, Unbounded
 from studio.storage import StoreAddress, is_address
+from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
 from studio.storage.cache import DEFAULT_GIGABYTES
 
 MaskKind = Literal["auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model"]
@@ -33,6 +34,8 @@ class FileSettings(Settings):
     @field_validator("root", mode="after")
     @classmethod
     def _address_or_folder(cls, value: Path) -> Path:
+        if has_credentials(value):
+            raise Conflict(CREDENTIALS, CREDENTIALS_FIX, secret=True)
         return StoreAddress(str(value)) if is_address(value) else value
 
     root: Annotated[Path, Heading("Files"), Affects()] = Path(".")

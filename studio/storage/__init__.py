@@ -6,7 +6,10 @@ Nothing here imports fsspec until an address such as s3://bucket/folder is opene
 from studio.storage.address import StoreAddress, is_address
 from studio.storage.mirror import mirrored
 from studio.storage.objects import CachedObject
-from studio.storage.pointers import cached_object, whole_file
+from studio.storage.pointers import cached_object, whole_file, whole_files
 from studio.storage.store import Entry, Store
 
-__all__ = ["CachedObject", "Entry", "Store", "StoreAddress", "cached_object", "is_address", "mirrored", "whole_file"]
+__all__ = [
+    "CachedObject", "Entry", "Store", "StoreAddress", "cached_object", "is_address", "mirrored", "whole_file",
+    "whole_files",
+]  # fmt: skip

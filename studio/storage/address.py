@@ -10,12 +10,26 @@ from studio.errors import StudioError
 EXTRAS = {"s3": "s3", "gs": "gs", "gcs": "gs", "az": "azure", "abfs": "azure", "abfss": "azure"}
 """Kinds of addresses, and the extra of v3studio that reads them."""
 
+CREDENTIALS = "contains credentials (a colon before an @, or a query)"
+CREDENTIALS_FIX = "Leave them out and set them in the environment, such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY."
+"""What messages say about such an address. They never repeat it."""
+
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/+")
 
 
 def is_address(path: Path | str) -> bool:
     """Whether this is an address (s3://bucket/folder) rather than a path; pathlib joins its slashes (s3:/bucket)."""
     return _SCHEME.match(str(path)) is not None
+
+
+def has_credentials(path: Path | str) -> bool:
+    """Whether this is an address that may contain credentials: a colon before an @, or a query (?sig=...).
+
+    Anywhere in it, not only before the first slash: AWS's secrets may contain slashes.
+    """
+    found = _SCHEME.match(str(path))
+    rest = str(path)[found.end() :] if found else ""
+    return "?" in rest or ":" in rest.rpartition("@")[0]
 
 
 class StoreAddress(PosixPath):
@@ -39,16 +53,14 @@ def checked(path: Path | str) -> StoreAddress:
             it (`storage.credentials_in_address`), which are not repeated.
     """
     address = StoreAddress(str(path))
+    scheme, _, rest = str(address).partition("://")
+    if has_credentials(path):
+        raise StudioError(
+            "storage.credentials_in_address", f"the address ({scheme}://...) {CREDENTIALS}", fix=CREDENTIALS_FIX
+        )
     if str(path).partition("://")[2].startswith("/"):  # pathlib would take the first folder for the bucket
         raise _no_bucket(str(path))
-    scheme, _, rest = str(address).partition("://")
     bucket = rest.partition("/")[0]
-    if ":" in bucket.partition("@")[0] and "@" in bucket:
-        raise StudioError(
-            "storage.credentials_in_address",
-            f"the address ({scheme}://...) contains credentials",
-            fix="Leave them out and set them in the environment, such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
-        )
     if scheme not in EXTRAS:
         raise StudioError(
             "storage.unknown_kind",

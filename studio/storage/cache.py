@@ -5,8 +5,10 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from studio.atomic_files import write_json
@@ -29,7 +31,8 @@ def cache_folder() -> Path:
 
 
 class DiskCache:
-    """Objects of stores on this machine's disk; the least recently used go first. Safe for several processes.
+    """Objects of stores on this machine's disk; the least recently used go first. Safe for several threads and
+    processes; `disk_cache` makes it.
 
     Args:
         folder: of the cache.
@@ -38,6 +41,7 @@ class DiskCache:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._added: int | None = None  # bytes since the last measurement; None: never measured
+        self._lock = threading.Lock()
 
     def path(self, key: str) -> Path:
         """Where the object of this key (hexadecimal) is kept."""
@@ -52,11 +56,12 @@ class DiskCache:
     def added(self, count: int) -> None:
         """Bytes were added; removes the least recently used objects if there are too many."""
         limit = self._limit()
-        if self._added is not None:
-            self._added += count
-            if self._added < limit * _CHECK_SHARE:
-                return
-        self._added = 0
+        with self._lock:
+            if self._added is not None:
+                self._added += count
+                if self._added < limit * _CHECK_SHARE:
+                    return
+            self._added = 0
         with locked(self.folder / "evict.lock", wait=False) as mine:
             if mine:
                 self._evict(limit)
@@ -90,6 +95,12 @@ class DiskCache:
             return [Path(entry.path) for entry in os.scandir(self.folder / "objects")]
         except FileNotFoundError:
             return []
+
+
+@cache
+def disk_cache(folder: Path) -> DiskCache:
+    """The `DiskCache` of a folder: one per process, so that all its objects count towards the same measurement."""
+    return DiskCache(folder)
 
 
 @contextmanager

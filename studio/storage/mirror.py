@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from pathlib import Path
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
 
-from studio.atomic_files import PARTIAL, atomic_path, write_bytes
-from studio.errors import StudioError
-from studio.storage.cache import DEFAULT_GIGABYTES, DiskCache, cache_folder, locked
+from studio.atomic_files import atomic_path, write_bytes
+from studio.errors import StudioError, show_as
+from studio.storage.cache import DEFAULT_GIGABYTES, cache_folder, disk_cache, locked
 from studio.storage.objects import Pointer
 from studio.storage.pointers import pointer_bytes, read_pointer
 from studio.storage.store import Entry, Store
@@ -35,7 +37,8 @@ def mirrored(address: str | os.PathLike[str], gigabytes: float = DEFAULT_GIGABYT
         the mirror's folder.
 
     Raises:
-        StudioError: `storage.*`; `storage.empty`: there are no objects at this address.
+        StudioError: `storage.*`; `storage.empty`: there are no objects at this address; `storage.bad_name`: an object
+            that no file can be named after.
     """
     store = Store(address)
     entries = store.list()
@@ -46,9 +49,10 @@ def mirrored(address: str | os.PathLike[str], gigabytes: float = DEFAULT_GIGABYT
             file=store.address,
             fix="Correct the address, or copy the footage there.",
         )
-    cache = DiskCache(cache_folder())
+    cache = disk_cache(cache_folder())
     scheme, _, path = store.address.partition("://")
     root = cache.folder / "mirror" / scheme / path
+    show_as(f"{cache.folder / 'mirror' / scheme}/", f"{scheme}://")
     try:
         with locked(cache.folder / "mirror.lock"):
             cache.set_limit(gigabytes)
@@ -65,26 +69,50 @@ def mirrored(address: str | os.PathLike[str], gigabytes: float = DEFAULT_GIGABYT
 
 def _update(root: Path, store: Store, entries: dict[str, Entry], cache: str) -> None:
     root.mkdir(parents=True, exist_ok=True)
+    _forget(root, set(entries))
+    folders = {str(parent) for name in entries for parent in PurePosixPath(name).parents}
     small: list[tuple[Path, Pointer]] = []
     for name, entry in entries.items():
         if any(part in ("", ".", "..") for part in name.split("/")):  # a store allows any name
             continue
+        if name in folders:
+            if not entry.size:  # some programs mark folders with empty objects
+                continue
+            raise _bad_name(store, name, f"the object has the name of a folder ({name}/...)")
         path, pointer = root / name, Pointer(store.address, name, entry.size, entry.tag, cache)
         if path.suffix.lower() in _SMALL and entry.size <= _SMALL_BYTES:
             if read_pointer(_beside(path)) != pointer or not path.is_file():
                 small.append((path, pointer))
         elif read_pointer(path) != pointer:
-            write_bytes(path, pointer_bytes(pointer))
+            with _named(store, name):
+                write_bytes(path, pointer_bytes(pointer))
     with ThreadPoolExecutor(_PARALLEL, thread_name_prefix="fetch") as pool:
         list(pool.map(lambda one: _fetch(one[0], one[1], store), small))
-    _forget(root, set(entries))
 
 
 def _fetch(path: Path, pointer: Pointer, store: Store) -> None:
     data = store.read(pointer.path, 0, pointer.size)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
-    write_bytes(_beside(path), pointer_bytes(pointer))
+    with _named(store, pointer.path):
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(data)
+        write_bytes(_beside(path), pointer_bytes(pointer))
+
+
+@contextmanager
+def _named(store: Store, name: str) -> Iterator[None]:
+    """Say which object has too long a name."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        raise _bad_name(store, name, "the object's name is too long for a file") from None
+
+
+def _bad_name(store: Store, name: str, problem: str) -> StudioError:
+    return StudioError(
+        "storage.bad_name", problem, file=f"{store.address}/{name}", fix="Rename it or move it out of the footage."
+    )
 
 
 def _beside(path: Path) -> Path:
@@ -93,13 +121,15 @@ def _beside(path: Path) -> Path:
 
 
 def _forget(root: Path, names: set[str]) -> None:
-    """Delete what the store has no more."""
-    for folder, _, files in os.walk(root):
+    """Delete what the store has no more, and leftovers of killed processes: whoever writes here has locked the
+    mirrors."""
+    for folder, _, files in os.walk(root, topdown=False):
         for name in files:
-            if PARTIAL in name:  # `whole_file` is writing it
-                continue
             path = Path(folder, name)
             of = name[1:].removesuffix(".pointer") if name.startswith(".") and name.endswith(".pointer") else name
             if path.with_name(of).relative_to(root).as_posix() not in names:
                 with suppress(FileNotFoundError):
                     path.unlink()
+        if Path(folder) != root:
+            with suppress(OSError):  # not empty
+                os.rmdir(folder)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from studio.errors import StudioError
-from studio.storage.cache import DiskCache
+from studio.storage.cache import disk_cache
 from studio.storage.store import Store
 
 BLOCK = 1 << 20
@@ -65,7 +65,7 @@ class CachedObject:
 
     def __init__(self, pointer: Pointer, store: Store | None = None) -> None:
         self._pointer, self._store = pointer, store
-        self._cache = DiskCache(Path(pointer.cache))
+        self._cache = disk_cache(Path(pointer.cache))
         self.size, self.name = pointer.size, f"{pointer.store}/{pointer.path}"
         self.fetches = True
         self._blocks = -(-pointer.size // BLOCK)
@@ -169,11 +169,15 @@ class CachedObject:
         except OSError as error:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
-            raise StudioError(
-                "storage.cache_full",
-                "the disk is full, so that footage cannot be fetched",
-                file=self._cache.folder,
-                fix="Free some space, lower capture.disk_cache_gigabytes, or set V3STUDIO_CACHE to a folder on another "
-                "disk.",
-                setting="capture.disk_cache_gigabytes",
-            ) from None
+            raise cache_full(self._cache.folder) from None
+
+
+def cache_full(folder: Path) -> StudioError:
+    """The error when the disk of the cache is full."""
+    return StudioError(
+        "storage.cache_full",
+        "the disk is full, so that footage cannot be fetched",
+        file=folder,
+        fix="Free some space, lower capture.disk_cache_gigabytes, or set V3STUDIO_CACHE to a folder on another disk.",
+        setting="capture.disk_cache_gigabytes",
+    )

@@ -91,7 +91,7 @@ class Store:
             try:
                 found: Mapping[str, Any] = self._files.find(self._path(below), detail=True, withdirs=False)
             except FileNotFoundError as error:
-                if "bucket" in str(error).lower() or "container" in str(error).lower():
+                if re.search("bucket|container", self._without_names(str(error), below), re.IGNORECASE):
                     raise
                 return {}
             return found
@@ -172,11 +172,19 @@ class Store:
             pause *= 2
         raise AssertionError("unreachable")
 
+    def _without_names(self, text: str, path: str) -> str:
+        """A text of the store without the bucket, folders and object, whose names may look like errors."""
+        bucket, _, folder = self.address.partition("://")[2].partition("/")
+        names = (self.address, f"{bucket}/{folder}", f"{folder}/{path}", folder, path, bucket)
+        for name in sorted(filter(None, (name.strip("/") for name in names)), key=len, reverse=True):
+            text = re.sub(rf"(?<![\w.-]){re.escape(name)}(?![\w-])", "", text)
+        return text
+
     def _failed(self, what: str, path: str, error: Exception) -> StudioError:
         """What a file system raised, without credentials."""
         file = f"{self.address}/{path}" if path else self.address
         reason = without_secrets(f"{reason_of(error)}")
-        text = f"{type(error).__name__} {error}".replace(path or "\0", "")  # names may look like status codes
+        text = self._without_names(f"{type(error).__name__} {error}", path)
         if isinstance(error, _Truncated):
             text = ""
         if _CREDENTIALS.search(text):
@@ -199,7 +207,7 @@ class Store:
                 "storage.denied",
                 f"the store refuses access ({reason})",
                 file=file,
-                fix="Check the credentials in the environment, and that they may list, read and write this bucket.",
+                fix=f"Check the credentials in the environment, and that they may {_NEEDED[what]}.",
             )
         if isinstance(error, FileNotFoundError) or _MISSING.search(text):
             return StudioError(
@@ -214,6 +222,16 @@ class Store:
             file=file,
             fix="Check the network and the store, and run again; finished work is kept.",
         )
+
+
+_NEEDED = {
+    "reached": "list this bucket and read its objects",
+    "listed": "list this bucket",
+    "read": "read objects of this bucket",
+    "written": "write objects to this bucket",
+    "deleted": "delete objects of this bucket",
+}
+"""Which permission each kind of request needs."""
 
 
 class _Truncated(OSError):

@@ -70,6 +70,7 @@ class ObjectStore:
     def reset(self) -> None:
         """Empty the bucket; no faults, nothing counted."""
         self.faults, self.failed, self.written = Faults(), 0, 0
+        self._random.seed(1)  # faults do not depend on the tests before
         self.gets.clear()
         self.puts.clear()
         client = self.client

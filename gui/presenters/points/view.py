@@ -20,6 +20,7 @@ from pipelines.takes.calibration import read_cameras_report
 from studio.calibration.report import CalibrationReport, TiePointReport
 from studio.cameras import Rig
 from studio.errors import StudioError
+from studio.storage import is_address
 
 
 class PointsView(StageView):
@@ -54,11 +55,13 @@ class PointsView(StageView):
     @property
     def path(self) -> Path | None:
         """File of the points: from the settings, else points.yaml in the take."""
-        take, config = self.workspace.take, self.workspace.config
-        if take is None or config is None:
+        take, context = self.workspace.take, self.workspace.context
+        if take is None or context is None:
             return None
-        named = config.calibrate.tie_points
-        return config.capture.root / named if named else take.root / "points.yaml"
+        named, root = context.config.calibrate.tie_points, context.config.capture.root
+        if named and not is_address(root):
+            root = context.footage.capture.root
+        return root / named if named else take.root / "points.yaml"
 
     def state(self) -> Hashable:
         """See `StageView`."""
@@ -86,6 +89,13 @@ class PointsView(StageView):
 
     def _load(self, path: Path) -> None:
         chosen = self.marks.chosen if self.marks is not None and self.marks.path == path else 0
+        if is_address(path):
+            self.marks = None
+            self.problem = (
+                f"{path}: the window cannot save points in object storage. Copy this file to this machine and set "
+                "calibrate.tie_points to its whole path; or leave it empty, so that points are kept in the take."
+            )
+            return
         try:
             self.marks, self.problem = TieMarks(path), ""
         except StudioError as error:

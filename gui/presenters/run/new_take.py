@@ -10,6 +10,7 @@ from pipelines.stages.camera_file import camera_file
 from pipelines.takes.atomic_files import disk_errors, write_text
 from pipelines.takes.take import Take
 from studio.errors import StudioError
+from studio.storage import is_address
 
 
 @dataclass
@@ -17,7 +18,7 @@ class NewTake:
     """A new take as specified in the dialog; text as typed.
 
     Attributes:
-        footage: footage folder; may be empty if the settings name it.
+        footage: footage folder or its address in object storage; may be empty if the settings name it.
         settings: YAML file with settings; empty for the defaults.
         take: folder of the new take; empty for `proposed_take`.
     """
@@ -36,10 +37,7 @@ class NewTake:
             raise StudioError("take.no_footage", "no footage selected", fix="Choose the footage folder.")
         overrides = []
         if self.footage.strip():
-            folder = Path(self.footage.strip()).expanduser().absolute()
-            if not folder.is_dir():
-                raise StudioError("footage.no_folder", "no such folder", file=folder, fix="Choose the footage folder.")
-            overrides.append(("capture.root", str(folder)))
+            overrides.append(("capture.root", _footage_folder(self.footage.strip())))
         path = Path(self.settings.strip()).expanduser() if self.settings.strip() else None
         return load_config(path, overrides)
 
@@ -50,11 +48,11 @@ class NewTake:
         try:
             config = self.config()
             footage = open_footage(config.capture, None, strict=False)
-            rig = camera_file(config.capture)
+            rig = camera_file(footage.spec)  # of a capture in object storage, this has the folder on this machine
         except StudioError as error:
             return str(error)
         cameras = (
-            f"Camera file: {rig.relative_to(config.capture.root)}."
+            f"Camera file: {rig.relative_to(footage.spec.root)}."
             if rig
             else "No camera file: Calibrate estimates the cameras."
         )
@@ -62,13 +60,14 @@ class NewTake:
         return f"{footage.description}\n{cameras}{problems}"
 
     def proposed_take(self) -> str:
-        """Path of a new folder next to the footage."""
+        """Path of a new folder next to the footage; in the working directory if the footage is in object storage."""
         try:
             root = self.config().capture.root
         except StudioError:
             return ""
+        parent = Path.cwd() if is_address(root) else root.parent
         for number in range(1, 1000):
-            path = root.parent / f"{root.name}-take{'' if number == 1 else f'-{number}'}"
+            path = parent / f"{root.name}-take{'' if number == 1 else f'-{number}'}"
             if not path.exists():
                 return str(path)
         return ""
@@ -86,6 +85,12 @@ class NewTake:
         where = self.take.strip() or self.proposed_take()
         if not where:
             raise StudioError("take.no_folder", "no take folder selected", fix="Choose a folder for the take.")
+        if is_address(where):
+            raise StudioError(
+                "take.no_folder",
+                "a new take needs a folder on this machine",
+                fix="Choose one; `v3studio run CONFIG --take ADDRESS` makes takes in object storage.",
+            )
         root = Path(where).expanduser().absolute()
         if (root / "take.json").exists():
             raise StudioError("take.exists", "already a take", file=root, fix="Open it, or choose another folder.")
@@ -93,3 +98,12 @@ class NewTake:
             take = Take.create(root)
             write_text(take.config, dump_config(config))
         return take.root
+
+
+def _footage_folder(typed: str) -> str:
+    if is_address(typed):
+        return typed
+    folder = Path(typed).expanduser().absolute()
+    if not folder.is_dir():
+        raise StudioError("footage.no_folder", "no such folder", file=folder, fix="Choose the footage folder.")
+    return str(folder)

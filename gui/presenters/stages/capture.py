@@ -12,7 +12,7 @@ from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
 from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, RAISED, TEXT
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import Size, StageView, rectangle, sentence
-from pipelines.config import Config
+from pipelines.stages.base import Context
 from studio.capture import Footage, check_footage, open_footage
 from studio.errors import Cancelled, StudioError
 
@@ -30,7 +30,7 @@ class CaptureView(StageView):
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self._footage: Footage | None = None
-        self._footage_of: Config | None = None
+        self._footage_of: object = None
         self._check = FootageCheck()
 
     def state(self) -> Hashable:
@@ -64,19 +64,20 @@ class CaptureView(StageView):
         return round(0.85 * self.em)
 
     def _open(self) -> Footage | None:
-        config = self.workspace.config
-        if config is None:
+        context = self.workspace.context
+        if context is None:
             return None
-        if self._footage is None or self._footage_of is None or self._footage_of.capture != config.capture:
+        config = context.config
+        if self._footage is None or self._footage_of != (config.capture, config.run.paths):
             self._footage = open_footage(
-                config.capture,
+                context.footage.capture,
                 None,
                 strict=False,
                 cache_folder=self._cache_folder(),
                 device=config.run.device,
                 threads=config.run.threads,
             )
-            self._footage_of = config
+            self._footage_of = (config.capture, config.run.paths)
         return self._footage
 
     def _cache_folder(self) -> Path | None:
@@ -131,9 +132,9 @@ class CaptureView(StageView):
 
     def check(self) -> None:
         """Decode all of the footage once and list problems, on a separate thread."""
-        config = self.workspace.config
-        if config is not None:
-            self._check.start(config, self._cache_folder())
+        context = self.workspace.context
+        if context is not None:
+            self._check.start(context)
 
     def stop_check(self) -> None:
         """Stop the check."""
@@ -187,35 +188,34 @@ class FootageCheck:
         """Whether it is running."""
         return self._thread is not None and self._thread.is_alive()
 
-    def start(self, config: Config, cache_folder: Path | None = None) -> None:
+    def start(self, context: Context) -> None:
         """Start, unless it is running."""
         if self.running:
             return
         self._stop.clear()
         self.words, self.problems = "checking the footage", ()
-        self._thread = threading.Thread(
-            target=self._run, args=(config, cache_folder), name="v3studio check", daemon=True
-        )
+        self._thread = threading.Thread(target=self._run, args=(context,), name="v3studio check", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
         """Stop at the next image."""
         self._stop.set()
 
-    def _run(self, config: Config, cache_folder: Path | None) -> None:
+    def _run(self, context: Context) -> None:
         def progress(done: int, total: int, **figures: object) -> None:
             if self._stop.is_set():
                 raise Cancelled
             self.words = f"checking the footage, {done} of {total} images"
 
         try:
+            run = context.config.run
             footage = open_footage(
-                config.capture.replace(cache_megabytes=64),
+                context.footage.capture.replace(cache_megabytes=64),
                 None,
                 strict=False,
-                cache_folder=cache_folder,
-                device=config.run.device,
-                threads=config.run.threads,
+                cache_folder=context.take.footage_cache,
+                device=run.device,
+                threads=run.threads,
             )
             problems = check_footage(footage, progress)
         except Cancelled:

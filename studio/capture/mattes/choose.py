@@ -30,7 +30,7 @@ from studio.capture.mattes.plain_background import PlainMatteSource, plain_color
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings, OnnxSettings
 from studio.errors import StudioError
-from studio.storage import whole_file
+from studio.storage import whole_files
 
 _FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set
 
@@ -191,18 +191,18 @@ def _model(
             setting="capture.mask_model",
         )
     path = spec.root / Path(spec.mask_model).expanduser()
-    for ending in ("", "_data", ".data"):  # external weights; see `OnnxModel.files`
-        whole_file(path.with_name(path.name + ending))
-    model = OnnxModel(path, spec, device=device, threads=threads)
+    given = [path.with_name(path.name + ending) for ending in ("", "_data", ".data")]  # see `OnnxModel.files`
+    model = OnnxModel(whole_files(given)[0], spec, device=device, threads=threads)
+    files = [one for one in given if one.is_file()]  # not the copies: of pointers, the store's version is digested
     cache = None
     if cache_folder is not None:
         # the device is not part of the recipe, because mattes do not depend on it
         recipe = spec.model_dump_json(include=set(OnnxSettings.model_fields) - {"mask_model"})
-        cache = MatteCache(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
+        cache = MatteCache(cache_folder / "mattes", f"{digest_files(path.parent, files)} {recipe}")
     return FunctionMatteSource(
         model,
         "matting model",
-        files=model.files(),
+        files=files,
         cache=cache,
         components=spec.mask_components,
         garbage=garbage_mattes(spec, names, pool),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,8 @@ import numpy as np
 import pytest
 
 from pipelines.comparison.compare import compare
-from pipelines.config import load_config, parse_override
+from pipelines.comparison.opened_takes import open_takes
+from pipelines.config import dump_config, load_config, parse_override
 from pipelines.runs.runner import run
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
@@ -109,3 +111,15 @@ def test_mistakes_are_one_sentence(two, here, tmp_path):
     done = here("compare", two[0], "--every", "0", "--out", tmp_path / "out")
     assert "--every 0 is below 1" in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_footage_that_is_mounted_elsewhere(finished, tmp_path):
+    shutil.copytree(finished / "take", tmp_path / "take")
+    paths = {"/mnt/nowhere": [str(finished)]}
+    take = Take.open(tmp_path / "take")
+    changes = [("capture.root", "/mnt/nowhere/capture"), ("run.paths", paths)]
+    take.config.write_text(dump_config(load_config(take.config, changes)))
+    with ExitStack() as closing:
+        (opened,), cameras = open_takes([take.root], PROTOCOLS["box"], (), closing)
+        assert cameras == ("cam4",)
+        assert opened.footage.raw_image("cam4", 0).any()

@@ -302,3 +302,9 @@ def test_values_that_yaml_cannot_make(tmp_path, value, kind):
 def test_a_superscript_is_no_device():
     with refuses("settings.invalid", setting="run.device"):
         load_config(None, [("run.device", "cuda:²")])
+
+
+def test_credentials_in_an_address_are_not_repeated():
+    with pytest.raises(StudioError, match=r"capture\.root contains credentials") as caught:
+        load_config(None, [("capture.root", "s3://AKIA:abc/hidden@studio/day1")])
+    assert "hidden" not in str(caught.value.message.to_dict())

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from studio.capture import CaptureSettings, open_footage
+from studio.capture.digest import digest_files
 from studio.capture.video import VideoReader
 from studio.errors import StudioError
-from studio.storage import Store, cached_object, mirrored, objects, store
+from studio.storage import Store, cache, cached_object, mirrored, objects, store, whole_file, whole_files
 from studio.storage.store import without_secrets
 from tests.support.object_store import SECRET, Faults, ObjectStore
 from tests.support.tiny_capture import write_capture
@@ -160,6 +161,13 @@ def test_each_bad_case_is_one_sentence_without_credentials(
     named = refused("s3://AKIA:hidden-secret@studio/day1")
     assert named.code == "storage.credentials_in_address"
     assert "hidden-secret" not in str(named)
+    for hidden in ("s3://AKIA:abc/hidden@studio/day1", "s3:///AKIA:hidden@studio", "az://studio/day1?sig=hidden"):
+        named = refused(hidden)
+        assert named.code == "storage.credentials_in_address"
+        assert "hidden" not in str(named.message.to_dict())
+        with pytest.raises(ValueError, match="contains credentials") as caught_setting:
+            CaptureSettings(root=hidden)
+        assert "hidden" not in str(caught_setting.value)
     object_store.faults = Faults(capacity=10)
     with pytest.raises(StudioError) as caught:
         Store(DAY).write("frame", bytes(100))
@@ -168,7 +176,9 @@ def test_each_bad_case_is_one_sentence_without_credentials(
     assert refused(DAY).code == "storage.failed"
     object_store.faults = Faults()
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "AKIAWRONG")
-    assert refused(DAY).code == "storage.denied"
+    denied = refused(DAY)
+    assert denied.code == "storage.denied"
+    assert "that they may list this bucket." in str(denied), "reading needs no permission to write"
     monkeypatch.delenv("AWS_ACCESS_KEY_ID")
     monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
     assert refused(DAY).code == "storage.no_credentials"
@@ -178,6 +188,88 @@ def test_messages_hide_secret_values_and_signatures(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("AZURE_STORAGE_ACCOUNT_KEY", "q83hX==")
     text = without_secrets("https://a.blob.core.windows.net/x?sv=1&sig=ab%2Bc&se=2 with q83hX==")
     assert text == "https://a.blob.core.windows.net/x?sv=1&sig=***&se=2 with ***"
+
+
+def test_names_that_look_like_errors_are_not_taken_for_them(
+    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store, "FIRST_PAUSE", 0.01)
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    found = Store("s3://credential-quota-bucket/403")
+    failed = found._failed("read", "507.png", OSError("credential-quota-bucket/403/507.png: broken pipe"))
+    assert failed.code == "storage.failed"
+    denied = found._failed("read", "507.png", OSError("credential-quota-bucket/403/507.png: AccessDenied"))
+    assert denied.code == "storage.denied"
+
+
+def test_the_cache_is_measured_once_and_not_for_each_object(
+    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "day1").mkdir()
+    for number in range(5):
+        (tmp_path / "day1" / f"{number}.png").write_bytes(bytes(100))
+    object_store.upload(tmp_path / "day1", "day1")
+    measured: list[int] = []
+    monkeypatch.setattr(cache.DiskCache, "_evict", lambda self, limit: measured.append(limit))
+    root = mirrored(DAY)
+    for number in range(5):
+        found = cached_object(root / f"{number}.png")
+        assert found is not None
+        assert found.read() == bytes(100)
+    assert len(measured) == 1
+
+
+def test_whole_files_are_copies_that_listing_again_does_not_take_away(
+    object_store: ObjectStore, tmp_path: Path
+) -> None:
+    (tmp_path / "day1").mkdir()
+    for name in ("model.onnx", "model.onnx_data"):
+        (tmp_path / "day1" / name).write_bytes(name.encode() * 1000)
+    object_store.upload(tmp_path / "day1", "day1")
+    path = mirrored(DAY) / "model.onnx"
+    digest = digest_files(path.parent, [path])
+    given = [path, path.with_name("model.onnx_data"), path.with_name("model.onnx.data")]
+    model, weights, missing = whole_files(given)
+    mirrored(DAY)  # as another process does
+    assert model.read_bytes() == b"model.onnx" * 1000
+    assert weights.read_bytes() == b"model.onnx_data" * 1000
+    assert (weights.parent, weights.name) == (model.parent, "model.onnx_data")
+    assert missing == given[2]
+    assert digest_files(path.parent, [path]) == digest, "the same before and after"
+    object_store.client.put_object(Bucket="studio", Key="day1/model.onnx", Body=b"another")
+    assert whole_file(mirrored(DAY) / "model.onnx").read_bytes() == b"another"
+    assert model.read_bytes() == b"model.onnx" * 1000, "a run that has begun keeps its model"
+
+
+def test_objects_that_no_file_can_be_named_after(object_store: ObjectStore) -> None:
+    def put(key: str, data: bytes) -> None:
+        object_store.client.put_object(Bucket="studio", Key=f"day1/{key}", Body=data)
+
+    put("a", b"")
+    put("a/b.mp4", b"video")
+    assert cached_object(mirrored(DAY) / "a" / "b.mp4") is not None, "an empty object marks a folder"
+    put("a", b"text")
+    with pytest.raises(StudioError, match=r"^s3://studio/day1/a: the object has the name of a folder"):
+        mirrored(DAY)
+    object_store.client.delete_object(Bucket="studio", Key="day1/a/b.mp4")
+    assert cached_object(mirrored(DAY) / "a") is not None, "what was a folder is an object now"
+    long = "x" * 300
+    put(f"{long}.mp4", b"video")
+    with pytest.raises(StudioError, match=rf"^s3://studio/day1/{long}.mp4: the object's name is too long"):
+        mirrored(DAY)
+
+
+def test_messages_name_the_address_and_not_the_copy(object_store: ObjectStore, tmp_path: Path) -> None:
+    write_capture(tmp_path / "day1", frames=2)
+    object_store.upload(tmp_path / "day1", "day1")
+    spec = CaptureSettings(root=DAY, images="images/{camera}/{frame:03d}.png")
+    assert " in s3://studio/day1: " in open_footage(spec).description
+    with pytest.raises(StudioError, match=r"^s3://studio/day1: no frames") as caught:
+        open_footage(spec.replace(start=50))
+    assert caught.value.message.to_dict()["file"] == DAY
+    object_store.client.put_object(Bucket="studio", Key="day1/images/cam0/001.png", Body=b"no image")
+    with pytest.raises(StudioError, match=r"^s3://studio/day1/images/cam0/001.png: "):
+        open_footage(spec).raw_image("cam0", 1)
 
 
 def test_settings_keep_the_address() -> None:

@@ -5,14 +5,19 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 
+from gui.actions.cameras import CameraActions
 from gui.presenters.drawing.palette import ACCENT, BAD, GROUND, SECOND
 from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.points.view import PointsView
 from gui.presenters.preferences import RECENT, Preferences
+from gui.presenters.run.cameras import CameraUses
 from gui.presenters.run.new_take import NewTake
 from gui.presenters.run.settings import SECTIONS, fields_of
 from gui.presenters.run.workspace import Workspace
@@ -21,8 +26,10 @@ from gui.presenters.stages.capture import grid
 from gui.presenters.stages.qp_trial import TRIED_QPS
 from gui.presenters.stages.stage_views import StageViews
 from gui.raycast import MeshPicture
-from pipelines.config import Config, load_config
+from gui.shell import Shell
+from pipelines.config import Config, dump_config, load_config
 from pipelines.config.loading import all_names
+from pipelines.takes.atomic_files import write_text
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from studio.cameras import Camera
@@ -30,6 +37,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 from tests.support.errors import refuses
+from tests.support.object_store import ObjectStore
 from tests.support.waiting import wait_until
 
 SIZE = (720, 500)
@@ -220,6 +228,60 @@ def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
     new.take = str(footage_project)
     with pytest.raises(StudioError, match="not empty"):  # from the take
         new.create()
+
+
+def test_a_new_take_from_footage_in_object_storage(
+    object_store: ObjectStore, footage_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    object_store.upload(footage_project / "capture", "day1")
+    new = NewTake("s3://studio/day1", str(footage_project / "ball.yaml"))
+    assert "in s3://studio/day1: 6 cameras" in new.found()
+    assert "Camera file: cameras.json." in new.found()
+    assert new.proposed_take() == str(tmp_path / "day1-take")
+    new.take = "s3://studio/takes/first"
+    with refuses("take.no_folder"):
+        new.create()
+    new.take = ""
+    take = Take.open(new.create())
+    config = load_config(take.config, [("calibrate.tie_points", "points.yaml")])
+    assert tuple(CameraUses.of(config.capture).uses) == tuple(f"cam{number}" for number in range(6))
+    write_text(take.config, dump_config(config))
+    workspace = Workspace()
+    workspace.open(take)
+    points = PointsView(workspace)
+    points.state()
+    with pytest.raises(StudioError, match=r"s3://studio/day1/points\.yaml: the window cannot save"):
+        points.draw(SIZE, points.state())
+    assert points.close()
+    assert workspace.close()
+    assert not list(tmp_path.glob("s3*")), "no folder is named like the address"
+
+
+def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: Path, tmp_path: Path) -> None:
+    """Where `run.paths` says: in the capture view, its check, the uses of cameras, and tie points."""
+    take = Take.create(tmp_path / "take")
+    paths = {"/mnt/nowhere": [str(footage_project)]}
+    changes = [("capture.root", "/mnt/nowhere/capture"), ("run.paths", paths), ("calibrate.tie_points", "points.yaml")]
+    write_text(take.config, dump_config(load_config(footage_project / "ball.yaml", changes)))
+    opened(views, take.root)
+    views.select("capture")
+    shown(views, lambda picture: (picture != GROUND).any())
+    stage_view = views.stage_views["capture"]
+    stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
+    views.capture.check()
+    shown(views, lambda picture: not views.capture.checking)
+    assert not views.capture._check.problems
+    told: list[str] = []
+    window = SimpleNamespace(
+        workspace=views.workspace, notices=SimpleNamespace(tell=lambda words, bad: told.append(words))
+    )
+    uses = CameraActions(cast("Shell", window))._uses()
+    assert uses is not None, told
+    assert len(uses.uses) == 6
+    points = PointsView(views.workspace)
+    assert points.path == footage_project / "capture" / "points.yaml"
+    assert points.close()
 
 
 def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
