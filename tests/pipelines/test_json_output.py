@@ -90,7 +90,7 @@ def test_a_failure_still_ends_in_its_sentence_and_its_event(take_of: Callable[[]
 
 COMMANDS = {
     "status": ("status", "{take}", "--json"),
-    "compare": ("compare", "{take}", "--json"),
+    "compare": ("compare", "{take}", "--out", "{out}", "--json"),
     "check": ("check", "{take}", "--json"),
     "play": ("play", "{take}", "--headless", "--json"),
     "export": ("export", "{take}", "--format", "ply", "--of", "trained", "--out", "{out}", "--json"),

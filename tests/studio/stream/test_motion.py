@@ -48,6 +48,8 @@ def expect_close(original: Gaussians, decoded: Gaussians, entry, keyframe: bool,
     means = (original.means - decoded.means).numpy()
     # a splat of class c has residual steps of 2^c; large drifts over 20 frames need up to class 6
     coarsest = 2**4 if entry.frame_count < 10 else 2**6
+    if not keyframe:  # splats that are not drawn move with their surroundings
+        means = means[(original.opacities >= 1 / 255).numpy()]
     check("means", means, entry.positions.step / 2 if keyframe else coarsest * step["residual_x"] / 2)
     scale = max(step[f"log_scale_{i}"] for i in range(3)) / 2
     floor = decoded.log_scales.min().item()
@@ -104,7 +106,8 @@ def test_hundred_thousand_splats(tmp_path, make_frames):
     index = matches(frames[0], decoded[0])
     for frame, found in zip(frames, decoded, strict=True):
         assert (frame.opacities[index] - found.opacities).abs().max() <= 0.51 * entry.channels[9].step
-        assert (frame.means[index] - found.means).norm(dim=1).max() < 0.01
+        drawn = frame.opacities[index] >= 1 / 255  # others move with their surroundings
+        assert (frame.means[index] - found.means)[drawn].norm(dim=1).max() < 0.01
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
