@@ -14,7 +14,6 @@ import resource
 import struct
 import time
 import traceback
-import warnings
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -82,9 +81,7 @@ def in_process(path: Path, read: Read) -> tuple[int, str]:
 
     def run() -> None:
         receive.close()
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGESIZE")
-        resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
-        warnings.simplefilter("ignore")
+        mutations.bound_process(MEMORY)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         try:
             read(path)

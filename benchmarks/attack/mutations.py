@@ -211,15 +211,20 @@ def batches(total: int) -> Iterator[range]:
         yield range(first, min(first + BATCH, total))
 
 
+def bound_process(memory: int) -> None:
+    """Let this process grow by this many bytes at most, without warnings."""
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGESIZE")
+    resource.setrlimit(resource.RLIMIT_AS, (used + memory, used + memory))
+    warnings.simplefilter("ignore")
+
+
 def in_process(work: Callable[[int], str], numbers: range, outcome: Outcome, found: Counter[str]) -> None:
     """Do `work` for all numbers in a forked process with bounded memory; what it raises is a broken promise."""
     receive, send = multiprocessing.Pipe(duplex=False)
 
     def run() -> None:
         receive.close()
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGESIZE")
-        resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
-        warnings.simplefilter("ignore")
+        bound_process(MEMORY)
         for number in numbers:
             send.send((number, None))
             try:

@@ -161,20 +161,10 @@ class StoredTake:
         Raises:
             StudioError: at the end, if the store does not take it (`storage.*`); it stays in the working copy.
         """
-        stop = threading.Event()
-
-        def go() -> None:
-            while not stop.wait(PUSH_SECONDS):
-                with suppress(StudioError):  # reported at the end, unless a later attempt succeeds
-                    self.push()
-
-        thread = threading.Thread(target=go, name="push", daemon=True)
-        thread.start()
         try:
-            yield
+            with _repeating(self.push, PUSH_SECONDS, "push"):  # a failure is reported at the end, unless that succeeds
+                yield
         finally:
-            stop.set()
-            thread.join()
             self.push()
 
     @contextmanager
@@ -196,20 +186,10 @@ class StoredTake:
         self._refuse_other("")
         self._claim(mine)
         self._refuse_other(str(mine["token"]))  # two began at once: the later claim holds
-        stop = threading.Event()
-
-        def renew() -> None:
-            while not stop.wait(_RENEWED):
-                with suppress(StudioError):
-                    self._claim(mine)
-
-        thread = threading.Thread(target=renew, name="claim", daemon=True)
-        thread.start()
         try:
-            yield
+            with _repeating(lambda: self._claim(mine), _RENEWED, "claim"):
+                yield
         finally:
-            stop.set()
-            thread.join()
             with suppress(StudioError):  # it expires
                 self.store.delete(_HOLDER)
 
@@ -293,3 +273,22 @@ def _in_parallel(work: Callable[[Given], Made], items: list[Given]) -> Iterator[
         except BaseException:
             pool.shutdown(wait=True, cancel_futures=True)
             raise
+
+
+@contextmanager
+def _repeating(action: Callable[[], object], seconds: float, name: str) -> Iterator[None]:
+    """Within the block, a thread of this name calls `action` every so many seconds; its failures are ignored."""
+    over = threading.Event()
+
+    def repeat() -> None:
+        while not over.wait(seconds):
+            with suppress(StudioError):
+                action()
+
+    thread = threading.Thread(target=repeat, name=name, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()

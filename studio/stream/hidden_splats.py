@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-DRAWN_FROM = 1 / 255
-"""Opacity below which no renderer draws a splat (3DGS)."""
+from studio.rasterizer.types import ALPHA_MIN
 
 
 def carry_hidden_splats(positions: np.ndarray, opacities: np.ndarray) -> np.ndarray:
@@ -25,7 +24,7 @@ def carry_hidden_splats(positions: np.ndarray, opacities: np.ndarray) -> np.ndar
     """
     carried = positions
     for frame in range(1, len(positions)):
-        hidden = opacities[frame] < DRAWN_FROM
+        hidden = opacities[frame] < ALPHA_MIN
         if not hidden.any() or hidden.all():
             continue
         if carried is positions:
