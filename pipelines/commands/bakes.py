@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import BaseModel, ConfigDict, JsonValue
+
 if TYPE_CHECKING:
     from pipelines.takes.kept_bakes import KeptBake
 
@@ -59,20 +61,20 @@ def _list(arguments: argparse.Namespace) -> int:
 
     found = kept_bakes(Take.open(arguments.take))
     if arguments.json:
-        print(json.dumps([_values(kept) for kept in found], indent=1), file=arguments.output)
+        rows = [KeptBakeRow.of(kept).model_dump(mode="json") for kept in found]
+        print(json.dumps(rows, indent=1), file=arguments.output)
         return 0
     if not found:
         print("No bakes are kept. `v3studio bakes keep TAKE NAME` keeps the present one.")
         return 0
     shown = table_of("name", "QP", "MB", "KB/frame", "PSNR", "kept", "", left=(0, 5, 6))
     for kept in found:
-        values = _values(kept)
-        psnr = values["psnr_decoded"]
+        psnr, qp = kept.psnr, kept.qp
         shown.add_row(
             escaped(kept.name),
-            str(values["qp"]),
+            "-" if qp is None else str(qp),
             f"{kept.bytes / 1e6:.2f}",
-            f"{values['bytes_per_frame'] / 1000:.1f}",
+            f"{kept.bytes_per_frame / 1000:.1f}",
             "-" if psnr is None else f"{psnr:.2f}",
             kept.note.kept[:16].replace("T", " "),
             ", ".join(
@@ -83,21 +85,52 @@ def _list(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _values(kept: KeptBake) -> dict[str, Any]:
-    """What is known of a kept bake; null where it was not measured."""
-    return {
-        "name": kept.name,
-        "chosen": kept.chosen,
-        "current": kept.current,
-        "kept": kept.note.kept,
-        "bytes": kept.bytes,
-        "frees": kept.frees,
-        "bytes_per_frame": kept.bytes_per_frame,
-        "psnr_decoded": kept.psnr,
-        "qp": kept.qp,
-        "stream": str(kept.stream),
-        "settings": kept.settings,
-    }
+class KeptBakeRow(BaseModel):
+    """A kept bake in `v3studio bakes list --json`."""
+
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
+
+    name: str
+    chosen: bool
+    """Whether it is the take's stream."""
+
+    current: bool
+    """Whether it was baked from the take's present training."""
+
+    kept: str
+    """When, UTC, ISO 8601."""
+
+    bytes: int
+    frees: int
+    """Bytes that are free again after it is removed."""
+
+    bytes_per_frame: float
+    psnr_decoded: float | None
+    """Mean over the evaluated cameras and frames, dB; null if it was not measured."""
+
+    qp: int | None
+    stream: str
+    """Folder of the stream."""
+
+    settings: dict[str, JsonValue]
+    """Settings that it was made with, by dotted name."""
+
+    @classmethod
+    def of(cls, kept: KeptBake) -> KeptBakeRow:
+        """The row of a kept bake."""
+        return cls(
+            name=kept.name,
+            chosen=kept.chosen,
+            current=kept.current,
+            kept=kept.note.kept,
+            bytes=kept.bytes,
+            frees=kept.frees,
+            bytes_per_frame=kept.bytes_per_frame,
+            psnr_decoded=kept.psnr,
+            qp=kept.qp,
+            stream=str(kept.stream),
+            settings=kept.settings,
+        )
 
 
 def _keep(arguments: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, JsonValue, field_validator
 
 from pipelines.takes.atomic_files import Result, digest_of_file, link_or_copy, read_model, remove, write_model
 from pipelines.takes.evaluation import read_evaluation
@@ -118,7 +118,7 @@ class KeptBake:
         return None if value is None else int(value)
 
     @property
-    def settings(self) -> dict[str, object]:
+    def settings(self) -> dict[str, JsonValue]:
         """Settings of `bake` that it was made with, by dotted name."""
         return {name: value for name, value in self.note.bake.params.items() if name.startswith("bake.")}
 
