@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from gui.panels.dialogs import Dialogs, broken
+from gui.panels.dialogs import Answer, Dialogs, broken
 from gui.panels.picture import color
 from gui.presenters.drawing.palette import BAD, DIM
 from gui.presenters.run.bakes import BakeRow, Bakes
@@ -30,11 +30,11 @@ class BakeChoices:
     """
 
     compare: Callable[[BakeRow], object]
-    compare_take: Callable[[], object]
-    stop: Callable[[], object]
+    compare_take: Callable[[], None]
+    stop: Callable[[], None]
     choose: Callable[[BakeRow], object]
     remove: Callable[[BakeRow], object]
-    keep: Callable[[], object]
+    keep: Callable[[], None]
 
 
 class BakesDialog:
@@ -81,7 +81,7 @@ class BakesDialog:
             if compared
             else "Bakes of this take, kept under names. Comparing shows two at once, with one timeline."
         )
-        answers = [("stop", "Stop comparing", choices.stop)] if compared else []
+        answers: list[Answer] = [("stop", "Stop comparing", choices.stop)] if compared else []
         dialogs.show(
             NAME,
             "Bakes",

@@ -88,7 +88,11 @@ class Bakes:
 
     def keep(self, take: Take, name: str) -> None:
         """Keep the take's stream under a name."""
-        self._change(take, lambda: keep_bake(take, name) and f"Kept as '{name}'.")
+
+        def change() -> str:
+            return f"Kept as '{keep_bake(take, name).name}'."
+
+        self._change(take, change)
 
     def choose(self, take: Take, name: str, discard: bool = False) -> None:
         """Make a kept bake the take's stream; `discard` the present one if it is not kept."""
