@@ -3,12 +3,14 @@
     python benchmarks/gpu_check.py                 # under nine minutes; writes gpu.json and prints a table
     python benchmarks/gpu_check.py --dry-run       # the same code on the CPU, tiny: seconds, figures mean nothing
 
-Needs no network, only the repository, its sample capture, and gsplat (`pip install 'v3studio[cuda]'`, whose kernels are
-compiled with nvcc when they are first used). The parts:
+Needs no network, only the repository, its sample capture, and Triton (part of PyTorch's CUDA builds for Linux) or
+gsplat (`pip install 'v3studio[cuda]'`, whose kernels are compiled with nvcc when they are first used). What is
+installed is measured; training uses gsplat where it is installed, as `v3studio` does. The parts:
 
-    kernels      time until gsplat has drawn its first picture, including compilation; at most four minutes
+    kernels cuda, kernels triton
+                 time until the backend has drawn its first picture, including compilation; at most four minutes
     tests        the tests that need a CUDA device
-    rasterizer   forward and backward pass of the CUDA backend, milliseconds
+    rasterizer   forward and backward pass of each backend that drew, milliseconds
     keyframe     frame 0 of the sample with the default settings, which are the paper's schedule
     frames       the five frames after it: 500 steps of motion and 2,000 of fine-tuning each
 
@@ -23,6 +25,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import json
 import math
 import os
@@ -93,6 +96,8 @@ class Check:
     def __init__(self, dry: bool, seconds: float) -> None:
         self.dry, self.device = dry, "cpu" if dry else "cuda"
         self.ends = time.monotonic() + seconds
+        self.backends: list[str] = []
+        """Those that have drawn."""
         self.report: Report = {"dry_run": dry, "machine": machine(), "parts": {}}
         self.settings = TrainSettings()
         if dry:
@@ -118,18 +123,24 @@ class Check:
         self.report["parts"][name] = {"seconds": round(time.monotonic() - start, 2), **found}
         return "error" not in found
 
-    def kernels(self) -> Report:
-        """Compile gsplat's kernels in a child process, whose compilation can be ended."""
+    def all_kernels(self) -> bool:
+        """Draw a first picture with each backend. Returns whether one did."""
+        wanted = ("cpu",) if self.dry else tuple(name for name in ("cuda", "triton") if name in available_backends())
+        self.backends = [name for name in wanted if self.part(f"kernels {name}", functools.partial(self.kernels, name))]
+        if not wanted:
+            self.part("kernels", none_installed)
+        return bool(self.backends)
+
+    def kernels(self, backend: str) -> Report:
+        """Compile a backend's kernels in a child process, whose compilation can be ended, and draw."""
         if self.dry:
-            return {"mean_of_picture": float(forward_function(*person(100, 64, 64))().image.mean())}
-        if "cuda" not in available_backends():
-            raise RuntimeError("no CUDA device that torch can use, or gsplat is not installed")
+            return {"mean_of_picture": float(forward_function(*person(100, 64, 64), backend)().image.mean())}
         code = (
             "import sys; sys.path[:0] = sys.argv[1:2]\n"
             "from rasterizer import forward_function, person\n"
-            "print(forward_function(*person(100, 64, 64, sys.argv[2]))().image.mean().item())"
+            "print(forward_function(*person(100, 64, 64, sys.argv[2]), sys.argv[3])().image.mean().item())"
         )
-        command = [sys.executable, "-c", code, str(Path(__file__).parent), self.device]
+        command = [sys.executable, "-c", code, str(Path(__file__).parent), self.device, backend]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(COMPILING))
         if done.returncode:
             raise RuntimeError(done.stderr[-1500:])
@@ -139,7 +150,8 @@ class Check:
         """The tests marked `gpu`; in a dry run they are skipped for want of a GPU."""
         with tempfile.TemporaryDirectory() as folder:
             results = Path(folder) / "tests.xml"
-            command = [sys.executable, "-m", "pytest", "-q", "-m", "gpu", "tests/studio/rasterizer/test_cuda.py"]
+            command = [sys.executable, "-m", "pytest", "-q", "-m", "gpu"]
+            command += [f"tests/studio/rasterizer/test_{name}.py" for name in ("cuda", "triton")]
             command += [f"--junitxml={results}", "-p", "no:cacheprovider"]
             done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(TESTING))
             if not results.is_file():
@@ -158,8 +170,12 @@ class Check:
         found = []
         for count, width, height in cases:
             scene = person(count, width, height, self.device)
-            forward, both = (time_it(make(*scene), 15, self.device)[0] for make in (forward_function, both_function))
-            found.append({"splats": count, "width": width, "height": height, "forward_ms": forward, "both_ms": both})
+            size = {"splats": count, "width": width, "height": height}
+            for backend in self.backends:
+                forward, both = (
+                    time_it(make(*scene, backend), 15, self.device)[0] for make in (forward_function, both_function)
+                )
+                found.append({"backend": backend, **size, "forward_ms": forward, "both_ms": both})
         return {"cases": found}
 
     def training(self) -> None:
@@ -225,6 +241,11 @@ class Check:
                     break
 
 
+def none_installed() -> Report:
+    """Raises the error of a machine without any backend for a GPU."""
+    raise RuntimeError("no CUDA device that torch can use, or neither gsplat nor Triton is installed")
+
+
 class Steps:
     """A progress callback that counts steps, keeps the latest splats and ends training when its time is up."""
 
@@ -284,10 +305,11 @@ def machine() -> Report:
     with contextlib.suppress(ImportError):
         from importlib.metadata import PackageNotFoundError, version
 
-        try:
-            found["gsplat"] = version("gsplat")
-        except PackageNotFoundError:
-            found["gsplat"] = None
+        for package in ("gsplat", "triton"):
+            try:
+                found[package] = version(package)
+            except PackageNotFoundError:
+                found[package] = None
     return found
 
 
@@ -346,8 +368,8 @@ def show(report: Report) -> None:
         note = part.get("error", "")
         if "cases" in part:
             note = "; ".join(
-                f"{case['splats']:,} at {case['width']}x{case['height']}: {case['forward_ms']:.2f} ms, "
-                f"with gradients {case['both_ms']:.2f} ms"
+                f"{case['backend']}, {case['splats']:,} at {case['width']}x{case['height']}: "
+                f"{case['forward_ms']:.2f} ms, with gradients {case['both_ms']:.2f} ms"
                 for case in part["cases"]
             )
         if "tests" in part:
@@ -365,7 +387,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("gpu.json"), help="report (default: %(default)s)")
     options = parser.parse_args(arguments)
     check = Check(options.dry_run, SECONDS)
-    if check.part("kernels", check.kernels):
+    if check.all_kernels():
         check.part("tests", check.tests)
         check.part("rasterizer", check.rasterizer)
         check.training()

@@ -38,7 +38,7 @@ from rich.table import Table
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
-from studio.rasterizer import available_backends, rasterize
+from studio.rasterizer import available_backends, preferred_device, rasterize
 from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.reference import project, visible_radii
 from studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole
@@ -243,7 +243,7 @@ def iteration_table(repeat: int, results: JsonObject, device: str, count: int, w
 def blended_pairs(splats: Gaussians, camera: Camera) -> int:
     """Number of (pixel, splat) pairs that contribute to the image, counted with the formulas of the reference."""
     pinhole = Pinhole.of(camera)
-    half, depths = visible_radii(splats, pinhole, None, 0.01)
+    half, depths, _ = visible_radii(splats, pinhole, None, 0.01)
     index = torch.nonzero(half[:, 0] > 0)[:, 0]
     index = index[torch.argsort(depths[index], stable=True)]
     half = half[index]
@@ -404,10 +404,10 @@ def main() -> None:
     limits_table(repeat, results)
     reference_table(repeat, results)
     memory_table(results)
-    if "cuda" in available_backends():
+    if preferred_device().type == "cuda":
         gpu_tables(repeat, results)
     else:
-        console.print("CUDA was not measured: there is no GPU, or gsplat is not installed.")
+        console.print("CUDA was not measured: there is no GPU, or neither gsplat nor Triton is installed.")
     if options.json is not None:
         options.json.write_text(json.dumps(results, indent=2))
 

@@ -381,7 +381,8 @@ def install_requirements(build: str, progress: Progress) -> None:
     torch = installed_torch()
     if torch is not None and torch[1] == "cpu":
         names = [info.name.split("-")[0].replace("_", "-") for info in site_packages().glob("*.dist-info")]
-        uninstall([name for name in names if name.startswith(CUDA_ONLY)])
+        tests_need = pins(SETS["dev"][0])  # Triton, for the tests of its kernels
+        uninstall([name for name in names if name.startswith(CUDA_ONLY) and name not in tests_need])
 
     has_cpu_wheels = platform.machine() == "x86_64"
     wanted = OPEN3D[1] if build == "cpu" and has_cpu_wheels else OPEN3D[0]

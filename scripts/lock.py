@@ -62,7 +62,9 @@ def needed(name: str, extras: tuple[str, ...]) -> dict[str, str]:
             requirement = Requirement(text)
             if requirement.marker is None or requirement.marker.evaluate({**environment, "extra": extra}):
                 dependency = canonicalize_name(requirement.name)
-                if not dependency.startswith(LEFT_OUT) and dependency not in NOT_IMPORTED.get(package, ()):
+                if package != name and dependency.startswith(LEFT_OUT):
+                    continue
+                if dependency not in NOT_IMPORTED.get(package, ()):
                     waiting += [(dependency, wanted) for wanted in ("", *requirement.extras)]
     return found
 

@@ -19,10 +19,10 @@ def choose_device(name: str) -> str:
     """
     import torch
 
-    from studio.rasterizer import available_backends
+    from studio.rasterizer import preferred_device
 
     if name == "auto":
-        return "cuda" if "cuda" in available_backends() else "cpu"
+        return preferred_device().type
     if name.startswith("cuda"):
         count = torch.cuda.device_count() if torch.cuda.is_available() else 0
         if int(name.partition(":")[2] or 0) >= count:

@@ -1,8 +1,9 @@
-"""Differentiable splat rasterization: `rasterize`, with three backends, all tested against the same definition.
+"""Differentiable splat rasterization: `rasterize`, with four backends, all tested against the same definition.
 
 - `reference`: plain PyTorch, any floating dtype. This is the definition (`reference.py`).
 - `cpu`: multithreaded C++ kernels for the forward and backward passes (`cpu.py`, `csrc/`).
 - `cuda`: gsplat (`cuda.py`).
+- `triton`: Triton kernels for GPUs without gsplat (`triton_backend.py`, `triton_kernels.py`).
 """
 
 from studio.rasterizer.cpu import set_kernel_threads

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import os
 
 import torch
 from torch import Tensor
@@ -14,7 +15,7 @@ from studio.gaussians import Gaussians
 from studio.rasterizer.reference import rasterize_reference
 from studio.rasterizer.types import ALPHA_MAX, Pinhole, Render
 
-BACKENDS = ("reference", "cpu", "cuda")
+BACKENDS = ("reference", "cpu", "cuda", "triton")
 
 
 @functools.cache
@@ -31,7 +32,25 @@ def _unavailable(backend: str) -> tuple[str, str] | None:
             return "the cuda backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
         if importlib.util.find_spec("gsplat") is None:
             return "the cuda backend needs gsplat", "Install it with `pip install 'v3studio[cuda]'`"
+    elif backend == "triton":
+        if not torch.cuda.is_available() and not _interpreted():
+            return "the triton backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
+        if importlib.util.find_spec("triton") is None:
+            return "the triton backend needs Triton", f"{_TRITON}, or use backend='cuda'"
     return None
+
+
+_TRITON = "Install a CUDA build of PyTorch for Linux, which brings it"
+
+
+def _interpreted() -> bool:
+    """Whether Triton runs kernels on the CPU: TRITON_INTERPRET=1, for tests and for debugging."""
+    return os.environ.get("TRITON_INTERPRET") == "1"
+
+
+def _on_gpu() -> str | None:
+    """The backend for splats on a GPU: gsplat where it is installed, else Triton; None if neither is."""
+    return next((backend for backend in ("cuda", "triton") if _unavailable(backend) is None), None)
 
 
 def available_backends() -> tuple[str, ...]:
@@ -40,8 +59,8 @@ def available_backends() -> tuple[str, ...]:
 
 
 def preferred_device() -> torch.device:
-    """The fastest device for splats: the GPU if torch finds one and gsplat is installed, else the CPU."""
-    return torch.device("cuda" if "cuda" in available_backends() else "cpu")
+    """The fastest device for splats: the GPU if torch finds one and gsplat or Triton is installed, else the CPU."""
+    return torch.device("cuda" if torch.cuda.is_available() and _on_gpu() is not None else "cpu")
 
 
 def check_finite(gaussians: Gaussians) -> None:
@@ -72,7 +91,18 @@ def check_finite(gaussians: Gaussians) -> None:
 
 def _choose(backend: str, device: torch.device) -> str:
     if backend == "auto":
-        backend = "cuda" if device.type == "cuda" else "cpu"
+        if device.type != "cuda":
+            backend = "cpu"
+        else:
+            chosen = _on_gpu()
+            if chosen is None:
+                raise StudioError(
+                    "rasterizer.backend_unavailable",
+                    "rendering on a GPU needs gsplat or Triton, and neither is installed",
+                    value="auto",
+                    fix=f"{_TRITON}, or install gsplat with `pip install 'v3studio[cuda]'`, which needs nvcc",
+                )
+            backend = chosen
     elif backend not in BACKENDS:
         raise StudioError(
             "rasterizer.unknown_backend",
@@ -83,12 +113,13 @@ def _choose(backend: str, device: torch.device) -> str:
     reason = _unavailable(backend)
     if reason is not None:
         raise StudioError("rasterizer.backend_unavailable", reason[0], value=backend, fix=reason[1])
-    if backend in ("cpu", "cuda") and device.type != backend:
+    types = {"cpu": "cpu", "cuda": "cuda", "triton": "cpu" if _interpreted() else "cuda"}
+    if backend in types and device.type != types[backend]:
         raise StudioError(
             "rasterizer.wrong_device",
             f"the {backend} rasterizer cannot render splats on '{device}'",
             value=str(device),
-            fix=f"Move the splats to '{backend}'",
+            fix=f"Move the splats to '{types[backend]}'",
             backend=backend,
         )
     return backend
@@ -123,12 +154,13 @@ def rasterize(
         camera: a pinhole camera without distortion. The principal point may be outside the image, so
             `camera.cropped(...)` renders a part of the image at the cost of that part.
         background: (3,) RGB, or an (H, W, 3) picture; None: black.
-        backend: "reference", "cpu", "cuda", or "auto": cuda for splats on a GPU, else cpu.
+        backend: "reference", "cpu", "cuda" (gsplat), "triton", or "auto": for splats on a GPU, cuda where gsplat is
+            installed, else triton; for others, cpu. cuda and triton take float32 only.
         screen_offsets: (N, 2) offsets in pixels, added to the 2D means. Pass zeros that require a gradient to get the
             screen-space gradient (loss per pixel), which densification uses.
         near: near plane, world units, above 0. Splats whose mean is closer along the viewing axis are not drawn.
         alpha_max: upper clamp of alpha per splat and pixel, 0.5 to 1. None: the default of the backend, 0.99 as in 3DGS
-            (reference, cpu) or 0.999 as in gsplat 1.5.3 (cuda).
+            (reference, cpu, triton) or 0.999 as in gsplat 1.5.3 (cuda).
         checked: raise an error for non-finite values. Otherwise, splats with such values are not drawn.
 
     Returns:
@@ -180,4 +212,8 @@ def rasterize(
         from studio.rasterizer.cuda import rasterize_cuda
 
         return rasterize_cuda(gaussians, pinhole, background, screen_offsets, near, alpha_max)
+    if backend == "triton":
+        from studio.rasterizer.triton_backend import rasterize_triton
+
+        return rasterize_triton(gaussians, pinhole, background, screen_offsets, near, alpha_max or ALPHA_MAX)
     return rasterize_reference(gaussians, pinhole, background, screen_offsets, near, alpha_max or ALPHA_MAX)

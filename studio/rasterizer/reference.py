@@ -20,8 +20,19 @@ TILE = 16
 """Tile size in pixels. It only affects memory use."""
 
 
-def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+Pose = tuple[Tensor, Tensor, Tensor]
+"""Rotation (3, 3) and translation (3,) of world_to_camera, and camera center (3,), in the splats' dtype and device."""
+
+
+def project(
+    gaussians: Gaussians, pinhole: Pinhole, pose: Pose | None = None
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """EWA projection of splats in front of the camera (Zwicker et al. 2001; 3DGS, equation 5).
+
+    Args:
+        gaussians: N splats.
+        pinhole: the camera.
+        pose: its pose where it is already on the splats' device, which saves an upload.
 
     Returns:
         means2d: (N, 2) pixels.
@@ -31,8 +42,12 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
         colors: (N, 3) RGB, at least 0.
     """
     like = gaussians.means
-    rotation = torch.as_tensor(pinhole.rotation).to(like)
-    local = like @ rotation.T + torch.as_tensor(pinhole.translation).to(like)
+    if pose is None:
+        rotation = torch.as_tensor(pinhole.rotation).to(like)
+        translation, center = torch.as_tensor(pinhole.translation).to(like), torch.as_tensor(pinhole.center).to(like)
+    else:
+        rotation, translation, center = pose
+    local = like @ rotation.T + translation
     x, y, depths = local.unbind(-1)
     x_z, y_z = x / depths, y / depths
     means2d = torch.stack([pinhole.fx * x_z + pinhole.cx, pinhole.fy * y_z + pinhole.cy], -1)
@@ -55,32 +70,34 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
     # |u|^2 |v|^2 - (u.v)^2 = |u x v|^2 (Lagrange); the left side would cancel for needle-shaped splats.
     det = torch.linalg.cross(u, v).square().sum(-1) + DILATION * (xx + yy) + DILATION**2
 
-    directions = torch.nn.functional.normalize(like - torch.as_tensor(pinhole.center).to(like), dim=-1)
+    directions = torch.nn.functional.normalize(like - center, dim=-1)
     return means2d, cov2d, det, depths, sh_colors(directions, gaussians.sh)
 
 
 @torch.no_grad()
-def visible_radii(gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None, near: float) -> tuple[Tensor, Tensor]:
-    """Footprints of splats.
+def visible_radii(
+    gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None, near: float, pose: Pose | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Footprints of splats. Arguments as in `project` and `studio.rasterizer.rasterize`.
 
     Returns:
-        (N, 2) half sizes in pixels of the box outside which alpha is below 1/255, 0 for splats that are not drawn; and
-        (N,) depths in world units.
+        (N, 2) half sizes in pixels of the box outside which alpha is below 1/255, 0 for splats that are not drawn;
+        (N,) depths in world units; and (N, 2) centers of the boxes in pixels.
     """
     finite = torch.isfinite(gaussians.means).all(-1) & torch.isfinite(gaussians.log_scales).all(-1)
     finite &= torch.isfinite(gaussians.quats).all(-1) & (gaussians.quats.norm(dim=-1) > 0)
     finite &= torch.isfinite(gaussians.sh).flatten(1).all(-1)
-    means2d, cov2d, det, depths, colors = project(gaussians, pinhole)
+    means2d, cov2d, det, depths, colors = project(gaussians, pinhole, pose)
     if offsets is not None:
         means2d = means2d + offsets
     opacities = gaussians.opacities
     reach = torch.sqrt(2 * torch.log((opacities / ALPHA_MIN).clamp_min(1.0)))
     half = reach[:, None] * torch.sqrt(cov2d[:, [0, 2]])
-    size = half.new_tensor([pinhole.width, pinhole.height])
     shown = finite & (depths >= near) & (opacities >= ALPHA_MIN) & torch.isfinite(det) & (det > 0)
     shown &= torch.isfinite(half).all(-1) & torch.isfinite(means2d).all(-1) & torch.isfinite(colors).all(-1)
-    shown &= ((means2d + half > 0) & (means2d - half < size)).all(-1)
-    return torch.where(shown[:, None], half, torch.zeros_like(half)), depths
+    low, high = means2d - half, means2d + half
+    shown &= (high > 0).all(-1) & (low[:, 0] < pinhole.width) & (low[:, 1] < pinhole.height)
+    return torch.where(shown[:, None], half, torch.zeros_like(half)), depths, means2d
 
 
 def blend(
@@ -119,7 +136,7 @@ def rasterize_reference(
     alpha_max: float,
 ) -> Render:
     """Render in plain PyTorch. Arguments as in `studio.rasterizer.rasterize`, already validated."""
-    half, all_depths = visible_radii(gaussians, pinhole, screen_offsets, near)
+    half, all_depths, _ = visible_radii(gaussians, pinhole, screen_offsets, near)
     index = torch.nonzero(half[:, 0] > 0)[:, 0]
     index = index[torch.argsort(all_depths[index], stable=True)]
     splats, half_sides = gaussians[index], half[index]

@@ -20,7 +20,7 @@ def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert script.main(["--dry-run", "--out", str(tmp_path / "gpu.json")]) == 0, capsys.readouterr().out
     report = json.loads((tmp_path / "gpu.json").read_text())
     parts = report["parts"]
-    assert list(parts) == ["kernels", "tests", "rasterizer", "keyframe", "frame 1"]
+    assert list(parts) == ["kernels cpu", "tests", "rasterizer", "keyframe", "frame 1"]
     assert report["dry_run"] is True
     assert (parts["keyframe"]["steps"], parts["frame 1"]["steps"]) == (9, 8)
     assert parts["keyframe"]["steps_planned"] == 9

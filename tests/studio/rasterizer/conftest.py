@@ -62,7 +62,7 @@ def sturdy_pixels(splats: Gaussians, camera: Camera, alpha_max: float = 0.99, ne
     """
     pinhole = Pinhole.of(camera)
     splats = splats.detach().to(torch.float64)
-    half, depths = visible_radii(splats, pinhole, None, near)
+    half, depths, _ = visible_radii(splats, pinhole, None, near)
     index = torch.nonzero(half[:, 0] > 0)[:, 0]
     index = index[torch.argsort(depths[index], stable=True)]
     means2d, cov2d, det, depths, _ = project(splats[index], pinhole)

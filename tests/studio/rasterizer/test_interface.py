@@ -67,7 +67,7 @@ def test_invalid_arguments(helpers, options, code, fields) -> None:  # type: ign
 def test_an_error_is_a_readable_sentence(helpers) -> None:  # type: ignore[no-untyped-def]
     with refuses("rasterizer.unknown_backend") as caught:
         rasterize(helpers.splats(5), helpers.camera(), backend="metal")
-    assert str(caught.value) == "unknown backend 'metal'. Use auto, reference, cpu, cuda."
+    assert str(caught.value) == "unknown backend 'metal'. Use auto, reference, cpu, cuda, triton."
 
 
 def test_mixed_and_unusable_dtypes(helpers) -> None:  # type: ignore[no-untyped-def]

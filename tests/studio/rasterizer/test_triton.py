@@ -1,0 +1,112 @@
+"""The Triton backend: on the CPU in Triton's interpreter, compiled for GPUs, and, where there is one, on a GPU."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from studio.rasterizer import available_backends, interface, preferred_device, rasterize
+from tests.support.errors import refuses
+
+ROOT = Path(__file__).parents[3]
+needs_triton = pytest.mark.skipif(
+    importlib.util.find_spec("triton") is None, reason="Triton is not installed (it is for Linux only)"
+)
+
+
+@needs_triton
+def test_the_interpreted_kernels_against_the_reference() -> None:
+    file = Path(__file__).with_name("interpreted_triton.py")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", str(file)]
+    # The variable is read when Triton is imported, so that this takes a process of its own.
+    environment = {**os.environ, "TRITON_INTERPRET": "1", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
+    assert re.search(r"\b1[0-9] passed", done.stdout.splitlines()[-1]), done.stdout
+
+
+@needs_triton
+@pytest.mark.parametrize("capability", [80, 90])
+def test_the_kernels_compile_for_gpus(capability: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
+    import triton
+    from triton.backends.compiler import GPUTarget
+    from triton.compiler import ASTSource
+
+    from studio.rasterizer import triton_kernels
+    from studio.rasterizer.triton_backend import BACKWARD_WARPS, FORWARD_WARPS
+
+    types = {
+        **dict.fromkeys(("owners", "last"), "*i32"),
+        **dict.fromkeys(("starts", "slots", "ends"), "*i64"),
+        **dict.fromkeys(("width", "height", "tiles_x"), "i32"),
+        "alpha_max": "fp32",
+    }
+    kernels = {name: kernel for name, kernel in vars(triton_kernels).items() if isinstance(kernel, triton.JITFunction)}
+    warps = {"blend_tile": FORWARD_WARPS, "blend_tile_backward": BACKWARD_WARPS, "sum_pairs": 1}
+    assert set(warps) == {name for name in kernels if not name.startswith("_")}
+    for name, count in warps.items():
+        signature = {argument: types.get(argument, "*fp32") for argument in kernels[name].arg_names}
+        source = ASTSource(kernels[name], signature, {})
+        options = {"num_warps": count, "enable_fp_fusion": True}
+        compiled = triton.compile(source, target=GPUTarget("cuda", capability, 32), options=options)
+        assert compiled.asm["cubin"][:4] == b"\x7fELF"
+        assert f".target sm_{capability}" in compiled.asm["ptx"]
+        # The order of atomic additions would change the bits.
+        assert re.search(r"\b(atom|red)\.", compiled.asm["ptx"]) is None
+
+
+@pytest.mark.parametrize(
+    ("installed", "chosen"),
+    [(("gsplat", "triton"), "cuda"), (("triton",), "triton"), (("gsplat",), "cuda"), ((), None)],
+)
+def test_the_choice_on_a_gpu(installed, chosen, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    find = importlib.util.find_spec
+
+    def find_spec(name: str) -> object:
+        return (name in installed or None) if name in ("gsplat", "triton") else find(name)
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(importlib.util, "find_spec", find_spec)
+    interface._unavailable.cache_clear()
+    try:
+        assert preferred_device().type == ("cpu" if chosen is None else "cuda")
+        if chosen is None:
+            with refuses("rasterizer.backend_unavailable", value="auto") as caught:
+                interface._choose("auto", torch.device("cuda"))
+            assert "gsplat or Triton" in caught.value.problem
+        else:
+            assert interface._choose("auto", torch.device("cuda", 1)) == chosen
+    finally:
+        monkeypatch.undo()
+        interface._unavailable.cache_clear()
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_triton_says_why_it_cannot(helpers) -> None:  # type: ignore[no-untyped-def]
+    assert "triton" not in available_backends()
+    with refuses("rasterizer.backend_unavailable", value="triton") as caught:
+        rasterize(helpers.splats(1), helpers.camera(), backend="triton")
+    assert "NVIDIA GPU" in caught.value.problem
+
+
+@needs_triton
+@pytest.mark.gpu
+@pytest.mark.parametrize(("count", "degree", "log_scale"), [(0, 0, 0), (1, 0, -3), (300, 3, -1), (1500, 3, -3.5)])
+def test_parity_on_the_gpu(helpers, count, degree, log_scale) -> None:  # type: ignore[no-untyped-def]
+    camera, splats = helpers.camera(), helpers.splats(count, degree=degree, log_scale=log_scale)
+    sturdy = helpers.sturdy(splats, camera)
+    weight = sturdy.double()
+    truth = helpers.draw(splats, camera, "reference", weight=weight)
+    ours = helpers.draw(splats, camera, "triton", torch.float32, device="cuda", weight=weight)
+    helpers.assert_same(ours, truth, where=sturdy)
+    again = helpers.draw(splats, camera, "triton", torch.float32, device="cuda", weight=weight)
+    assert torch.equal(again.image, ours.image)
+    assert all(torch.equal(again.gradients[name], gradient) for name, gradient in ours.gradients.items())
