@@ -18,6 +18,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.torch_rotations import quat_multiply
+from studio.training.adam import Adam
 from studio.training.interframe import performer_box, rate_factor
 from studio.training.keyframe import scene_extent
 from studio.training.settings import TrainSettings
@@ -179,7 +180,7 @@ class _Run:
             name: values[name].clone().requires_grad_() for name in self._rates if values[name].shape[1:].numel()
         }
         groups = [{"params": [leaf], "lr": self._rates[name], "name": name} for name, leaf in self._leaves.items()]
-        self._adam = torch.optim.Adam(groups, eps=1e-15, fused=True)
+        self._adam = Adam(groups, eps=1e-15)
         self._order: list[int] = []
         self.done = 0
 
@@ -207,7 +208,7 @@ class _Run:
         loss = loss + settings.scale_reg / self._extent * gaussians.scales.mean()
         loss.backward()  # type: ignore[no-untyped-call]
         self._adam.step()
-        self._adam.zero_grad(set_to_none=True)
+        self._adam.zero_grad()
         self.done += 1
         if self.done % _FIGURES_EVERY:
             return {}

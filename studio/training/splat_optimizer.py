@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
+from studio.training.adam import Adam
 from studio.training.settings import LearningRates
 
 
@@ -40,7 +41,7 @@ class SplatOptimizer:
             for name, leaf in self._leaves.items()
             if leaf.requires_grad
         ]
-        self._adam = torch.optim.Adam(groups, eps=1e-15, fused=True)
+        self._adam = Adam(groups, eps=1e-15)
 
     def __len__(self) -> int:
         return self._leaves["means"].shape[0]
@@ -70,7 +71,7 @@ class SplatOptimizer:
     def step(self) -> None:
         """Take one Adam step and clear the gradients."""
         self._adam.step()
-        self._adam.zero_grad(set_to_none=True)
+        self._adam.zero_grad()
 
     def _replace(self, name: str, value: Tensor, moment: dict[str, Tensor]) -> None:
         old = self._leaves[name]
