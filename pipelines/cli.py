@@ -43,7 +43,7 @@ GROUPS = {
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
-    "Keep takes": ("check",),
+    "Keep takes": ("edit", "check"),
     "Research": ("compare", "ablate"),
 }
 """Commands in the order of `v3studio --help`."""
@@ -143,6 +143,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         attach,
         check,
         compare,
+        edit,
         estimate,
         export,
         import_splats,
@@ -199,6 +200,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     attach.register(commands)
     queue.register(commands)
     work.register(commands)
+    edit.register(commands)
     check.register(commands)
     play.register(commands)
     serve.register(commands)

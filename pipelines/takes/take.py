@@ -12,6 +12,7 @@ Layout::
     stream/                                     the stream and nothing else
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
+    edits.json                                  trim, crop box, removed floaters, world, if any
     .v3studio/                                  lock, records of finished stages, work in progress
 """
 
@@ -233,6 +234,11 @@ class Take:
     def marks(self) -> Path:
         """marks.json: marked frames with notes."""
         return self.root / "marks.json"
+
+    @property
+    def edits(self) -> Path:
+        """edits.json: what is trimmed, cropped, removed and moved after training."""
+        return self.root / "edits.json"
 
     @property
     def private(self) -> Path:
