@@ -10,6 +10,7 @@ Layout::
     train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
     train/group_000/offsets_*.safetensors       fine-tuning of splats that a rung of the ladder keeps
     stream/                                     the stream and nothing else
+    bakes/NAME/stream/, bake.json               a bake that is kept under a name (`pipelines.takes.kept_bakes`)
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
     edits.json                                  trim, crop box, removed floaters, world, if any
@@ -219,6 +220,11 @@ class Take:
     def stream(self) -> Path:
         """stream/: either complete or absent."""
         return self.root / "stream"
+
+    @property
+    def bakes(self) -> Path:
+        """bakes/: bakes that are kept under names."""
+        return self.root / "bakes"
 
     @property
     def evaluation(self) -> Path:
