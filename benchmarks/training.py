@@ -38,7 +38,7 @@ from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.kernels import definitions_only
 from studio.stream.profiles import coding_of
 from studio.training import TrainingView, TrainSettings
-from studio.training.adam import Adam
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.coded_loss import CodedLoss
 from studio.training.dropout import drop_splats
 from studio.training.hashgrid import Corners
@@ -219,7 +219,7 @@ class Scene:
 
         self.pair("whole step", motion, "motion")
         coding, coded = coding_of(settings.regularize, self.previous), self.coded()
-        entropy_adam = Adam([{"params": coded.parameters(), "lr": 1e-9}])
+        entropy_adam = Adam([ParameterGroup(list(coded.parameters()), 1e-9)])
         tuned = SplatOptimizer(self.now, settings.rates, extent, train_means=settings.finetune_means)
 
         def tune() -> None:

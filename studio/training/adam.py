@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.optim.adam import adam
+
+
+@dataclass
+class ParameterGroup:
+    """Leaf tensors with the same learning rate; both may be changed between steps.
+
+    Attributes:
+        leaves: the tensors.
+        rate: learning rate.
+        name: for the caller.
+    """
+
+    leaves: list[Tensor]
+    rate: float
+    name: str = ""
 
 
 class Adam:
@@ -17,33 +32,33 @@ class Adam:
     importing PyTorch. This class calls the same function for a step.
 
     Args:
-        groups: parameter groups: dictionaries with `params` (leaf tensors), `lr`, and further entries, which are kept.
+        groups: what is trained.
         betas: decay of the two moments per step.
         eps: added to the root of the second moment.
 
     Attributes:
-        param_groups: the groups; `params` and `lr` may be changed between steps.
-        state: parameter to its `exp_avg`, `exp_avg_sq` and `step`; none before its first step.
+        groups: as above.
+        state: leaf to its `exp_avg`, `exp_avg_sq` and `step`; none before its first step.
     """
 
     def __init__(
-        self, groups: Iterable[dict[str, Any]], betas: tuple[float, float] = (0.9, 0.999), eps: float = 1e-8
+        self, groups: Iterable[ParameterGroup], betas: tuple[float, float] = (0.9, 0.999), eps: float = 1e-8
     ) -> None:
-        self.param_groups = [{**group, "params": list(group["params"])} for group in groups]
+        self.groups = list(groups)
         self.state: dict[Tensor, dict[str, Tensor]] = {}
         self._betas, self._eps = betas, eps
 
     @torch.no_grad()
     def step(self) -> None:
-        """Take a step for each parameter that has a gradient."""
-        for group in self.param_groups:
-            leaves = [leaf for leaf in group["params"] if leaf.grad is not None]
+        """Take a step for each leaf that has a gradient."""
+        for group in self.groups:
+            leaves = [leaf for leaf in group.leaves if leaf.grad is not None]
             if not leaves:
                 continue
             states = [self._state_of(leaf) for leaf in leaves]
             adam(
                 leaves,
-                [leaf.grad for leaf in leaves],
+                [leaf.grad for leaf in leaves if leaf.grad is not None],
                 [state["exp_avg"] for state in states],
                 [state["exp_avg_sq"] for state in states],
                 [],
@@ -52,7 +67,7 @@ class Adam:
                 amsgrad=False,
                 beta1=self._betas[0],
                 beta2=self._betas[1],
-                lr=group["lr"],
+                lr=group.rate,
                 weight_decay=0.0,
                 eps=self._eps,
                 maximize=False,
@@ -60,8 +75,8 @@ class Adam:
 
     def zero_grad(self) -> None:
         """Remove the gradients."""
-        for group in self.param_groups:
-            for leaf in group["params"]:
+        for group in self.groups:
+            for leaf in group.leaves:
                 leaf.grad = None
 
     def _state_of(self, leaf: Tensor) -> dict[str, Tensor]:

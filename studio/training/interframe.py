@@ -14,7 +14,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.rasterizer.types import ALPHA_MIN
 from studio.stream.profiles import coding_of
 from studio.torch_rotations import quat_multiply
-from studio.training.adam import Adam
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.coded_loss import CodedLoss
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
@@ -162,7 +162,7 @@ def _move(
     if warm_start is not None:
         field.load_weights(warm_start)
     optimizer = field.optimizer(settings.motion_learning_rate)
-    rates = [group["lr"] for group in optimizer.param_groups]
+    rates = [group.rate for group in optimizer.groups]
     corners = field.corners(previous.means)
     stepper = Stepper(views, settings, generator)
     near = neighbors(previous.means, settings.motion_neighbors) if settings.motion_neighbors else None
@@ -180,8 +180,8 @@ def _move(
         steps = [stepper(moved) for _ in range(settings.motion_views)]
         step = steps[-1]
         torch.stack([one.loss for one in steps]).mean().backward()  # type: ignore[no-untyped-call]
-        for group, rate in zip(optimizer.param_groups, rates, strict=True):
-            group["lr"] = rate * rate_factor((iteration - 1) / iterations)
+        for group, rate in zip(optimizer.groups, rates, strict=True):
+            group.rate = rate * rate_factor((iteration - 1) / iterations)
         optimizer.step()
         optimizer.zero_grad()
         _report(iteration, step, len(previous), "motion", progress)
@@ -231,7 +231,7 @@ def _fine_tune(
         settings.temporal_weight,
         settings.temporal_huber,
     )
-    entropy_adam = Adam([{"params": coded.parameters(), "lr": _ENTROPY_RATE}])
+    entropy_adam = Adam([ParameterGroup(list(coded.parameters()), _ENTROPY_RATE)])
     regularized = bool(settings.entropy_weight or settings.temporal_weight)
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians

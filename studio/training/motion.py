@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from studio.errors import StudioError
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
-from studio.training.adam import Adam
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.hashgrid import Corners, HashGrid
 from studio.training.settings import TrainSettings
 
@@ -135,8 +135,8 @@ class MotionField(nn.Module):
         """Adam with the settings of Mueller et al. for hash grids; the table learns at ten times `learning_rate`."""
         return Adam(
             [
-                {"params": [self.grid.table], "lr": 10 * learning_rate},
-                {"params": self.mlp.parameters(), "lr": learning_rate},
+                ParameterGroup([self.grid.table], 10 * learning_rate),
+                ParameterGroup(list(self.mlp.parameters()), learning_rate),
             ],
             betas=(0.9, 0.99),
             eps=1e-15,

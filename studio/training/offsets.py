@@ -18,7 +18,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.torch_rotations import quat_multiply
-from studio.training.adam import Adam
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.interframe import performer_box, rate_factor
 from studio.training.keyframe import scene_extent
 from studio.training.settings import TrainSettings
@@ -179,7 +179,7 @@ class _Run:
         self._leaves = {
             name: values[name].clone().requires_grad_() for name in self._rates if values[name].shape[1:].numel()
         }
-        groups = [{"params": [leaf], "lr": self._rates[name], "name": name} for name, leaf in self._leaves.items()]
+        groups = [ParameterGroup([leaf], self._rates[name], name) for name, leaf in self._leaves.items()]
         self._adam = Adam(groups, eps=1e-15)
         self._order: list[int] = []
         self.done = 0
@@ -200,8 +200,8 @@ class _Run:
             self._order = torch.randperm(len(self._selected), generator=self._generator).tolist()
         frame = self._order.pop(0)
         factor = rate_factor(self.done / self._iterations)
-        for group in self._adam.param_groups:
-            group["lr"] = self._rates[group["name"]] * factor
+        for group in self._adam.groups:
+            group.rate = self._rates[group.name] * factor
         gaussians = self._offsets().applied(self._selected[frame])
         step = self._steppers[frame](gaussians, dropout=True)
         loss = step.loss + settings.opacity_reg * gaussians.opacities.mean()

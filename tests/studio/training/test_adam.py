@@ -5,7 +5,7 @@ import sys
 
 import torch
 
-from studio.training.adam import Adam
+from studio.training.adam import Adam, ParameterGroup
 
 
 def values() -> list[torch.Tensor]:
@@ -16,16 +16,13 @@ def values() -> list[torch.Tensor]:
 def test_steps_are_those_of_pytorch_to_the_last_bit() -> None:
     ours, theirs = ([value.clone().requires_grad_() for value in values()] for _ in range(2))
     rates = (1e-2, 3e-3)
-    groups = [
-        [{"params": leaves[:2], "lr": rates[0]}, {"params": leaves[2:], "lr": rates[1]}] for leaves in (ours, theirs)
-    ]
-    adam = Adam(groups[0], betas=(0.9, 0.99), eps=1e-15)
-    expected = torch.optim.Adam(groups[1], betas=(0.9, 0.99), eps=1e-15, fused=True)
+    adam = Adam([ParameterGroup(ours[:2], rates[0]), ParameterGroup(ours[2:], rates[1])], betas=(0.9, 0.99), eps=1e-15)
+    groups = [{"params": theirs[:2], "lr": rates[0]}, {"params": theirs[2:], "lr": rates[1]}]
+    expected = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-15, fused=True)
     generator = torch.Generator().manual_seed(2)
     for step in range(5):
-        for optimizer in (adam, expected):
-            for group, rate in zip(optimizer.param_groups, rates, strict=True):
-                group["lr"] = rate * 0.5**step
+        for group, reference, rate in zip(adam.groups, expected.param_groups, rates, strict=True):
+            group.rate = reference["lr"] = rate * 0.5**step
         for index, (one, other) in enumerate(zip(ours, theirs, strict=True)):
             one.grad = torch.randn(one.shape, generator=generator) if (step, index) != (0, 1) else None
             other.grad = None if one.grad is None else one.grad.clone()
@@ -41,9 +38,9 @@ def test_steps_are_those_of_pytorch_to_the_last_bit() -> None:
 
 def test_a_step_does_not_import_the_compiler() -> None:
     program = (
-        "import sys, torch; from studio.training.adam import Adam; "
+        "import sys, torch; from studio.training.adam import Adam, ParameterGroup; "
         "leaf = torch.ones(2, requires_grad=True); leaf.sum().backward(); "
-        "Adam([{'params': [leaf], 'lr': 0.5}]).step(); "
+        "Adam([ParameterGroup([leaf], 0.5)]).step(); "
         "assert (leaf - 0.5).abs().max() < 1e-6, leaf; assert 'torch._dynamo' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
