@@ -29,12 +29,6 @@ def test_ticks_are_round(low: float, high: float, expected: list[float]) -> None
 def test_numbers_are_short() -> None:
     values = (12_000.0, 0.05, 31.25, -3.0, 1 / 3)
     assert [number(value) for value in values] == ["12,000", "0.05", "31.25", "-3", "0.3333"]
-        "12,000",
-        "0.05",
-        "31.25",
-        "-3",
-        "0.3333",
-    ]
 
 
 def test_values_are_drawn_to_scale() -> None:
