@@ -14,6 +14,7 @@ Layout::
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
     camera_path.json                            camera path for movies, if any
+    edits.json                                  trim, crop box, removed floaters, world, if any
     .v3studio/                                  lock, records of finished stages, work in progress
 """
 
@@ -245,6 +246,11 @@ class Take:
     def camera_path(self) -> Path:
         """camera_path.json: the camera path that was edited in the window."""
         return self.root / "camera_path.json"
+
+    @property
+    def edits(self) -> Path:
+        """edits.json: what is trimmed, cropped, removed and moved after training."""
+        return self.root / "edits.json"
 
     @property
     def private(self) -> Path:

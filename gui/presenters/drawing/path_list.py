@@ -14,7 +14,7 @@ from gui.presenters.run.camera_path import PathKey
 THUMBNAIL = (16, 9)
 """Shape of a thumbnail."""
 
-EASING_WORDS = {"smooth": "smooth", "ease": "slow in and out", "linear": "straight", "hold": "hold, then cut"}
+EASING_WORDS = {"smooth": "smooth", "ease": "slow ends", "linear": "straight", "hold": "hold"}
 BUTTONS = (("add", "Add"), ("preview", "Preview"), ("export", "Export..."), ("clear", "Clear"))
 ROW_BUTTONS = ("up", "down", "view", "remove")
 HINTS = {
