@@ -104,7 +104,9 @@ def test_the_gain_of_a_microphone_does_not_matter(tmp_path: Path) -> None:
     signals = []
     for gain in (1.0, 0.05):
         clap(tmp_path / "a.mp4", 2.0, 0.0, gain=gain)
-        signals.append(sound_signal(tmp_path / "a.mp4"))
+        signal = sound_signal(tmp_path / "a.mp4")
+        assert signal is not None
+        signals.append(signal)
     loud, quiet = signals
     assert quiet.max() == pytest.approx(loud.max(), rel=0.1)
     assert np.corrcoef(loud, quiet)[0, 1] > 0.95
