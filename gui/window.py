@@ -45,7 +45,7 @@ SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
 render frames. The longer one applies while rendering falls behind playback."""
 
-QUALITY = ("psnr_trained", "psnr_decoded", "bytes")
+QUALITY = ("psnr_trained", "psnr_decoded", "bytes", "flicker")
 """What the timeline shows of every frame."""
 
 Loaded = tuple[Opened, Gaussians | None] | str

@@ -14,6 +14,7 @@ from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.measured_groups import Measured, read_measured, write_measured
 from pipelines.stages.params import Params, key_of, settings_affecting
+from pipelines.stages.residuals import Residual, flicker_of
 from pipelines.takes.atomic_files import remove, write_model, write_text
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
 from pipelines.takes.frame_files import read_frame
@@ -107,6 +108,8 @@ class EvaluateStage:
             bytes_per_frame=round(manifest.bytes_per_frame, 1),
             psnr_trained_lowest_frame=min(row.psnr_trained for row in measured.frames),
             psnr_decoded_lowest_frame=min(row.psnr_decoded for row in measured.frames),
+            **_mean_flicker("flicker", measured.frames),
+            **_mean_flicker("flicker_at_group_borders", [row for row in measured.frames if row.keyframe]),
         )
         protocol = Protocol(
             cameras=tuple(cameras),
@@ -197,17 +200,21 @@ class EvaluateStage:
         }
         total = len(context.footage.raw.frames)
         shown = set(np.linspace(0, total - 1, min(context.config.evaluate.report_frames, total)).round().astype(int))
+        before = self._residuals_before(context, group, reader) if group.first else {}
         for position, (index, frame) in enumerate(zip(group.indices, group.frames, strict=True)):
             trained = read_frame(context.take.trained_frame(group.index, index))
             decoded = reader.gaussians(index)
             views: dict[str, dict[str, float]] = {}
+            residuals: dict[str, Residual] = {}
             for number, camera in enumerate(cameras):
                 done = (position + number / len(cameras)) / len(group.frames)
                 reporter.progress(start + (stop - start) * done, f"frame {frame}", frame=frame, group=group.index)
-                sample = self._compare(context, camera, frame, trained, decoded)
-                if sample is None:
+                box = self._box(context, camera, frame)
+                if box is None:
                     measured.unseen.append((index, camera))
                     continue
+                sample = self._compare(context, camera, frame, box, trained, decoded)
+                residuals[camera] = Residual(box, (sample.decoded - sample.truth).astype(np.float16))
                 views[camera] = {}
                 for what in ("trained", "decoded"):
                     image, truth = _tensor(getattr(sample, what)), _tensor(sample.truth)
@@ -221,10 +228,24 @@ class EvaluateStage:
                 if index in shown and camera in cameras[:3]:
                     measured.samples.append(sample)
             if views:
-                row = self._row(group, index, frame, views, sizes[index], trained)
+                row = self._row(group, index, frame, views, sizes[index], trained, flicker_of(before, residuals))
                 measured.frames.append(row)
                 reporter.metrics(row.measures, group=group.index, frame=frame)
+            before = residuals
         return measured
+
+    def _residuals_before(self, context: Context, group: Group, reader: StreamReader) -> dict[str, Residual]:
+        """Residuals of the frame before the group, by camera."""
+        index = group.first - 1
+        frame, decoded = context.footage.raw.frames[index], reader.gaussians(index)
+        found = {}
+        for camera in _cameras(context):
+            context.cancellation.check()
+            box = self._box(context, camera, frame)
+            if box is not None:
+                truth, (image,) = self._images(context, camera, frame, box, decoded)
+                found[camera] = Residual(box, (image - truth).astype(np.float16))
+        return found
 
     def _row(
         self,
@@ -234,6 +255,7 @@ class EvaluateStage:
         views: dict[str, dict[str, float]],
         size: float,
         trained: Gaussians,
+        flicker: float | None,
     ) -> FrameQuality:
         cameras = {name: Quality(**figures) for name, figures in views.items()}
         return FrameQuality(
@@ -243,29 +265,40 @@ class EvaluateStage:
             keyframe=index == group.first,
             splats=len(trained),
             bytes=round(size, 1),
+            flicker=flicker,
             **_means(cameras.values()),
             cameras=cameras,
         )
 
     def _compare(
-        self, context: Context, camera: str, frame: int, trained: Gaussians, decoded: Gaussians
-    ) -> Sample | None:
-        """Images of one view; None if the camera does not see the performer."""
-        footage, settings = context.footage.calibrated, context.config
-        view = footage.view(camera, frame)
-        matte = footage.evaluation_matte(camera, frame)
-        box = padded_box(matte, settings.evaluate.crop_padding)
-        if box is None:
-            return None
-        rows, columns = box
-        alpha = matte[rows, columns, None].astype(np.float32) / 255
-        background = np.array(settings.capture.background, dtype=np.float32)
-        truth = view.image[rows, columns].astype(np.float32) / 255 * alpha + background * (1 - alpha)
-        drawn = [
-            draw(gaussians, view.camera, settings.capture.background, context.device)[rows, columns]
-            for gaussians in (trained, decoded)
-        ]
+        self,
+        context: Context,
+        camera: str,
+        frame: int,
+        box: tuple[slice, slice],
+        trained: Gaussians,
+        decoded: Gaussians,
+    ) -> Sample:
+        """Images of one view."""
+        truth, drawn = self._images(context, camera, frame, box, trained, decoded)
         return Sample(frame, camera, truth, drawn[0], drawn[1])
+
+    def _box(self, context: Context, camera: str, frame: int) -> tuple[slice, slice] | None:
+        """Where a view is measured; None if the camera does not see the performer."""
+        matte = context.footage.calibrated.evaluation_matte(camera, frame)
+        return padded_box(matte, context.config.evaluate.crop_padding)
+
+    def _images(
+        self, context: Context, camera: str, frame: int, box: tuple[slice, slice], *models: Gaussians
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """The footage in the box, (h, w, 3) float32 in 0 to 1, and what is drawn of each model."""
+        footage, settings = context.footage.calibrated, context.config
+        image, matte = footage.image(camera, frame), footage.evaluation_matte(camera, frame)
+        alpha = matte[box][..., None].astype(np.float32) / 255
+        background = np.array(settings.capture.background, dtype=np.float32)
+        truth = image[box].astype(np.float32) / 255 * alpha + background * (1 - alpha)
+        view = footage.rig[camera]
+        return truth, [draw(model, view, settings.capture.background, context.device)[box] for model in models]
 
 
 def _cameras(context: Context) -> tuple[str, ...]:
@@ -284,3 +317,9 @@ def _means(rows: Iterable[Quality]) -> dict[str, float]:
     """Mean over rows of each metric that was measured."""
     taken = [row.measures for row in rows]
     return {name: round(sum(row[name] for row in taken) / len(taken), 4) for name in MEASURES if name in taken[0]}
+
+
+def _mean_flicker(name: str, rows: Iterable[FrameQuality]) -> dict[str, float]:
+    """Mean over rows, as a field of the summary; empty if there is none."""
+    values = [row.flicker for row in rows if row.flicker is not None]
+    return {name: round(sum(values) / len(values), 4)} if values else {}
