@@ -43,7 +43,7 @@ GROUPS = {
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
-    "Keep takes": ("check", "bakes"),
+    "Keep takes": ("edit", "check", "bakes"),
     "Research": ("compare", "ablate"),
 }
 """Commands in the order of `v3studio --help`."""
@@ -144,6 +144,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         bakes,
         check,
         compare,
+        edit,
         estimate,
         export,
         import_splats,
@@ -201,6 +202,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     attach.register(commands)
     queue.register(commands)
     work.register(commands)
+    edit.register(commands)
     check.register(commands)
     bakes.register(commands)
     play.register(commands)

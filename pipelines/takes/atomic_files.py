@@ -127,7 +127,7 @@ def _empty_results(folder: Path) -> list[Path]:
         folders[:] = [name for name in folders if PARTIAL not in name]
         for name in names:
             path = os.path.join(root, name)
-            if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name != "marks.json":
+            if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name not in ("marks.json", "edits.json"):
                 with contextlib.suppress(FileNotFoundError):
                     if os.lstat(path).st_size == 0:
                         found.append(Path(path))

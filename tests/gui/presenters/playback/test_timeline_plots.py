@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gui.presenters.drawing.palette import PANEL, RAISED, TEXT
+from gui.presenters.drawing.palette import FAIR, PANEL, RAISED, TEXT
 from gui.presenters.playback.timeline_plots import LEAST_SPAN, TimelinePlots, plots_of
 
 VIEW = TimelinePlots(900, 160, 16.0, 4)
@@ -44,3 +44,13 @@ def test_flicker_has_a_row_if_it_was_measured() -> None:
     *_, flicker = plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, 1.5]})
     assert flicker.values == [None, 1.5]
     assert flicker.range == (0, 1.5 * 1.05)
+
+
+def test_views_of_the_camera_path_are_found_where_they_are_drawn() -> None:
+    keys = (0, 2, 3)
+    base = VIEW.base((), (), keys)
+    shown = VIEW.with_head(base, 1, ())
+    rows, columns = np.nonzero((shown == FAIR).all(axis=2))
+    assert {VIEW.key_at(x, y, keys) for x, y in zip(columns, rows, strict=True)} == {0, 1, 2}
+    assert {VIEW.frame_at(x) for x in columns} == set(keys)
+    assert VIEW.key_at(VIEW.left + 5, 20, keys) is None
