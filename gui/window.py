@@ -45,6 +45,9 @@ SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
 render frames. The longer one applies while rendering falls behind playback."""
 
+QUALITY = ("psnr_trained", "psnr_decoded", "bytes")
+"""What the timeline shows of every frame."""
+
 Loaded = tuple[Opened, Gaussians | None] | str
 
 
@@ -214,6 +217,7 @@ class MainWindow:
         self.serving.stop()
         self.stages.estimates.stop()
         self.actions.queue.close()
+        self.actions.bakes.close()
         self.workspace.close()
         self._opener.close()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
@@ -239,6 +243,9 @@ class MainWindow:
 
     def _chosen(self, stage: str, key: str) -> None:
         self.views.choose(key)
+        if self.views.asked_bakes:
+            self.views.asked_bakes = False
+            self.actions.bakes.show()
         self.changed()
 
     def _on_key(self, event: gui.KeyEvent) -> bool:
@@ -303,6 +310,7 @@ class MainWindow:
         changed |= self.actions.points.poll()
         changed |= self.actions.cameras.poll()
         changed |= self.actions.queue.poll()
+        changed |= self.actions.bakes.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:
@@ -361,15 +369,17 @@ class MainWindow:
     def _read_evaluation(self) -> None:
         take, frames = self.workspace.take, self.player.transport.frame_count
         camera = self.player.camera if self.views.shows_player else ""
-        if not self._evaluation_file.changed(take, frames, camera):
+        other = self.player.other
+        if not self._evaluation_file.changed(take, frames, camera, other):
             return
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
+        others = {name: other.series(name, camera) for name in QUALITY} if other is not None else None
         camera = camera if camera in self.evaluation.cameras else ""
-        names = ("psnr_trained", "psnr_decoded", "bytes")
-        series = {name: self.evaluation.series(name, frames, camera) for name in names}
-        self.timeline.plots = plots_of(series, camera or self.evaluation.mean)
+        series = {name: self.evaluation.series(name, frames, camera) for name in QUALITY}
+        self.timeline.plots = plots_of(series, camera or self.evaluation.mean, others)
         self._waveform = None
-        self.timeline.explanation = self.evaluation.explanation
+        against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""
+        self.timeline.explanation = self.evaluation.explanation + against
 
     def _show_waveform(self) -> None:
         """Add the sound's row to the timeline once its waveform is known, or remove it."""

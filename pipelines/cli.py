@@ -43,7 +43,7 @@ GROUPS = {
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
-    "Keep takes": ("check",),
+    "Keep takes": ("edit", "check", "bakes"),
     "Research": ("compare", "ablate"),
 }
 """Commands in the order of `v3studio --help`."""
@@ -141,8 +141,10 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     from pipelines.commands import (
         ablate,
         attach,
+        bakes,
         check,
         compare,
+        edit,
         estimate,
         export,
         import_splats,
@@ -180,6 +182,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         if name == "bake":
             _add_targets(stage)
             _add_stream_options(stage)
+            stage.add_argument("--keep", metavar="NAME", help="keep the bake under this name too; see `v3studio bakes`")
         if name == "train":
             _add_live(stage)
         _add_detach(stage)
@@ -199,7 +202,9 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     attach.register(commands)
     queue.register(commands)
     work.register(commands)
+    edit.register(commands)
     check.register(commands)
+    bakes.register(commands)
     play.register(commands)
     serve.register(commands)
     share.register(commands)
@@ -463,6 +468,12 @@ def _run(arguments: argparse.Namespace) -> int:
     from pipelines.runs.console import Bars, JsonLines
     from pipelines.runs.runner import ALL_STAGES, run
 
+    keep = getattr(arguments, "keep", None)
+    if keep is not None:
+        from pipelines.takes.kept_bakes import refuse_taken
+
+        refuse_taken(take, keep)
+
     if arguments.stage:
         stages: Sequence[str] = (arguments.stage,)
     else:
@@ -481,6 +492,11 @@ def _run(arguments: argparse.Namespace) -> int:
             )
         finally:
             arguments.reported = isinstance(show, JsonLines) and show.finished
+    if keep is not None:
+        from pipelines.takes.kept_bakes import keep_bake
+
+        with take.locked("v3studio bake --keep"), disk_errors(take.root):
+            keep_bake(take, keep)
     if not arguments.json and "evaluate" in stages:
         from pipelines.reports.tables import print_evaluation
 
@@ -494,6 +510,7 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
     words = [arguments.stage or "run"]
     words += ["--until", arguments.until] if arguments.until else []
     words += ["--force"] if arguments.stage and arguments.force else []
+    words += ["--keep", arguments.keep] if getattr(arguments, "keep", None) else []
     stored = None if arguments.stored_run is None else arguments.stored_run.stored
     run = start_background(take, config, words, stored)
     place = str(arguments.take if stored is None else stored.address)

@@ -9,6 +9,7 @@ from typing import Any
 
 from open3d.visualization import gui
 
+from gui.actions.bakes import BakeActions
 from gui.actions.cameras import CameraActions
 from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
@@ -47,6 +48,7 @@ class Actions:
         self.shares = ShareActions(window)
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
+        self.bakes = BakeActions(window)
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
@@ -69,6 +71,7 @@ class Actions:
             "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
             "figures": window.layout.toggle_figures,
             "queue": self.queue.show,
+            "bakes": self.bakes.show,
             "mark": self._marks.ask,
             "next_mark": lambda: self._marks.go(1),
             "previous_mark": lambda: self._marks.go(-1),
@@ -112,6 +115,7 @@ class Actions:
             key.ONE: lambda: self._review("truth"),
             key.TWO: lambda: self._review("trained"),
             key.THREE: lambda: self._review("decoded"),
+            key.FOUR: lambda: self._review("other"),
             key.S: lambda: self._review("side by side"),
             key.W: lambda: self._review("wipe"),
             key.D: lambda: self._review("difference"),
@@ -148,8 +152,12 @@ class Actions:
         self._window.marks_changed()
 
     def _review(self, choice: str) -> None:
+        views = self._window.views
         self._window.select("review")
-        self._window.views.choose(choice)
+        views.choose(choice)
+        if views.asked_bakes:
+            views.asked_bakes = False
+            self.bakes.show()
 
     def pick(self, field: SettingField) -> None:
         """Choose the file or the folder of a setting in a dialog."""

@@ -7,7 +7,7 @@ SHORTCUTS: tuple[tuple[str, str], ...] = (
     ("Left, Right", "step one frame back or forward"),
     ("Home, End", "go to the first or last frame"),
     ("[ and ]", "go to the previous or next group"),
-    ("1, 2, 3", "show footage, trained, decoded"),
+    ("1, 2, 3, 4", "show footage, trained, decoded, the other bake"),
     ("S", "side by side"),
     ("W", "wipe; drag the line"),
     ("D", "difference heat map"),

@@ -34,6 +34,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("fullscreen", "Fullscreen (F)"),
             ("figures", "Inspector and log (I)"),
             ("queue", "Queue of takes (Q)"),
+            ("bakes", "Bakes: compare, choose, delete..."),
         ),
     ),
     (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gui.panels.option_dialogs import ask_export
+from gui.presenters.playback.other_source import OTHER
 from gui.presenters.run.exports import LEAST_SECONDS, ExportRequest, PathKey
 from gui.shell import Shell
 from pipelines.commands.export import DEFAULT_OF
@@ -65,7 +66,8 @@ class OutputActions:
             window.player.message = "Nothing to export yet."
             return
         # the default first, if it exists
-        sources = sorted(opened.sources, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
+        own = [name for name in opened.sources if name != OTHER]
+        sources = sorted(own, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
         request = ExportRequest(kind, str(opened.path), opened.title, folder, *sources[:1])
         length = window.player.transport.frame_count / window.player.transport.fps

@@ -17,13 +17,13 @@ class EvaluationFile:
     def __init__(self) -> None:
         self._seen: object = None
 
-    def changed(self, take: Take | None, frame_count: int, camera: str = "") -> bool:
-        """True on the first call, and if the file, the take, the number of frames or the camera has changed since the
-        last."""
+    def changed(self, take: Take | None, frame_count: int, camera: str = "", other: object = None) -> bool:
+        """True on the first call, and if the file, the take, the number of frames, the camera or what it is compared
+        with has changed since the last."""
         stamp = None
         if take is not None:
             stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
-        before, self._seen = self._seen, (stamp, frame_count, camera)
+        before, self._seen = self._seen, (stamp, frame_count, camera, other)
         return before != self._seen
 
 

@@ -57,6 +57,8 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
             found = check_take(take, ALL_STAGES, report)
         for damage in found.damage if arguments.remove else ():
             path = take.file(damage.file)
+            if not damage.stage:  # of a kept bake, which no run makes again
+                continue
             # never a folder, and nothing outside of the take, whatever a record says
             if damage.file and path.is_file() and path.resolve().is_relative_to(take.root.resolve()):
                 path.unlink()
@@ -69,8 +71,12 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
     print(f"{found.files} files checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
     if found.unchecked:
         print(f"not finished, so only partly checked: {', '.join(found.unchecked)}")
-    if found.damage:
-        name = shlex.quote(str(folder))
+    name = shlex.quote(str(folder))
+    lost = sorted({damage.file.split("/")[1] for damage in found.damage if not damage.stage})
+    if lost:
+        names = " ".join(map(shlex.quote, lost))
+        print(f"Damaged kept bakes are not made again by a run. To remove them: v3studio bakes remove {name} {names}")
+    if any(damage.stage for damage in found.damage):
         first = "" if arguments.remove else f"v3studio check {name} --remove && "
         print(f"To make them again: {first}v3studio run {name}")
     return 1 if found.damage else 0

@@ -32,6 +32,7 @@ from pipelines.stages.time_left import Countdown
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
+from pipelines.takes.kept_bakes import note_evaluation
 from pipelines.takes.migration import migrate
 from pipelines.takes.records import write_failure
 from pipelines.takes.settings_file import save_config
@@ -234,6 +235,8 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
             context.cancellation.check()
             seconds = context.clock() - started
             write_record(stage, context, seconds, summary)
+            if stage.name == "evaluate":
+                note_evaluation(context.take)
     except Cancelled:
         raise
     except Exception as error:

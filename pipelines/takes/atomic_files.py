@@ -129,7 +129,7 @@ def _leftovers(folder: Path) -> list[Path]:
                 found.append(path)
         folders[:] = [name for name in folders if PARTIAL not in name]
         for name in names:
-            if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name != "marks.json":
+            if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name not in ("marks.json", "edits.json"):
                 with contextlib.suppress(FileNotFoundError):
                     if os.lstat(file := os.path.join(root, name)).st_size == 0:
                         found.append(Path(file))

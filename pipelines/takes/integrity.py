@@ -11,12 +11,11 @@ from pydantic import BaseModel, ConfigDict
 
 from pipelines.takes.atomic_files import digest_of_file, digest_of_files
 from pipelines.takes.frame_files import intact
+from pipelines.takes.kept_bakes import KeptBake, Problem, changed_files, kept_bakes, recorded_files
 from pipelines.takes.records import StageRecord, read_record
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
-
-Problem = Literal["changed", "missing", "damaged"]
 
 
 class Damage(BaseModel):
@@ -28,9 +27,9 @@ class Damage(BaseModel):
     """Relative to the take; "" if only the whole stage's digest is known, as in takes of earlier versions."""
 
     stage: str
-    """The stage that wrote it, and that has to run again."""
+    """The stage that wrote it, and that has to run again; "" for a file of a kept bake, which no run makes again."""
 
-    problem: Problem
+    problem: Problem | Literal["damaged"]
     """changed: another content than recorded; missing; damaged: its own checksum is wrong."""
 
 
@@ -51,7 +50,8 @@ class Integrity(BaseModel):
 
 
 def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_progress) -> Integrity:
-    """Read all results of the finished stages, and all trained frames, and compare them with what was recorded.
+    """Read all results of the finished stages, all trained frames and all kept bakes, and compare them with what was
+    recorded.
 
     Args:
         take: read only.
@@ -73,6 +73,9 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
             frames = sorted(take.folder(stage).rglob("*.safetensors"))
             files += frames
             work.append(_damaged_tensors(take, path) for path in frames)
+    for kept in kept_bakes(take):
+        files += [kept.folder / name for name, _ in recorded_files(kept)]
+        work.append(_changed_of_kept(take, kept))
     for done, found in enumerate(itertools.chain(*work), 1):
         progress(done, max(done, len(files)))
         damage += [found] if found else []
@@ -111,6 +114,12 @@ def _changed(take: Take, record: StageRecord) -> Iterator[Damage | None]:
     known = record.digests or not all(path.is_file() for path in files.values())
     if not known and digest_of_files(take.root, files.values()) != record.result:
         yield Damage(file="", stage=record.stage, problem="changed")
+
+
+def _changed_of_kept(take: Take, kept: KeptBake) -> Iterator[Damage | None]:
+    folder = kept.folder.relative_to(take.root).as_posix()
+    for name, problem in changed_files(kept):
+        yield Damage(file=f"{folder}/{name}", stage="", problem=problem) if problem else None
 
 
 def _damaged_tensors(take: Take, path: Path) -> Damage | None:

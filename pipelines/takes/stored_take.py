@@ -87,6 +87,8 @@ class StoredTake:
         def wanted(name: str) -> bool:
             if PARTIAL in name or _HERE_ONLY.match(name) or any(part in ("", ".", "..") for part in name.split("/")):
                 return False
+            if group is not None and name.startswith("bakes/"):  # kept under names: no worker needs them
+                return False
             found = _GROUP.search(name)
             return group is None or found is None or int(found[1]) == group
 

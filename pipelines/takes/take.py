@@ -10,8 +10,10 @@ Layout::
     train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
     train/group_000/offsets_*.safetensors       fine-tuning of splats that a rung of the ladder keeps
     stream/                                     the stream and nothing else
+    bakes/NAME/stream/, bake.json               a bake that is kept under a name (`pipelines.takes.kept_bakes`)
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
+    edits.json                                  trim, crop box, removed floaters, world, if any
     .v3studio/                                  lock, records of finished stages, work in progress
 """
 
@@ -223,6 +225,11 @@ class Take:
         return self.root / "stream"
 
     @property
+    def bakes(self) -> Path:
+        """bakes/: bakes that are kept under names."""
+        return self.root / "bakes"
+
+    @property
     def evaluation(self) -> Path:
         """evaluation.json."""
         return self.root / "evaluation.json"
@@ -236,6 +243,11 @@ class Take:
     def marks(self) -> Path:
         """marks.json: marked frames with notes."""
         return self.root / "marks.json"
+
+    @property
+    def edits(self) -> Path:
+        """edits.json: what is trimmed, cropped, removed and moved after training."""
+        return self.root / "edits.json"
 
     @property
     def private(self) -> Path:

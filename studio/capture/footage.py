@@ -12,7 +12,7 @@ from studio.cameras import Camera, Rig
 from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource
 from studio.capture.lru_cache import ByteCache
-from studio.capture.mattes.matte_source import MatteSource, PlateMatteSource, Recolors
+from studio.capture.mattes.matte_source import GarbageMattes, MatteSource, PlateMatteSource, Recolors
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
@@ -70,6 +70,7 @@ class Footage:
         description: str,
         problems: tuple[Message, ...] = (),
         sound: CaptureSound | None = None,
+        garbage: GarbageMattes | None = None,
     ) -> None:
         self.spec = spec
         self.camera_names = tuple(sources)
@@ -83,6 +84,7 @@ class Footage:
         self._sources = dict(sources)
         self._matte_source = matte_source
         self._exact_matte_source = exact_matte_source
+        self._garbage = garbage
         self._warps = dict(warps) if warps is not None else None
         self._pool = pool
         self._cache = cache
@@ -216,7 +218,7 @@ class Footage:
         paths += self._matte_source.files()
         if self._exact_matte_source is not None:
             paths += self._exact_matte_source.files()
-        return paths
+        return paths if self._garbage is None else paths + self._garbage.files()
 
     def close(self) -> None:
         """Close all video decoders. The next read opens them again."""
@@ -227,7 +229,7 @@ class Footage:
         return Footage(
             self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, matte_source,
             self._exact_matte_source, self._warps, self._pool, ByteCache(self._cache.limit), self.description,
-            self.problems, self.sound,
+            self.problems, self.sound, self._garbage,
         )  # fmt: skip
 
     def _source(self, camera: str) -> FrameSource:
@@ -273,7 +275,10 @@ class Footage:
         key = ("raw matte", camera, frame)
         cached = self._cache.get(key)
         if cached is None:
-            cached = (self._matte_source.matte(camera, frame, self._raw(camera, frame)),)
+            raw = self._raw(camera, frame)
+            matte = self._matte_source.matte(camera, frame, raw)
+            inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
+            cached = (matte if inside is None else np.where(inside, matte, 0).astype(np.uint8),)
             if isinstance(self._matte_source, Recolors):
                 self._cache.put(key, *cached)
         return cached[0]

@@ -15,6 +15,7 @@ from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.choose import exact_mattes, mask_source
+from studio.capture.mattes.garbage_mattes import garbage_mattes
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import find_sound
@@ -87,7 +88,8 @@ def open_footage(
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask
-    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder, device, threads)
+    garbage = garbage_mattes(spec, tuple(sources), pool)
+    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder, device, threads, garbage)
     exact, exact_note = exact_mattes(spec, tuple(sources), masked)
     notes += [mask_note, exact_note]
     if held_out:
@@ -95,7 +97,7 @@ def open_footage(
     description = "\n".join(note for note in notes if note)
     return Footage(
         spec, sources, frames, held_out, rate / spec.step, matte_source, exact, warps, pool, cache, description,
-        tuple(problems), sound,
+        tuple(problems), sound, garbage,
     )  # fmt: skip
 
 

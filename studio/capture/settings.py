@@ -112,9 +112,10 @@ class ScreenSettings(Settings):
     despill: Annotated[bool, Affects("training_views", "evaluation")] = True
     """Masks from a screen: remove spill from the performer's edges in the images used for training and evaluation."""
 
-    garbage_mattes: Annotated[str, Heading("Masks: model, garbage mattes")] = ""
-    """Masks from a screen or model: pattern of images that are black where the performer never is (ceiling, stands) and
-    white elsewhere; example: garbage/{camera}.png. Cameras without one are not restricted."""
+    garbage_mattes: Annotated[str, Heading("Garbage mattes")] = ""
+    """Where the performer never is, for all sources of masks: the pattern of images that are black there and white
+    elsewhere, such as garbage/{camera}.png, or a YAML file with polygons, such as garbage.yaml. Cameras without one are
+    not restricted. See docs/guides/mattes.md."""
 
     @field_validator("key_color", mode="wrap")
     @classmethod

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import support
 from driver import Page, Site
@@ -32,9 +35,20 @@ FLAGS = [
     "--js-flags=--expose-gc",
 ]
 
+WATCHDOG = 240
+"""Seconds after which the browser of a test is killed, so that the test fails instead of waiting for ever: pytest's own
+timeout interrupts Playwright's event loop, which may not survive that."""
+
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "web: plays in a real browser; needs Chromium and the built player")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """If not even killing the browser helps, the whole process ends; pytest-xdist starts another."""
+    for item in items:
+        if "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.timeout(WATCHDOG + 120, method="thread"))
 
 
 def _missing() -> str | None:
@@ -50,9 +64,33 @@ def _missing() -> str | None:
     return None
 
 
+class _Chromium:
+    """Headless Chromium, started again after it was killed."""
+
+    def __init__(self, playwright: Any) -> None:
+        self._playwright = playwright
+        self._running: Any = None
+
+    def get(self) -> Any:
+        if self._running is None or not self._running.is_connected():
+            self._running = self._playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        return self._running
+
+    def kill(self) -> None:
+        """From any thread: what waits for the browser fails."""
+        for process in psutil.Process().children(recursive=True):
+            if "chrom" in process.name():
+                with suppress(psutil.NoSuchProcess):
+                    process.kill()
+
+    def close(self) -> None:
+        if self._running is not None and self._running.is_connected():
+            self._running.close()
+
+
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    """Headless Chromium. Skips the test if it is missing, but fails in CI, where it is required."""
+def chromium() -> Iterator[_Chromium]:
+    """Skips the test if Chromium is missing, but fails in CI, where it is required."""
     missing = _missing()
     if missing is not None:
         if os.environ.get("CI"):
@@ -61,9 +99,19 @@ def browser() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield chromium
-        chromium.close()
+        running = _Chromium(playwright)
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def browser(chromium: _Chromium) -> Iterator[Any]:
+    """Chromium, for as long as one test may take."""
+    watchdog = threading.Timer(WATCHDOG, chromium.kill)
+    watchdog.daemon = True
+    watchdog.start()
+    yield chromium.get()
+    watchdog.cancel()
 
 
 @pytest.fixture

@@ -143,6 +143,15 @@ _PREPARE = """() => {
 }"""
 
 
+_BOUNDED = f"""async (run, argument) => {{
+  let timer;
+  const late = new Promise((_, failed) => {{
+    timer = setTimeout(() => failed(new Error(`no result after {PATIENCE} ms: ${{run}}`)), {PATIENCE});
+  }});
+  try {{ return await Promise.race([run(argument), late]); }} finally {{ clearTimeout(timer); }}
+}}"""
+
+
 class Page:
     """The player's page. `seen` contains the details of the element's events by name."""
 
@@ -155,7 +164,8 @@ class Page:
         self._session: Any = None
 
     def evaluate(self, script: str, argument: Any = None) -> Any:
-        return self.handle.evaluate(script, argument)
+        """What a JavaScript function returns for the argument; a promise that stays open for `PATIENCE` fails."""
+        return self.handle.evaluate(f"argument => ({_BOUNDED})({script}, argument)", argument)
 
     def wait(self, condition: str, argument: Any = None) -> None:
         """Wait until a JavaScript expression over `player` (the element) and `seen` is true."""

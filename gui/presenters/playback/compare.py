@@ -11,7 +11,7 @@ from gui.presenters.drawing.canvas import Canvas, text_width
 from gui.presenters.drawing.palette import ACCENT, GROUND, RGB, TEXT
 
 MODES = ("single", "side by side", "wipe", "difference")
-WHATS = ("truth", "trained", "decoded")
+WHATS = ("truth", "trained", "decoded", "other")
 LABELS = {"truth": "footage", "trained": "trained", "decoded": "decoded"}
 
 HEAT_TOP = 48
@@ -45,11 +45,11 @@ def boxes(size: tuple[int, int], count: int, gap: int = 4) -> list[Box]:
 def side_by_side(
     size: tuple[int, int], where: Sequence[Box], images: Sequence[np.ndarray], names: Sequence[str]
 ) -> np.ndarray:
-    """Draw pictures side by side, each with its name."""
+    """Draw pictures side by side, each with its label."""
     canvas = Canvas(*size)
     for box, image, name in zip(where, images, names, strict=True):
         canvas.image(box.x, box.y, image)
-        label(canvas, box.x + 8, box.y + 8, LABELS[name])
+        label(canvas, box.x + 8, box.y + 8, name)
     return canvas.pixels
 
 
@@ -60,7 +60,7 @@ def wipe(
 
     Args:
         at: position of the line, 0 to 1 across the box.
-        names: names of the left and the right picture.
+        names: labels of the left and the right picture.
     """
     canvas = Canvas(*size)
     column = round(min(max(at, 0.0), 1.0) * box.width)
@@ -68,8 +68,8 @@ def wipe(
     canvas.image(box.x + column, box.y, right[:, column:])
     canvas.rect(box.x + column - 1, box.y, 2, box.height, ACCENT)
     canvas.rect(box.x + column - 4, box.y + box.height / 2 - 16, 8, 32, ACCENT)
-    label(canvas, box.x + 8, box.y + 8, LABELS[names[0]])
-    label(canvas, box.x + box.width - 8, box.y + 8, LABELS[names[1]], align="right")
+    label(canvas, box.x + 8, box.y + 8, names[0])
+    label(canvas, box.x + box.width - 8, box.y + 8, names[1], align="right")
     return canvas.pixels
 
 
@@ -91,7 +91,7 @@ def heat_map(size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray
     levels = difference(one, other)
     canvas = Canvas(*size)
     canvas.image(box.x, box.y, heat(levels))
-    pair, mean = f"{LABELS[names[0]]} and {LABELS[names[1]]}", f"mean {levels.mean():.2f}"
+    pair, mean = f"{names[0]} and {names[1]}", f"mean {levels.mean():.2f}"
     for text in (f"difference between {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
         if text_width(text, LABEL_SIZE) <= size[0] - 2 * box.x - 32:
             break  # the longest that fits, so that the number is not truncated

@@ -14,6 +14,7 @@ from gui.presenters.playback import compare
 from gui.presenters.playback.compare import Box
 from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.playback.other_source import OTHER, OtherSource
 from gui.presenters.playback.sources import FrameSource
 from pipelines.stages.base import Context
 from pipelines.stages.footage import performer_over
@@ -36,10 +37,10 @@ class RenderRequest:
     """What to render.
 
     Attributes:
-        sources: Gaussians by name ("trained", "decoded").
+        sources: Gaussians by name ("trained", "decoded", "other").
         frame: counted from 0.
         mode: one of `compare.MODES`.
-        what: "truth", "trained" or "decoded"; a comparison compares it with `reference`.
+        what: "truth", "trained", "decoded" or "other"; a comparison compares it with `reference`.
         orbit: the free view.
         camera: name of the capture camera; "" for the free view.
         image_zoom: visible part of its image.
@@ -74,7 +75,9 @@ class RenderRequest:
         if self.mode == "single":
             return (self.what,)
         if self.mode == "side by side":
-            order = ("truth", "trained", "decoded") if self.camera else ("trained", "decoded")
+            order = (*(["truth"] if self.camera else []), "trained", "decoded", OTHER)
+            if OTHER in self.sources and not self.camera:
+                order = ("decoded", OTHER) if "decoded" in self.sources else ("trained", OTHER)
             return tuple(name for name in order if name in self.sources or name == "truth")
         return (self.reference, self.what)
 
@@ -83,12 +86,17 @@ class RenderRequest:
         """What it is a picture of, apart from frame and view: pictures with different labels must not be confused."""
         return (self.mode, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
 
+    def shown(self, name: str) -> str:
+        """What a picture is called on screen."""
+        source = self.sources.get(name)
+        return source.label if isinstance(source, OtherSource) else compare.LABELS[name]
+
     def same_as(self, other: RenderRequest) -> bool:
         """Whether it results in the same picture."""
         return (
             self.orbit is other.orbit
             and self.context is other.context
-            and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded"))
+            and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded", OTHER))
             and (self.frame, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
                 self.background, self.wipe)
             == (other.frame, other.mode, other.what, other.reference, other.camera, other.image_zoom, other.size,
@@ -157,14 +165,15 @@ class FrameRenderer:
         where = compare.boxes(request.size, len(names) if apart else 1)
         parts = [self._part(request, name, where[0], capture) for name in names]
         images = [part.image for part in parts]
+        shown = [request.shown(name) for name in names]
         if request.mode == "single":
             image = images[0]
         elif apart:
-            image = compare.side_by_side(request.size, where, images, names)
+            image = compare.side_by_side(request.size, where, images, shown)
         elif request.mode == "wipe":
-            image = compare.wipe(request.size, where[0], images[0], images[1], request.wipe, (names[0], names[1]))
+            image = compare.wipe(request.size, where[0], images[0], images[1], request.wipe, (shown[0], shown[1]))
         else:
-            image = compare.heat_map(request.size, where[0], images[0], images[1], (names[0], names[1]))
+            image = compare.heat_map(request.size, where[0], images[0], images[1], (shown[0], shown[1]))
         return Picture(
             image,
             request.frame,

@@ -14,6 +14,7 @@ from gui.presenters.playback.compare import LABELS, MODES, WHATS
 from gui.presenters.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.playback.other_source import OTHER, OtherSource
 from gui.presenters.playback.rate import Rate
 from gui.presenters.playback.sources import Opened, body_of, open_path, reach_of, take_contents, thinned
 from gui.presenters.playback.stream_audio import StreamAudio
@@ -92,6 +93,37 @@ class PlayerPresenter(Viewpoint):
         self._asked = self._left_out = None
         self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
 
+    @property
+    def other(self) -> OtherSource | None:
+        """The other bake or take that comparisons are against; None if there is none."""
+        found = self.opened.sources.get(OTHER) if self.opened is not None else None
+        return found if isinstance(found, OtherSource) else None
+
+    def compare_with(self, other: OtherSource | None) -> None:
+        """Compare with another bake or take, in a wipe unless another comparison is on screen; None to stop."""
+        opened, before = self.opened, self.other
+        if opened is None or opened.default is None:
+            if other is not None:
+                other.close()
+            return
+        sources = {name: source for name, source in opened.sources.items() if name != OTHER}
+        if other is not None:
+            base = opened.default
+            other.span(base.frame_count, base.fps, base.group_starts)
+            sources[OTHER] = other
+        opened.sources = sources
+        self._renderer.forget()
+        self._asked = None
+        if self.what not in (*sources, "truth"):
+            self.what = opened.default.name
+        if other is None and self.mode != "single" and len(sources) < 2 and not self.camera:
+            self.mode = "single"
+        if before is not None:
+            before.close()
+        self._fit_transport()
+        if other is not None and self.mode == "single":
+            self.choose_mode("wipe")
+
     def refresh(self) -> bool:
         """Load frames trained and streams baked since opening; True if there were any."""
         if self.opened is None or self.opened.take is None:
@@ -108,6 +140,10 @@ class PlayerPresenter(Viewpoint):
         self._contents = contents
         was_empty = not self.opened.sources
         opened.reach = reach_of(opened) if was_empty else self.opened.reach
+        other = self.opened.sources.pop(OTHER, None)
+        if isinstance(other, OtherSource) and opened.default is not None:
+            other.span(opened.default.frame_count, opened.default.fps, opened.default.group_starts)
+            opened.sources[OTHER] = other
         self._close_sources()
         self.opened = opened
         self._load_sound()
@@ -167,7 +203,7 @@ class PlayerPresenter(Viewpoint):
         return source is not None and self.span(source.frame_count, source.group_starts, source.fps)
 
     def choose(self, what: str) -> bool:
-        """Show "truth", "trained" or "decoded" at the same frame; False, with `message` set, if unavailable."""
+        """Show one of `WHATS` at the same frame; False, with `message` set, if it is unavailable."""
         assert what in WHATS
         why = self.why_not(what)
         if why:
@@ -325,7 +361,7 @@ class PlayerPresenter(Viewpoint):
         picture = self.picture
         frame, current = self.frame, self.current
         parts = [
-            LABELS[self.what] if self.mode == "single" else self.mode,
+            self._shown_label() if self.mode == "single" else self.mode,
             f"frame {frame} (0 to {self.transport.last})",
             f"{frame / self.transport.fps:.2f} s",
             self.camera or "free view",
@@ -342,6 +378,10 @@ class PlayerPresenter(Viewpoint):
         if self.notice:
             parts.append(self.notice)
         return "   ".join(parts)
+
+    def _shown_label(self) -> str:
+        other = self.other
+        return other.label if self.what == OTHER and other is not None else LABELS[self.what]
 
     def close(self) -> bool:
         """End the thread and close files. Returns whether the thread ended in time."""

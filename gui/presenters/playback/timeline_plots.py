@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, text_width
-from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
+from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from gui.presenters.playback.timeline import Timeline
 
 LEAST_SPAN = 2.0
@@ -28,6 +28,7 @@ class Plot:
         color: color of the curve.
         unit: shown after the numbers.
         bars: whether values are bars that begin at zero; else a line on an axis with its own limits.
+        other: values of the bake or take that it is compared with, a line; none if there is none.
     """
 
     title: str
@@ -35,11 +36,12 @@ class Plot:
     color: RGB
     unit: str
     bars: bool = False
+    other: Sequence[float | None] = ()
 
     @property
     def range(self) -> tuple[float, float] | None:
         """Values at the lower and the upper end of the row; None if there are none."""
-        known = [value for value in self.values if value is not None]
+        known = [value for value in (*self.values, *self.other) if value is not None]
         if not known:
             return None
         low, high = min(known), max(known)
@@ -69,18 +71,38 @@ class Waveform(Plot):
         return np.column_stack([low, high])
 
 
-def plots_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean") -> tuple[Plot, ...]:
+Series = dict[str, list[float | None]]
+
+
+def plots_of(evaluation_series: Series, mean: str = "mean", other: Series | None = None) -> tuple[Plot, ...]:
     """The three plots of a take; plots without values stay empty, so that the layout does not change.
 
     Args:
         evaluation_series: values by metric.
         mean: which cameras PSNR is averaged over, or the camera, for the title.
+        other: values of the bake or take that it is compared with.
     """
-    kilobytes = [None if value is None else value / 1000 for value in evaluation_series.get("bytes", [])]
+    other = other or {}
+    kilobytes, others = (
+        [None if value is None else value / 1000 for value in found.get("bytes", [])]
+        for found in (evaluation_series, other)
+    )
     return (
-        Plot(f"PSNR trained, {mean}", evaluation_series.get("psnr_trained", []), SECOND, "dB"),
-        Plot(f"PSNR decoded, {mean}", evaluation_series.get("psnr_decoded", []), ACCENT, "dB"),
-        Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True),
+        Plot(
+            f"PSNR trained, {mean}",
+            evaluation_series.get("psnr_trained", []),
+            SECOND,
+            "dB",
+            other=other.get("psnr_trained", []),
+        ),
+        Plot(
+            f"PSNR decoded, {mean}",
+            evaluation_series.get("psnr_decoded", []),
+            ACCENT,
+            "dB",
+            other=other.get("psnr_decoded", []),
+        ),
+        Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True, other=others),
     )
 
 
@@ -198,7 +220,9 @@ class TimelinePlots:
     @staticmethod
     def _words(plot: Plot, frame: int) -> str:
         value = plot.values[frame] if frame < len(plot.values) else None
-        return "" if value is None else f"{value:.2f} {plot.unit}"
+        other = plot.other[frame] if frame < len(plot.other) else None
+        against = "" if other is None else f" ({other:.2f})"
+        return "" if value is None else f"{value:.2f}{against} {plot.unit}"
 
     @property
     def _track(self) -> int:
@@ -222,8 +246,9 @@ class TimelinePlots:
         y: int,
         height: int,
         color: RGB,
+        limits: tuple[float, float] | None = None,
     ) -> None:
-        limits = plot.range
+        limits = limits or plot.range
         assert limits is not None
         low, high = limits
         bar = max(round((value - low) / (high - low) * (height - 2)), 1)
@@ -233,7 +258,8 @@ class TimelinePlots:
 
     def _plot(self, canvas: Canvas, timeline: Timeline, plot: Plot, y: int, height: int) -> None:
         size = self._size(height)
-        room = self.left - 16 - text_width(f"00.00 {plot.unit}", size)
+        against = " (00.00)" if any(value is not None for value in plot.other) else ""
+        room = self.left - 16 - text_width(f"00.00{against} {plot.unit}", size)
         canvas.text(0, y + height / 2 - size * 0.62, plot.title, size, DIM, width=room)
         canvas.rect(self.left, y, timeline.width, height, RAISED)
         for start in self.group_starts:
@@ -248,6 +274,10 @@ class TimelinePlots:
         for index, value in enumerate(plot.values[: self.frame_count]):
             if value is not None:
                 self._value(canvas, timeline, plot, index, value, y, height, _dimmed(plot.color))
+        for index, value in enumerate(plot.other[: self.frame_count]):
+            if value is not None:
+                line = replace(plot, bars=False)
+                self._value(canvas, timeline, line, index, value, y, height, FAIR, plot.range)
         self._axis(canvas, plot.range, y, height)
 
     def _axis(self, canvas: Canvas, limits: tuple[float, float], y: float, height: float) -> None:

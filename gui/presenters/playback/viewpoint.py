@@ -6,6 +6,7 @@ import numpy as np
 
 from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.playback.other_source import OTHER
 from gui.presenters.playback.sources import FrameSource, Opened
 from pipelines.stages.base import Context
 from studio.cameras import Camera
@@ -20,7 +21,7 @@ class Viewpoint:
     Attributes:
         opened: the take or stream; None if none is open.
         context: the take with its footage; None for a bare stream.
-        what: "truth", "trained" or "decoded".
+        what: "truth", "trained", "decoded" or "other".
         mode: one of `compare.MODES`.
         camera: the capture camera; "" for the free view.
         image_zoom: the visible part of its image.
@@ -77,11 +78,17 @@ class Viewpoint:
             return "" if self.camera_names else "Footage needs cameras. Run Calibrate."
         if what in self.opened.sources:
             return ""
+        if what == OTHER:
+            return "No other bake or take to compare with is open. Choose one with View > Bakes."
         return f"Nothing {what} yet. Run {'Train' if what == 'trained' else 'Bake'}."
 
     @property
     def reference(self) -> str:
-        """What a comparison compares with: footage in a capture camera's view, else the other source."""
+        """What a comparison compares with: the other bake or take if one is open, else footage in a capture camera's
+        view, else the other source."""
+        if self.opened is not None and OTHER in self.opened.sources:
+            default = self.opened.default
+            return OTHER if self.what != OTHER or default is None else default.name
         if self.camera and not self.why_not("truth"):
             return "truth"
         return "trained" if self.what == "decoded" else "decoded"

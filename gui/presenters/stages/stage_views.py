@@ -24,6 +24,7 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     ("truth", "Footage", "Footage of a capture camera, matted (1)"),
     ("trained", "Trained", "Trained Gaussians (2)"),
     ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
+    ("other", "Other bake", "Another bake or take to compare with; View > Bakes chooses it (4)"),
     ("", "", ""),
     ("side by side", "Side by side", "Show sources side by side (S)"),
     ("wipe", "Wipe", "Wipe against footage or trained; drag the line (W)"),
@@ -61,6 +62,7 @@ class StageViews:
 
     Attributes:
         asked: ("look" or "menu", camera) after a click on a camera; the window takes it.
+        asked_bakes: whether another bake is wanted, but none is open; the window asks for it.
         pressed: whether there was a click since the window last looked.
     """
 
@@ -88,6 +90,7 @@ class StageViews:
         self._missing_since: float | None = None
         self._waits = ""
         self.asked: tuple[str, str] | None = None
+        self.asked_bakes = False
         self.pressed = False
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
@@ -110,7 +113,9 @@ class StageViews:
         if self.stage != "review":
             self.stage_views[self.stage].mode = key
             self.shown_anew()
-        elif key in ("truth", "trained", "decoded"):
+        elif key == "other" and player.why_not(key):
+            self.asked_bakes = True
+        elif key in ("truth", "trained", "decoded", "other"):
             if key == "truth" and player.mode != "single":
                 player.choose_mode("single")
             player.choose(key)

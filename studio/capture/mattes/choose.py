@@ -12,12 +12,12 @@ from studio.capture.digest import digest_files
 from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from studio.capture.mattes.chroma_key import ChromaMatteSource, DespillingMatteSource
-from studio.capture.mattes.garbage_mattes import garbage_mattes
 from studio.capture.mattes.matte_cache import MatteCache
 from studio.capture.mattes.matte_source import (
     AlphaMatteSource,
     FileMatteSource,
     FullMatteSource,
+    GarbageMattes,
     MatteSource,
     MissingMatteSource,
     PlateMatteSource,
@@ -43,6 +43,7 @@ def mask_source(
     cache_folder: Path | None,
     device: str = "auto",
     threads: int = 0,
+    garbage: GarbageMattes | None = None,
 ) -> tuple[MatteSource, str]:
     """The matte source selected by `spec.masks`: one kind for all cameras.
 
@@ -55,6 +56,7 @@ def mask_source(
         pool: bounds the number of open decoders.
         cache_folder: for estimated backgrounds and mattes of a model; None caches in memory only.
         device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
+        garbage: where the performer may be, for sources that profit from knowing it; `Footage` applies it in any case.
 
     Returns:
         the source, and a sentence that describes it.
@@ -98,12 +100,12 @@ def mask_source(
                 )
             load = plates_from_files(matches, spec.color_matrix)
             paths = [match.path for match in matches]
-            matte_source = PlateMatteSource(load, paths, spec)
+            matte_source = PlateMatteSource(load, paths, spec, garbage)
             return matte_source, _chosen(spec, names, f"difference from the clean plates '{pattern}'")
     if kind == "chroma_key":
-        return _chroma(spec, sources, pool), "Masks: chroma key."
+        return _chroma(spec, sources, garbage), "Masks: chroma key."
     if kind == "model":
-        return _model(spec, names, pool, cache_folder, device, threads), f"Masks: matting model {spec.mask_model}."
+        return _model(spec, garbage, cache_folder, device, threads), f"Masks: matting model {spec.mask_model}."
     if kind == "plain" or (kind == "auto" and _before_plain(sources)):
         return PlainMatteSource(lambda camera: _first(sources[camera]), names), _chosen(
             spec, names, "difference from the plain background"
@@ -130,7 +132,7 @@ def mask_source(
             return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
 
         paths = [path for source in sources.values() for path in source.files()]
-        matte_source = PlateMatteSource(background, paths, spec)
+        matte_source = PlateMatteSource(background, paths, spec, garbage)
         return matte_source, _chosen(spec, names, "difference from the background estimated from the footage")
     if kind == "none":
         return FullMatteSource(), "Masks: none; everything is foreground."
@@ -165,20 +167,20 @@ def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
         return False
 
 
-def _chroma(spec: CaptureSettings, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatteSource:
+def _chroma(
+    spec: CaptureSettings, sources: Mapping[str, FrameSource], garbage: GarbageMattes | None
+) -> ChromaMatteSource:
     def read(camera: str, frame: int) -> np.ndarray:
         return sources[camera].read(frame)[:, :, :3]
 
     key = None if isinstance(spec.key_color, str) else spec.key_color
     kind = DespillingMatteSource if spec.despill else ChromaMatteSource
-    garbage = garbage_mattes(spec, tuple(sources), pool)
     return kind(read, lambda camera: sources[camera].frames, key, spec, garbage)
 
 
 def _model(
     spec: CaptureSettings,
-    names: tuple[str, ...],
-    pool: DecoderPool,
+    garbage: GarbageMattes | None,
     cache_folder: Path | None,
     device: str,
     threads: int,
@@ -205,7 +207,7 @@ def _model(
         files=files,
         cache=cache,
         components=spec.mask_components,
-        garbage=garbage_mattes(spec, names, pool),
+        garbage=garbage,
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from studio.capture.mattes.clean_plate import noise_of, solve_edges
 from studio.capture.mattes.despill import despill
 from studio.capture.mattes.filters import guided_filter, keep_components
-from studio.capture.mattes.garbage_mattes import GarbageMattes
+from studio.capture.mattes.matte_source import GarbageMattes
 from studio.capture.mattes.screen_color import Screen, find_screen
 from studio.capture.per_camera_cache import PerCameraCache
 from studio.capture.settings import DifferenceSettings

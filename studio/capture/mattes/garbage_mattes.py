@@ -2,19 +2,49 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from studio.capture.frame_sources import DecoderPool, make_sources
-from studio.capture.mattes.matte_source import FileMatteSource
+from studio.capture.mattes.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons
+from studio.capture.mattes.matte_source import FileMatteSource, GarbageMattes
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files
 from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
+from studio.storage import whole_files
 
 
-class GarbageMattes:
+class DrawnGarbageMattes:
+    """Polygons of a file. Cameras without any keep the whole image.
+
+    Args:
+        path: see `read_garbage_polygons`.
+
+    Attributes:
+        polygons: by camera.
+
+    Raises:
+        StudioError: as `read_garbage_polygons`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.polygons: dict[str, GarbagePolygons] = read_garbage_polygons(path)
+
+    def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
+        """See `GarbageMattes`."""
+        drawn = self.polygons.get(camera)
+        return None if drawn is None else drawn.inside(image.shape[1], image.shape[0])
+
+    def files(self) -> list[Path]:
+        """See `GarbageMattes`."""
+        return [self._path]
+
+
+class GarbageImages:
     """One image per camera, or per camera and frame; black excludes. Cameras without a garbage matte keep the whole
     image.
 
@@ -57,10 +87,13 @@ def garbage_mattes(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderP
     """The garbage mattes `spec.garbage_mattes` of the cameras `names`; None if the setting is empty.
 
     Raises:
-        StudioError: `matte.garbage_not_found`, or a file cannot be opened.
+        StudioError: `matte.garbage_not_found`; `matte.garbage_file`, also for a camera that is not in the footage; or a
+            file cannot be opened.
     """
     if not spec.garbage_mattes:
         return None
+    if Path(spec.garbage_mattes).suffix.lower() in EXTENSIONS:
+        return _drawn(spec, names)
     matches = [match for match in find_files(spec.root, spec.garbage_mattes) if match.camera in names]
     if not matches:
         raise StudioError(
@@ -71,4 +104,21 @@ def garbage_mattes(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderP
             fix="Check capture.garbage_mattes.",
             setting="capture.garbage_mattes",
         )
-    return GarbageMattes(matches, pool, spec.offsets)
+    return GarbageImages(matches, pool, spec.offsets)
+
+
+def _drawn(spec: CaptureSettings, names: tuple[str, ...]) -> DrawnGarbageMattes:
+    path = whole_files([spec.root / Path(spec.garbage_mattes).expanduser()])[0]
+    found = DrawnGarbageMattes(path)
+    unknown = [camera for camera in found.polygons if camera not in names]
+    if unknown and not (spec.cameras and len(unknown) < len(found.polygons)):  # the others may be left out on purpose
+        near = difflib.get_close_matches(unknown[0], names, n=1, cutoff=0.5)
+        raise StudioError(
+            "matte.garbage_file",
+            f"the footage has no camera '{unknown[0]}'",
+            file=path,
+            value=unknown[0],
+            fix=(f"Did you mean '{near[0]}'? " if near else "") + f"Cameras: {', '.join(names)}.",
+            setting="capture.garbage_mattes",
+        )
+    return found

@@ -57,6 +57,18 @@ class Recolors(Protocol):
         ...
 
 
+class GarbageMattes(Protocol):
+    """Where the performer may be, see `studio.capture.mattes.garbage_mattes`."""
+
+    def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
+        """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None: everywhere."""
+        ...
+
+    def files(self) -> list[Path]:
+        """The files from which they are read."""
+        ...
+
+
 class FullMatteSource:
     """A `MatteSource` for which everything is foreground."""
 
@@ -187,12 +199,18 @@ class PlateMatteSource:
         background: loads or estimates the background of a camera; called once per camera.
         files: files that the backgrounds depend on.
         settings: see `difference_matte`.
+        garbage: where the performer may be; None: everywhere.
     """
 
     def __init__(
-        self, background: Callable[[str], Background], files: list[Path], settings: DifferenceSettings | None = None
+        self,
+        background: Callable[[str], Background],
+        files: list[Path],
+        settings: DifferenceSettings | None = None,
+        garbage: GarbageMattes | None = None,
     ) -> None:
         self._files = files
+        self._garbage = garbage
         self._settings = settings or DifferenceSettings()
         self._backgrounds = PerCameraCache(background)
 
@@ -214,6 +232,9 @@ class PlateMatteSource:
                 expected=expected,
             )
         image = np.ascontiguousarray(image[:, :, :3])
+        inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
+        if inside is not None:  # here, so that garbage does not count as a component
+            image = np.where(inside[:, :, None], image, behind.plate)
         return difference_matte(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
 
     def plate(self, camera: str) -> np.ndarray | None:

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from studio.capture.mattes.filters import keep_components
-from studio.capture.mattes.garbage_mattes import GarbageMattes
 from studio.capture.mattes.matte_cache import MatteCache
+from studio.capture.mattes.matte_source import GarbageMattes
 from studio.errors import StudioError
 
 

@@ -593,7 +593,8 @@ export class Player {
     if (picture.setup !== null) this.setups.set(picture.group, picture.setup);
     const { renderer } = this;
     // After a change of the renderer, a picture for the one before may still arrive.
-    const usable = renderer !== null && (renderer.sorts || picture.order.length > 0) && !(this.needsSetup && picture.setup === null);
+    const prepared = !this.needsSetup || this.setups.has(picture.group);
+    const usable = renderer !== null && (renderer.sorts || picture.order.length > 0) && prepared;
     if (requested?.frame !== picture.frame || !usable) {
       this.recycle(picture);
       return;
@@ -619,7 +620,7 @@ export class Player {
   /** Setups that came with pictures that have not been shown yet: one or two. */
   private readonly setups = new Map<number, NonNullable<Picture["setup"]>>();
 
-  /** Whether the renderer is new, or its contents were lost, and pictures without their group's setup are of no use. */
+  /** Whether the renderer is new, or its contents were lost, and pictures are of no use before their group's setup has come. */
   private needsSetup = false;
 
   private show(picture: Picture, now: number, axis: DepthAxis): void {

@@ -1,0 +1,146 @@
+"""Bakes that are kept under names: list, compare, choose, delete."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gui.panels.bakes_dialog import NAME, BakeChoices, BakesDialog
+from gui.panels.folder_dialog import ask_path
+from gui.presenters.playback.other_source import OtherSource, open_other
+from gui.presenters.run.bakes import BakeRow, Bakes
+from gui.presenters.worker import LatestWorker
+from gui.shell import Shell
+from studio.errors import StudioError
+
+Place = tuple[Path, str, Path | None]
+
+
+class BakeActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: Shell) -> None:
+        self._window = window
+        self.bakes = Bakes()
+        self._opener: LatestWorker[Place, OtherSource] = LatestWorker(
+            lambda place: open_other(*place), "v3studio other"
+        )
+        choices = BakeChoices(self._compare, self._ask_take, self.stop, self._choose, self._ask_remove, self._ask_keep)
+        self._dialog = BakesDialog(window.dialogs, self.bakes, choices)
+
+    def show(self) -> None:
+        """Show the dialog."""
+        window = self._window
+        take = window.workspace.take
+        if take is not None:
+            self.bakes.look(take)
+        else:
+            self.bakes.rows = []
+        other = window.player.other
+        baked = take is not None and window.workspace.row("bake").state == "done"
+        self._dialog.show(other.label if other is not None else "", take is not None, baked)
+
+    def _compare(self, row: BakeRow) -> None:
+        self._window.dialogs.close()
+        self._open(row.stream, row.name, row.evaluation)
+
+    def _ask_take(self) -> None:
+        opened = self._window.player.opened
+        start = opened.path.parent if opened is not None and isinstance(opened.path, Path) else Path.home()
+        dialogs = self._window.dialogs
+        ask_path(dialogs, "Compare with take or stream", start, "take", lambda path: self._open(Path(path)), self.show)
+
+    def _open(self, place: Path, label: str = "", evaluation: Path | None = None) -> None:
+        self._window.notices.tell(f"Opening {label or place} ...")
+        self._opener.ask((place, label, evaluation))
+
+    def stop(self) -> None:
+        """Stop comparing with another bake or take."""
+        self._window.dialogs.close()
+        self._window.player.compare_with(None)
+
+    def _choose(self, row: BakeRow) -> None:
+        window = self._window
+        take = window.workspace.take
+        if take is None:
+            return
+        if self.bakes.chosen is not None or not take.stream.exists():
+            self.bakes.choose(take, row.name)
+            self._dialog.update()
+            return
+
+        def discard() -> None:
+            self.bakes.choose(take, row.name, discard=True)
+            self.show()
+
+        window.dialogs.ask(
+            f"Replace the stream by '{row.name}'?",
+            "The present stream is not kept under a name and would be lost. Keep it first, if you may need it.",
+            [("keep", "Keep it...", self._ask_keep), ("discard", "Replace", discard), ("stay", "Cancel", self.show)],
+        )
+
+    def _ask_remove(self, row: BakeRow) -> None:
+        take = self._window.workspace.take
+        if take is None:
+            return
+
+        def remove() -> None:
+            other = self._window.player.other
+            if other is not None and other.label == row.name:
+                self._window.player.compare_with(None)
+            self.bakes.remove(take, row.name)
+            self.show()
+
+        left = "The take's stream stays." if row.chosen else "It can only be made again with its settings."
+        self._window.dialogs.ask(
+            f"Delete the bake '{row.name}'?",
+            f"{row.frees / 1e6:.2f} MB become free. {left}",
+            [("remove", "Delete", remove), ("stay", "Cancel", self.show)],
+        )
+
+    def _ask_keep(self) -> None:
+        window = self._window
+        take, config = window.workspace.take, window.workspace.config
+        if take is None:
+            return
+
+        def keep(name: str) -> None:
+            self.bakes.keep(take, name.strip())
+            self.show()
+
+        name = f"qp{config.bake.qp}" if config is not None else ""
+        window.dialogs.line(
+            "keep", "Keep the stream", "Name of the bake:", name,
+            [("save", "Keep", keep), ("close", "Cancel", lambda _: self.show())],
+        )  # fmt: skip
+
+    def poll(self) -> bool:
+        """Call at each tick; returns whether something changed."""
+        window = self._window
+        changed = self.bakes.poll()
+        if changed:
+            window.notices.tell(self.bakes.message, bad=self.bakes.failed)
+            if window.workspace.take is not None:
+                self.bakes.look(window.workspace.take)
+                window.player.refresh()
+            if window.dialogs.name == NAME:
+                self._dialog.update()
+        done = self._opener.take()
+        if done is None:
+            return changed
+        if done.result is None:
+            known = isinstance(done.error, StudioError)
+            window.notices.tell(str(done.error) if known else f"It cannot be opened: {done.error!r}", bad=True)
+        else:
+            window.select("review")
+            window.notices.clear()
+            window.player.compare_with(done.result)
+        return True
+
+    def close(self) -> None:
+        """End the threads."""
+        self.bakes.close()
+        self._opener.close()

@@ -1,0 +1,171 @@
+"""`v3studio bakes`: bakes of a take that are kept under names."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel, ConfigDict, JsonValue
+
+if TYPE_CHECKING:
+    from pipelines.takes.kept_bakes import KeptBake
+
+
+def register(commands: Any) -> None:
+    """Add the command and its subcommands to the command line."""
+    command = commands.add_parser(
+        "bakes",
+        help="keep bakes of a take under names, choose one, remove others",
+        description="Keep bakes of a take under names, to compare them; one of them is the take's stream. "
+        "`v3studio bake TAKE --keep NAME` bakes and keeps. The window compares them (View > Bakes).",
+        allow_abbrev=False,
+    )
+    kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    listing = _kind(kinds, "list", "show the kept bakes with their size and quality")
+    listing.add_argument("--json", action="store_true", help="print JSON")
+    listing.set_defaults(command=_list, stored_take="read")
+
+    keep = _kind(kinds, "keep", "keep the take's stream under a name")
+    keep.add_argument("name", metavar="NAME", help="the name, such as qp26")
+    keep.set_defaults(command=_keep)
+
+    choose = _kind(kinds, "choose", "make a kept bake the take's stream, with its settings and its evaluation")
+    choose.add_argument("name", metavar="NAME", help="the name of the bake")
+    choose.add_argument(
+        "--discard", action="store_true", help="also if the present stream is not kept under any name and is lost"
+    )
+    choose.set_defaults(command=_choose)
+
+    remove = _kind(kinds, "remove", "delete kept bakes; the take's stream stays")
+    remove.add_argument("name", nargs="+", metavar="NAME", help="the name of a bake")
+    remove.set_defaults(command=_remove)
+
+
+def _kind(kinds: Any, name: str, text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = kinds.add_parser(
+        name, help=text, description=f"{text[0].upper()}{text[1:]}.", allow_abbrev=False
+    )
+    parser.add_argument("take", type=Path, metavar="TAKE", help="folder or address of the take")
+    parser.set_defaults(stored_take="run", stage=f"bakes {name}")
+    return parser
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from pipelines.reports.tables import escaped, table_of
+    from pipelines.reports.terminal import console
+    from pipelines.takes.kept_bakes import kept_bakes
+    from pipelines.takes.take import Take
+
+    found = kept_bakes(Take.open(arguments.take))
+    if arguments.json:
+        rows = [KeptBakeRow.of(kept).model_dump(mode="json") for kept in found]
+        print(json.dumps(rows, indent=1), file=arguments.output)
+        return 0
+    if not found:
+        print("No bakes are kept. `v3studio bakes keep TAKE NAME` keeps the present one.")
+        return 0
+    shown = table_of("name", "QP", "MB", "KB/frame", "PSNR", "kept", "", left=(0, 5, 6))
+    for kept in found:
+        psnr, qp = kept.psnr, kept.qp
+        shown.add_row(
+            escaped(kept.name),
+            "-" if qp is None else str(qp),
+            f"{kept.bytes / 1e6:.2f}",
+            f"{kept.bytes_per_frame / 1000:.1f}",
+            "-" if psnr is None else f"{psnr:.2f}",
+            kept.note.kept[:16].replace("T", " "),
+            ", ".join(
+                words for words, holds in (("chosen", kept.chosen), ("older training", not kept.current)) if holds
+            ),
+        )
+    console().print(shown)
+    return 0
+
+
+class KeptBakeRow(BaseModel):
+    """A kept bake in `v3studio bakes list --json`."""
+
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
+
+    name: str
+    chosen: bool
+    """Whether it is the take's stream."""
+
+    current: bool
+    """Whether it was baked from the take's present training."""
+
+    kept: str
+    """When, UTC, ISO 8601."""
+
+    bytes: int
+    frees: int
+    """Bytes that are free again after it is removed."""
+
+    bytes_per_frame: float
+    psnr_decoded: float | None
+    """Mean over the evaluated cameras and frames, dB; null if it was not measured."""
+
+    qp: int | None
+    stream: str
+    """Folder of the stream."""
+
+    settings: dict[str, JsonValue]
+    """Settings that it was made with, by dotted name."""
+
+    @classmethod
+    def of(cls, kept: KeptBake) -> KeptBakeRow:
+        """The row of a kept bake."""
+        return cls(
+            name=kept.name,
+            chosen=kept.chosen,
+            current=kept.current,
+            kept=kept.note.kept,
+            bytes=kept.bytes,
+            frees=kept.frees,
+            bytes_per_frame=kept.bytes_per_frame,
+            psnr_decoded=kept.psnr,
+            qp=kept.qp,
+            stream=str(kept.stream),
+            settings=kept.settings,
+        )
+
+
+def _keep(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.atomic_files import disk_errors
+    from pipelines.takes.kept_bakes import keep_bake
+    from pipelines.takes.take import Take
+
+    take = Take.open(arguments.take)
+    with take.locked("v3studio bakes keep"), disk_errors(take.root):
+        kept = keep_bake(take, arguments.name)
+    print(f"kept as '{kept.name}' ({kept.bytes / 1e6:.2f} MB)")
+    return 0
+
+
+def _choose(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.atomic_files import disk_errors
+    from pipelines.takes.kept_bakes import choose_bake
+    from pipelines.takes.take import Take
+
+    take = Take.open(arguments.take)
+    with take.locked("v3studio bakes choose"), disk_errors(take.root):
+        kept = choose_bake(take, arguments.name, discard=arguments.discard)
+    print(f"'{kept.name}' is the take's stream now, and its settings are those of the take")
+    if not kept.current:
+        print("The take has been trained anew since it was baked; `v3studio run` would bake the new training.")
+    return 0
+
+
+def _remove(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.kept_bakes import check_removable, remove_bake
+    from pipelines.takes.take import Take
+
+    take = Take.open(arguments.take)
+    with take.locked("v3studio bakes remove"):
+        check_removable(take, arguments.name)
+        for name in dict.fromkeys(arguments.name):
+            print(f"removed '{name}' ({remove_bake(take, name) / 1e6:.2f} MB freed)")
+    return 0

@@ -1,0 +1,124 @@
+"""Garbage mattes drawn as polygons, in one file for all cameras.
+
+YAML (of which JSON is a subset), in pixels of the stored frames, with 0, 0 at the upper left corner of the image:
+
+    cam01:
+      remove: [[[0, 0], [1920, 0], [1920, 210], [0, 180]]]    # the performer is never in here
+    cam02:
+      keep: [[[300, 40], [1500, 40], [1500, 1060], [300, 1060]]]    # and never outside of these
+      size: [1920, 1080]                                      # optional: size of the image that they were drawn on
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from studio.bounded_files import read_bounded
+from studio.errors import StudioError
+from studio.yaml_text import DuplicateKey, YamlError, parse_yaml
+
+EXTENSIONS = (".yaml", ".yml", ".json")
+"""Of files with polygons; garbage mattes with other extensions are images."""
+
+_BITS = 4  # of a pixel's fraction, for OpenCV
+
+
+@dataclass(frozen=True)
+class GarbagePolygons:
+    """The polygons of one camera.
+
+    Attributes:
+        keep: (N, 2) float64 corners each, in pixels; the performer is inside one of them. Empty: no limit.
+        remove: corners likewise; the performer is in none of them.
+        size: (width, height) of the image that they refer to; None: the stored frames.
+    """
+
+    keep: tuple[np.ndarray, ...] = ()
+    remove: tuple[np.ndarray, ...] = ()
+    size: tuple[float, float] | None = None
+
+    def inside(self, width: int, height: int) -> np.ndarray:
+        """(H, W) bool, where the performer may be in an image of this size in pixels."""
+        import cv2
+
+        scale = np.array([width / self.size[0], height / self.size[1]]) if self.size is not None else np.ones(2)
+        mask = np.zeros((height, width), np.uint8) if self.keep else np.full((height, width), 255, np.uint8)
+        for polygons, value in ((self.keep, 255), (self.remove, 0)):
+            for polygon in polygons:  # OpenCV counts from the center of the first pixel
+                corners = np.rint((polygon * scale - 0.5) * (1 << _BITS)).astype(np.int32)
+                cv2.fillPoly(mask, [corners], value, shift=_BITS)
+        return mask > 0
+
+
+def read_garbage_polygons(path: Path) -> dict[str, GarbagePolygons]:
+    """The polygons of a file, by camera.
+
+    Raises:
+        StudioError: `matte.garbage_file`: it cannot be read, is no YAML, or a value in it is invalid.
+    """
+    try:
+        content = parse_yaml(read_bounded(path).decode("utf-8-sig"), plain=True)  # or camera 01 would become 1
+    except OSError as error:
+        _refuse(path, f"cannot be read ({error.strerror})")
+    except UnicodeDecodeError:
+        _refuse(path, "is not text")
+    except DuplicateKey as error:
+        _refuse(path, f"'{error.key}' is used twice, at line {error.line}", error.key)
+    except YamlError as error:
+        _refuse(path, "is not valid YAML" + (f" (line {error.line})" if error.line else ""))
+    if not isinstance(content, Mapping) or not content:
+        _refuse(path, "has no cameras")
+    return {str(camera): _camera(path, str(camera), value) for camera, value in content.items()}
+
+
+def _camera(path: Path, camera: str, value: Any) -> GarbagePolygons:
+    known = ("keep", "remove", "size")
+    if not isinstance(value, Mapping) or not value:
+        _refuse(path, f"camera '{camera}' has no polygons", camera)
+    for key in value:
+        if key not in known:
+            _refuse(path, f"camera '{camera}': '{key}' is not one of {', '.join(known)}", str(key))
+    size = None
+    if "size" in value:
+        width, height = _pair(path, camera, value["size"])
+        if min(width, height) < 1:
+            _refuse(path, f"camera '{camera}': the size must be positive", (width, height))
+        size = (width, height)
+    found = {key: _polygons(path, camera, value[key]) if key in value else () for key in ("keep", "remove")}
+    return GarbagePolygons(found["keep"], found["remove"], size)
+
+
+def _polygons(path: Path, camera: str, value: Any) -> tuple[np.ndarray, ...]:
+    if not isinstance(value, list) or not value:
+        _refuse(path, f"camera '{camera}': expected a list of polygons", camera)
+    for polygon in value:
+        if not isinstance(polygon, list) or len(polygon) < 3:
+            _refuse(path, f"camera '{camera}': a polygon needs three corners [x, y] or more", camera)
+    return tuple(np.array([_pair(path, camera, corner) for corner in polygon]) for polygon in value)
+
+
+def _pair(path: Path, camera: str, value: Any) -> tuple[float, float]:
+    try:
+        first, second = (float(part) for part in value)
+    except (TypeError, ValueError):
+        first = second = math.nan
+    if not max(abs(first), abs(second)) < 1e6:  # also NaN; OpenCV takes 32-bit integers
+        _refuse(path, f"camera '{camera}': expected two numbers in pixels, found {str(value)[:60]}", str(value)[:60])
+    return first, second
+
+
+def _refuse(path: Path, problem: str, value: object = None) -> NoReturn:
+    raise StudioError(
+        "matte.garbage_file",
+        f"the file of the garbage mattes {problem}" if not problem.startswith("camera") else problem,
+        file=path,
+        value=value,
+        fix="Write it as in docs/guides/mattes.md: cam01: {remove: [[[0, 0], [1920, 0], [1920, 200]]]}.",
+        setting="capture.garbage_mattes",
+    )
