@@ -10,6 +10,7 @@ from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
+from gui.panels.path_panel import PathPanel
 from gui.panels.picture import color
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
@@ -43,6 +44,7 @@ class Panels:
     modes: ModesPanel
     stages: StagesPanel
     inspector: InspectorPanel
+    path_panel: PathPanel
     message: gui.Label
     status: gui.Label
     camera_menu: CameraMenu
@@ -90,6 +92,11 @@ class Layout:
         self.figures = not self.shows_figures
         self._panels.window.set_needs_layout()
 
+    def show_figures(self) -> None:
+        """Show the right panel."""
+        if not self.shows_figures:
+            self.toggle_figures()
+
     def set_fullscreen(self, on: bool) -> None:
         """Show the viewport alone, or with all panels."""
         panels = self._panels
@@ -111,6 +118,8 @@ class Layout:
         figures = self.shows_figures
         for widget in panels.inspector.widgets:
             widget.visible = figures
+        panels.path_panel.picture.widget.visible = figures and panels.path_panel.shown
+        panels.inspector.figures.widget.visible = figures and not panels.path_panel.shown
         if self.fullscreen:
             panels.viewport.picture.place(x, y, width, height)
             self._place_message(context, x, y, width, height)
@@ -127,9 +136,10 @@ class Layout:
         bottom_height = round(9.6 * em + controls)
         bottom = y + height - bottom_height
         panels.stages.place(x, y, left, height, context)
-        panels.status.frame = gui.Rect(inner + pad, y + height - round(1.5 * em), padded, round(1.4 * em))
-        panels.controls.flow.place(inner + pad, y + height - controls - round(1.7 * em), padded, context)
-        plots = bottom_height - controls - 2.2 * em - pad
+        panels.status.frame = gui.Rect(inner + pad, y + height - round(1.4 * em), padded, round(1.35 * em))
+        # above the status line with a margin: a list that is opened brings the controls to the front
+        panels.controls.flow.place(inner + pad, y + height - controls - round(1.9 * em), padded, context)
+        plots = bottom_height - controls - 2.4 * em - pad
         panels.timeline.picture.place(inner + pad, bottom + pad, padded, plots)
         view_width = inner_width - right - (gap if figures else 0)
         modes = panels.modes.place(panels.views.stage, inner + pad, y + 0.25 * em, view_width - pad, context)
@@ -137,6 +147,7 @@ class Layout:
         panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
         if figures:
             panels.inspector.place(inner + view_width + gap, y, right, bottom - y)
+            panels.path_panel.picture.widget.frame = panels.inspector.figures.widget.frame
         frames = (
             (x + left, y, gap, height),
             (inner, y, view_width, row),

@@ -14,12 +14,14 @@ from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
+from gui.panels.path_panel import PathPanel
 from gui.panels.picture import color, plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
 from gui.platform.chords import Chords
 from gui.platform.closing import CloseRequests
 from gui.platform.redraw import Redraws
+from gui.platform.x_window import XDisplay
 from gui.presenters.drawing.palette import BAD, DIM, GROUND, PANEL, TEXT
 from gui.presenters.evaluation import Evaluation, EvaluationFile
 from gui.presenters.loading import load
@@ -45,7 +47,10 @@ SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
 render frames. The longer one applies while rendering falls behind playback."""
 
-QUALITY = ("psnr_trained", "psnr_decoded", "bytes")
+LEAST_SIZE = (51, 40)
+"""Width and height of the window in em below which controls would be cut off."""
+
+QUALITY = ("psnr_trained", "psnr_decoded", "bytes", "flicker")
 """What the timeline shows of every frame."""
 
 Loaded = tuple[Opened, Gaussians | None] | str
@@ -97,6 +102,8 @@ class MainWindow:
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
         self.em = float(self.window.theme.font_size)
+        self._x, self._buttons = XDisplay(), 0
+        self._x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
         self.dialogs = Dialogs(self.window)
         self.actions = Actions(self)
         self._build()
@@ -119,15 +126,18 @@ class MainWindow:
         )
         self.inspector = InspectorPanel(em, changed)
         self.camera_menu = CameraMenu(em, changed)
+        self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
+        self.timeline.moved_key = self.actions.path.move_frame
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
         self._pictures = (
             self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
+            self.path_panel.picture,
         )  # fmt: skip
         self.layout: Layout = Layout(
             Panels(
                 self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
-                self.inspector, self.message, self.status, self.camera_menu,
+                self.inspector, self.path_panel, self.message, self.status, self.camera_menu,
             )
         )  # fmt: skip
         for widget in (
@@ -138,6 +148,7 @@ class MainWindow:
             self.controls.widget,
             *self.stages.widgets,
             *self.inspector.widgets,
+            self.path_panel.picture.widget,
             self.status,
             self.message,
             self.camera_menu.widget,
@@ -169,6 +180,8 @@ class MainWindow:
         opened, _ = found
         self.player.adopt(*found)
         self.workspace.open(opened.take)
+        self.actions.path.stop()
+        self.exports.path.open(opened.take.camera_path if opened.take is not None else None, self.workspace.history)
         self.marks = Marks(opened.take.marks if opened.take is not None else None)
         self.marks_changed()
         self.preferences.opened(str(opened.path))
@@ -218,10 +231,12 @@ class MainWindow:
         self.stages.estimates.stop()
         self.actions.queue.close()
         self.actions.bakes.close()
+        self.actions.path.close()
         self.workspace.close()
         self._opener.close()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
+        self._x.close()
         self._log.close()
 
     # User actions
@@ -289,6 +304,7 @@ class MainWindow:
 
     def _on_tick(self) -> bool:
         self._close_if_asked()
+        self._watch_mouse()
         opened = self._opener.take()
         if opened is not None and opened.result is not None:
             self._opened(opened.request, opened.result)
@@ -311,6 +327,7 @@ class MainWindow:
         changed |= self.actions.cameras.poll()
         changed |= self.actions.queue.poll()
         changed |= self.actions.bakes.poll()
+        changed |= self.actions.path.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:
@@ -320,7 +337,9 @@ class MainWindow:
         # decided once: everything that is drawn together is updated together
         pausing = self._redraws.pausing
         if not pausing:  # changes between two draws are invisible
+            self.timeline.path_keys = [key.frame for key in self.exports.path.keys] if self.path_panel.shown else []
             changed |= self.timeline.update()
+            changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
             if not self.layout.fullscreen:
                 changed |= self._update_panels()
         message = self.workspace.message or self.views.message
@@ -345,6 +364,14 @@ class MainWindow:
                 self.changed()
         self.ticks += 1
         return due
+
+    def _watch_mouse(self) -> None:
+        """Draw when a mouse button is pressed or released: the toolkit tells of no clicks on its menus and lists, and
+        would draw what they open only when the pointer moves."""
+        buttons = self._x.buttons
+        if buttons != self._buttons:
+            self._buttons = buttons
+            self.changed()
 
     def _update_panels(self) -> bool:
         stage_view = self.views.stage_view

@@ -43,7 +43,7 @@ GROUPS = {
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
-    "Keep takes": ("check", "bakes"),
+    "Keep takes": ("edit", "check", "bakes"),
     "Research": ("compare", "ablate"),
 }
 """Commands in the order of `v3studio --help`."""
@@ -144,6 +144,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         bakes,
         check,
         compare,
+        edit,
         estimate,
         export,
         import_splats,
@@ -201,6 +202,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     attach.register(commands)
     queue.register(commands)
     work.register(commands)
+    edit.register(commands)
     check.register(commands)
     bakes.register(commands)
     play.register(commands)
@@ -509,16 +511,19 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
     words += ["--until", arguments.until] if arguments.until else []
     words += ["--force"] if arguments.stage and arguments.force else []
     words += ["--keep", arguments.keep] if getattr(arguments, "keep", None) else []
-    run = start_background(take, config, words)
+    stored = None if arguments.stored_run is None else arguments.stored_run.stored
+    run = start_background(take, config, words, stored)
+    place = str(arguments.take if stored is None else stored.address)
     if arguments.json:
-        found = {"take": str(take.root), "pid": run.pid, "host": run.host, "running": run.code is None}
+        where = str(take.root) if stored is None else stored.address
+        found = {"take": where, "pid": run.pid, "host": run.host, "running": run.code is None}
         print(json.dumps(found), file=arguments.output)
         return 0
     if run.code is not None:
         print(f"Everything is up to date (process {run.pid} on {run.host} has ended).", file=arguments.output)
         return 0
     print(f"The run goes on in the background (process {run.pid} on {run.host}).", file=arguments.output)
-    print(f"Show it: v3studio attach {shlex.quote(str(arguments.take))}", file=arguments.output)
+    print(f"Show it: v3studio attach {shlex.quote(place)}", file=arguments.output)
     return 0
 
 

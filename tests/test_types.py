@@ -34,6 +34,7 @@ READERS_AND_WRITERS = {
     "studio/export/camera_path.py",
     "studio/imports/videogs.py",
     "studio/playback/statistics.py",  # v3studio play --json
+    "studio/similarity.py",
     "studio/splat_files/glb.py",
     "studio/splat_files/sog.py",  # meta.json
     "studio/stream/bake.py",  # a manifest's metadata

@@ -14,6 +14,7 @@ from gui.actions.cameras import CameraActions
 from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
 from gui.actions.output import OutputActions
+from gui.actions.path import PathActions
 from gui.actions.points import PointActions
 from gui.actions.queue import QueueActions
 from gui.actions.shares import ShareActions
@@ -24,7 +25,7 @@ from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import FORMATS
 from gui.presenters.run.new_take import NewTake
 from gui.presenters.run.setting_words import FOLDERS
-from gui.presenters.run.settings import SettingField
+from gui.presenters.run.settings import SettingField, place_of
 from gui.presenters.run.shares import FORMS
 from gui.presenters.stages.stage_rows import TITLES
 from gui.shell import Shell
@@ -49,6 +50,7 @@ class Actions:
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
+        self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
@@ -77,8 +79,9 @@ class Actions:
             "previous_mark": lambda: self._marks.go(-1),
             "marks": self._marks.show_all,
             **{f"export {kind}": partial(self._outputs.export, kind) for kind in FORMATS},
-            "add_key": self._outputs.add_key,
-            "clear_keys": window.exports.keys.clear,
+            "path": self.path.toggle,
+            "add_key": self.path.add,
+            "clear_keys": self.path.clear,
             "stop_export": window.exports.stop,
             **{f"share {form}": partial(self.shares.ask, form) for form in FORMS},
             "serve": self.shares.serve,
@@ -97,6 +100,7 @@ class Actions:
             "reset": (key.R,),
             "mark": (key.M,),
             "add_key": (key.K,),
+            "path": (key.P,),
             "fullscreen": (key.F,),
             "figures": (key.I,),
             "queue": (key.Q,),
@@ -165,15 +169,12 @@ class Actions:
         config = window.workspace.config
         if config is None:
             return
-        root = config.capture.root
         kind = "folder" if field.name in FOLDERS else "file"
-        now = root if kind == "folder" else root / field.shown(config)
-        start = now if now.exists() else root
 
         def done(chosen: str) -> None:
             window.stages.set_text(field, chosen)
 
-        ask_path(window.dialogs, field.label[:1].upper() + field.label[1:], start, kind, done)
+        ask_path(window.dialogs, field.label[:1].upper() + field.label[1:], place_of(field, config), kind, done)
 
     # Runs
 

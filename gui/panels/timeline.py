@@ -11,6 +11,7 @@ from open3d.visualization import gui
 from gui.panels.picture import PictureWidget
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import Plot, TimelinePlots
+from gui.presenters.playback.timeline_zoom import TimelineZoom
 
 HOVER_SECONDS = 4.0
 """Seconds that the values under the pointer stay: the toolkit does not report that the pointer has left."""
@@ -28,6 +29,9 @@ class TimelinePanel:
         plots: the rows above the track.
         marks: marked frames.
         frame: the frame drawn as current; None for none.
+        zoom: the part of the frames that is shown; the wheel changes it, a right drag moves it.
+        path_keys: frames of the views of the camera path, which can be dragged.
+        moved_key: called with the index of such a view and its new frame.
         explanation: what the plots show, the tooltip of their titles.
     """
 
@@ -45,34 +49,73 @@ class TimelinePanel:
         self._down = False
         self.plots: Sequence[Plot] = ()
         self.marks: tuple[int, ...] = ()
+        self.zoom = TimelineZoom()
+        self._panned: float | None = None
+        self.path_keys: Sequence[int] = ()
+        self.moved_key: Callable[[int, int], None] = lambda key, frame: None
+        self._dragged: tuple[int, int] | None = None
         self.picture = PictureWidget(self._on_mouse)
 
     @property
     def plots_view(self) -> TimelinePlots:
         """The current mapping of pixels to frames."""
         transport = self._player.transport
-        return TimelinePlots(*self.picture.size, self._em, transport.frame_count, transport.group_starts)
+        zoom = self.zoom.within(transport.frame_count)
+        return TimelinePlots(
+            *self.picture.size, self._em, transport.frame_count, transport.group_starts, zoom.first, zoom.shown
+        )
 
     def update(self) -> bool:
         """Redraw what has changed; return whether anything did."""
         transport = self._player.transport
         frame = self._player.frame if self._player.opened is not None else None
-        below = (self.picture.size, transport.frame_count, transport.group_starts, id(self.plots), self.marks)
+        if frame is not None and transport.playing:
+            self.zoom = self.zoom.following(frame, transport.frame_count)
+        below = (
+            self.picture.size,
+            transport.frame_count,
+            transport.group_starts,
+            id(self.plots),
+            self.marks,
+            self._keys,
+            self.zoom,
+        )
         if time.monotonic() > self._hover_until:
             self._hover = None
         hover = self._hover if frame is not None else None
         if (below, frame, hover) == self._drawn:
             return False
         if self._base is None or self._drawn is None or self._drawn[0] != below:
-            self._base = self.plots_view.base(self.plots, self.marks)
+            self._base = self.plots_view.base(self.plots, self.marks, self._keys)
         self._drawn = (below, frame, hover)
         self.frame = frame
         self.picture.show(self.plots_view.with_head(self._base, frame, self.plots, hover))
         return True
 
+    @property
+    def _keys(self) -> tuple[int, ...]:
+        """Frames of the views, as dragged."""
+        frames = list(self.path_keys)
+        if self._dragged is not None and self._dragged[0] < len(frames):
+            frames[self._dragged[0]] = self._dragged[1]
+        return tuple(frames)
+
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
         view = self.plots_view
+        frames, width = self._player.transport.frame_count, view.timeline.width
+        if event.type == kind.WHEEL:
+            share = min(max((x - view.left) / width, 0.0), 1.0)
+            self.zoom = self.zoom.within(frames).zoomed(event.wheel_dy, share, frames)
+            self._changed()
+            return True
+        if event.type == kind.DRAG and event.is_button_down(gui.MouseButton.RIGHT):
+            if self._panned is not None and view.shown is not None:
+                self.zoom = self.zoom.moved((self._panned - x) * view.shown / width, frames)
+            self._panned = x
+            self._changed()
+            return True
+        self._panned = None
         if event.type in (kind.MOVE, kind.DRAG):
             # the toolkit's tooltip appears at the pointer: over the titles only, where it covers no plot
             self.picture.widget.tooltip = self.explanation if x < view.left else ""
@@ -83,6 +126,9 @@ class TimelinePanel:
             return False
         transport = self._player.transport
         if event.type == kind.BUTTON_UP:
+            if self._dragged is not None:
+                dragged, self._dragged = self._dragged, None
+                self.moved_key(*dragged)
             if self._resume:
                 transport.play()
             self._resume = self._down = False
@@ -91,6 +137,10 @@ class TimelinePanel:
                 self._down = True
                 self._resume = transport.playing
                 transport.pause()
+                key = view.key_at(x, y, self._keys)
+                self._dragged = None if key is None else (key, self._keys[key])
+            if self._down and self._dragged is not None:
+                self._dragged = (self._dragged[0], view.frame_at(x))
             if self._down:
                 transport.seek(view.frame_at(x))
         self._changed()

@@ -124,7 +124,7 @@ def _export(arguments: argparse.Namespace) -> int:
             _need_stream(arguments.source)
             video = decoded_video(stack.enter_context(open_reader(arguments.source)))
         if arguments.format in ("turntable", "camera-path"):
-            video = replace(video, sound=_sound(arguments.source, stack))
+            video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         json_output = arguments.output if arguments.json else None
         progress = stack.enter_context(working(f"export {arguments.format}", json_output))
@@ -187,17 +187,28 @@ def _need_stream(source: str) -> None:
         )
 
 
-def _sound(source: str, stack: ExitStack) -> Pcm | None:
-    """The sound of the source's stream, also for trained frames; None if it has none."""
+def _sound(arguments: argparse.Namespace, stack: ExitStack, video: SplatVideo) -> Pcm | None:
+    """The sound of the source's stream, also for trained frames; None if it has none, or was baked for later frames."""
+    from pipelines.takes.edits import read_edits
     from pipelines.takes.take import Take
-    from pipelines.takes.videos import is_take, open_reader
+    from pipelines.takes.videos import capture_place, is_take, open_reader
+    from studio.audio.pcm import part_of
 
+    source = arguments.source
     if is_take(source) and not Take.open(Path(source).expanduser()).stream.is_dir():
         return None
-    sound = stack.enter_context(open_reader(source)).sound()
-    if sound is not None:
-        stack.callback(sound.close)
-    return sound
+    reader = stack.enter_context(open_reader(source))
+    sound = reader.sound()
+    if sound is None:
+        return None
+    stack.callback(sound.close)
+    if arguments.of != "trained":
+        return sound
+    trim = read_edits(Take.open(Path(source).expanduser()).edits).trim
+    early = (0 if trim is None else trim.first) - capture_place(reader).first_frame
+    if early == 0 and video.frame_count == reader.frame_count:
+        return sound
+    return None if early < 0 else part_of(sound, early / video.fps, video.duration)
 
 
 def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> SplatVideo:

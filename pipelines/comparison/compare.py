@@ -111,7 +111,7 @@ def compare(
                     footage = take.footage
                     pair = ViewPair.of(
                         gaussians,
-                        footage.rig[camera],
+                        take.place.camera(footage.rig[camera]),
                         footage.image(camera, frame),
                         footage.evaluation_matte(camera, frame),
                         protocol.background,

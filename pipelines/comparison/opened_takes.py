@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING
 
 from pipelines.config import load_config
 from pipelines.stages.footage import TakeFootage
+from pipelines.takes.edits import read_edits
 from pipelines.takes.take import Take
+from pipelines.takes.videos import capture_place
 from studio.comparison import EvaluationProtocol, find_camera
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from studio.capture import Footage
-    from studio.stream import StreamReader
+    from studio.stream import CapturePlace, StreamReader
 
 
 @dataclass
@@ -27,6 +29,7 @@ class OpenedTake:
         name: unique in the comparison.
         take: the take.
         reader: its stream.
+        place: where the stream lies in the take.
         footage: the truth, seen through this take's cameras.
         frames: footage frame to index in the stream.
         trained_on: cameras that it was trained on.
@@ -36,6 +39,7 @@ class OpenedTake:
     name: str
     take: Take
     reader: StreamReader
+    place: CapturePlace
     footage: Footage
     frames: dict[int, int]
     trained_on: tuple[str, ...]
@@ -108,7 +112,10 @@ def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -
         raise StudioError("take.no_stream", "this take has no stream yet", file=take.root, fix="Run `v3studio bake`.")
     reader = closing.enter_context(StreamReader.open(take.stream))
     frames = own.raw.frames
-    if reader.frame_count != len(frames):
+    place = capture_place(reader)
+    first, count = place.first_frame, reader.frame_count
+    # a trimmed stream has fewer frames than its take
+    if first + count > len(frames) or (count != len(frames) and read_edits(take.edits).trim is None):
         raise StudioError(
             "stream.frame_count",
             f"the stream has {reader.frame_count} frames, but the take has {len(frames)}",
@@ -117,9 +124,9 @@ def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -
             fix="Run `v3studio bake`.",
             expected=len(frames),
         )
-    starts = frozenset(frames[group.first_frame] for group in reader.manifest.groups)
-    indices = {frame: index for index, frame in enumerate(frames)}
-    return OpenedTake(name, take, reader, footage, indices, own.raw.train_cameras, starts)
+    starts = frozenset(frames[first + group.first_frame] for group in reader.manifest.groups)
+    indices = {frame: index for index, frame in enumerate(frames[first : first + count])}
+    return OpenedTake(name, take, reader, place, footage, indices, own.raw.train_cameras, starts)
 
 
 def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequence[str]) -> tuple[str, ...]:

@@ -17,13 +17,16 @@ from pipelines.review.messages import (
 )
 from pipelines.stages.footage import TakeFootage, performer_over
 from pipelines.takes.evaluation import Evaluation, read_evaluation
-from pipelines.takes.marks import Mark, change_mark, read_marks
+from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
 from pipelines.takes.records import read_record, result_of
 from pipelines.takes.take import Take
+from pipelines.takes.videos import capture_place
 from studio.errors import StudioError
+from studio.similarity import Similarity
 
 if TYPE_CHECKING:
     from studio.capture import Footage
+    from studio.stream import CapturePlace
 
 MAX_WIDTH = 1920
 """Largest width of a picture in pixels; larger ones are scaled down."""
@@ -40,6 +43,7 @@ class TakeReview:
     Attributes:
         take: the take.
         frame_count: frames of its stream.
+        place: where the stream lies in the take. Browsers see frames and positions of the stream.
 
     Raises:
         StudioError: the stream cannot be opened.
@@ -47,7 +51,7 @@ class TakeReview:
 
     def __init__(self, take: Take) -> None:
         self.take = take
-        self.frame_count = self._count()
+        self.frame_count, self.place = self._stream()
         self._opening = threading.Lock()
 
     def data(self) -> ReviewData:
@@ -55,7 +59,7 @@ class TakeReview:
 
         Missing results are no error but a sentence in `problems`, without paths of this machine.
         """
-        self.frame_count = self._count()  # of a live stream, it grows
+        self.frame_count, self.place = self._stream()  # of a live stream, it grows
         problems = []
         evaluation: Evaluation | None = None
         try:
@@ -74,7 +78,7 @@ class TakeReview:
         return ReviewData(
             frame_count=self.frame_count,
             quality=None if evaluation is None else self._curves(evaluation),
-            cameras=() if footage is None else tuple(_camera(footage, name) for name in _compared(footage)),
+            cameras=() if footage is None else tuple(_camera(footage, name, self.place) for name in _compared(footage)),
             background=self._background,
             problems=tuple(problems),
         )
@@ -86,7 +90,7 @@ class TakeReview:
 
         Args:
             camera: of `ReviewData.cameras`.
-            frame: counted from 0.
+            frame: counted from 0 in the stream.
 
         Raises:
             StudioError: no such camera (`review.no_camera`) or frame (`review.no_frame`), or the footage cannot be
@@ -99,41 +103,55 @@ class TakeReview:
         footage = self._opened
         if footage is None or camera not in _compared(footage):
             raise StudioError("review.no_camera", "no such camera to compare with", value=camera)
-        if not 0 <= frame < min(self.frame_count, len(footage.frames)):
+        first = self.place.first_frame
+        if not 0 <= frame < min(self.frame_count, len(footage.frames) - first):
             raise StudioError("review.no_frame", "the footage has no such frame", value=frame)
-        image = performer_over(footage, camera, footage.frames[frame], self._background)
+        image = performer_over(footage, camera, footage.frames[first + frame], self._background)
         size = _size(footage, camera)
         if size != (image.shape[1], image.shape[0]):
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
         return encode(image, ".jpg", _QUALITY)
 
     def marks(self) -> dict[int, Mark]:
-        """Marks by frame; raises StudioError as `read_marks`."""
-        return read_marks(self.take.marks)
+        """Marks by frame of the stream; raises StudioError as `read_marks`."""
+        return self._in_stream(read_marks(self.take.marks))
 
     def change(self, change: MarkChange) -> dict[int, Mark]:
-        """Add, change or remove a mark; returns all marks.
+        """Add, change or remove a mark; returns all marks by frame of the stream.
 
         Raises:
             StudioError: no such frame (`review.no_frame`), or as `change_mark`.
         """
         if change.frame >= self.frame_count:
             raise StudioError("review.no_frame", "the take has no such frame", value=change.frame)
+        frame, back = self.place.first_frame + change.frame, self.place.world.inverse
         new, old = (
-            None if one is None else Mark(frame=change.frame, note=one.note, author=one.author, view=one.view)
+            None
+            if one is None
+            else Mark(frame=frame, note=one.note, author=one.author, view=_seen_from(one.view, back))
             for one in (change.mark, change.replaces)
         )
-        return change_mark(self.take.marks, change.frame, new, old)
+        return self._in_stream(change_mark(self.take.marks, frame, new, old))
+
+    def _in_stream(self, marks: dict[int, Mark]) -> dict[int, Mark]:
+        """Marks of a take, with frames and positions of its stream; those of frames that it does not have are left
+        out."""
+        first, world = self.place.first_frame, self.place.world
+        return {
+            frame - first: mark.model_copy(update={"frame": frame - first, "view": _seen_from(mark.view, world)})
+            for frame, mark in marks.items()
+            if 0 <= frame - first < self.frame_count
+        }
 
     def _measured_another_stream(self) -> bool:
         record = read_record(self.take, "evaluate")
         return record is not None and record.params.get("result of bake") != result_of(self.take, "bake")
 
-    def _count(self) -> int:
+    def _stream(self) -> tuple[int, CapturePlace]:
         from studio.stream import StreamReader
 
         with StreamReader.open(self.take.stream) as reader:
-            return reader.frame_count
+            return reader.frame_count, capture_place(reader)
 
     @cached_property
     def _settings(self) -> TakeFootage:
@@ -164,7 +182,7 @@ class TakeReview:
             return None
 
     def _curves(self, evaluation: Evaluation) -> QualityCurves:
-        rows = {row.index: row for row in evaluation.frames}
+        rows = {row.index - self.place.first_frame: row for row in evaluation.frames}
 
         def curve(value: object) -> tuple[float | None, ...]:
             assert callable(value)
@@ -194,8 +212,16 @@ def _size(footage: Footage, camera: str) -> tuple[int, int]:
     return max(round(own.width * scale), 1), max(round(own.height * scale), 1)
 
 
-def _camera(footage: Footage, name: str) -> ReviewCamera:
-    camera = footage.rig[name].resized(*_size(footage, name))
+def _seen_from(view: MarkView | None, world: Similarity) -> MarkView | None:
+    """A view in another world."""
+    if view is None or world.is_identity:
+        return view
+    eye, target = world.points(np.array([view.eye, view.target])).tolist()
+    return view.model_copy(update={"eye": tuple(eye), "target": tuple(target)})
+
+
+def _camera(footage: Footage, name: str, place: CapturePlace) -> ReviewCamera:
+    camera = place.camera(footage.rig[name].resized(*_size(footage, name)))
     return ReviewCamera(
         name=name,
         width=camera.width,

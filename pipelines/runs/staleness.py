@@ -14,6 +14,7 @@ from pydantic import JsonValue
 
 from pipelines.config.renamed import ADDED
 from pipelines.stages.base import Context, Stage
+from pipelines.stages.edited import PREFIX, change_words
 from pipelines.stages.params import Params
 from pipelines.takes.atomic_files import (
     Result,
@@ -175,7 +176,7 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
     names = sorted(before.keys() | now.keys())
     changed = [name for name in names if digest_of(before.get(name)) != digest_of(now.get(name))]
     # What only one side depends on, such as the footage when a ladder is fine-tuned, follows from another change.
-    own = [name for name in changed if name in ADDED or (name in before and name in now)]
+    own = [name for name in changed if name in ADDED or name.startswith(PREFIX) or (name in before and name in now)]
     found = [_difference(name, before, now) for name in own or changed]
     return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
 
@@ -185,6 +186,8 @@ def _difference(name: str, before: Mapping[str, object], now: Mapping[str, objec
         return f"the result of {name.removeprefix('result of ')} changed"
     if name in ("footage", "camera file"):
         return f"the {name} changed"
+    if name.startswith(PREFIX):
+        return change_words(name, before.get(name), now.get(name))
     old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
     is_new_default = (name, old, new) == NEW_DEFAULT
     keep = f", now the default; set it to {_short(old)} to keep the old stream" if is_new_default else ""

@@ -7,27 +7,30 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.contribution import DrawnContribution
+from pipelines.stages.edited import edit_params
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.rungs import FinetunedFrames, RungTraining, finetuned_rungs, finetuning_params
 from pipelines.stages.summaries import BakeSummary
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy, read_model, remove, write_model
-from pipelines.takes.frame_files import read_frame
+from pipelines.takes.edited import EditedFrames, EditedGroup, edits_of_group
 from pipelines.takes.groups import Group
 from pipelines.takes.records import digests_on_record
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
 from studio.atomic_files import exchange, sync
 from studio.capture.digest import digest_files
-from studio.errors import Message
+from studio.edits.edit_list import UP, Trim
+from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
+    from studio.cameras import Camera
     from studio.gaussians import Gaussians
     from studio.stream import AudioEntry, BakedGroup, StreamMetadata
 
@@ -38,17 +41,19 @@ SHORT_SOUND = 0.05
 
 @dataclass(frozen=True)
 class Part:
-    """A group of the stream: a trained group, or a part of one (`bake.first_group_size`).
+    """A group of the stream: a trained group, or a part of one (`bake.first_group_size`, or the take is trimmed).
 
     Attributes:
         index: number of the group in the stream.
         trained: the trained group.
         indices: its frames, counted from 0 in the take.
+        stream_first: its first frame, counted from 0 in the stream.
     """
 
     index: int
     trained: Group
     indices: range
+    stream_first: int
 
     @property
     def first(self) -> int:
@@ -56,13 +61,16 @@ class Part:
         return self.indices[0]
 
 
-def parts_of(groups: Sequence[Group], first_size: int | None) -> tuple[Part, ...]:
-    """The stream's groups: those of the take, the first one cut after `first_size` frames if it is longer."""
-    ranges = [(group, group.indices) for group in groups]
-    if first_size is not None and len(groups[0].indices) > first_size:
-        whole = groups[0].indices
-        ranges[:1] = [(groups[0], whole[:first_size]), (groups[0], whole[first_size:])]
-    return tuple(Part(index, group, indices) for index, (group, indices) in enumerate(ranges))
+def parts_of(groups: Sequence[Group], first_size: int | None, trim: Trim | None = None) -> tuple[Part, ...]:
+    """The stream's groups: those of the take within its trim, the first one cut after `first_size` frames if it is
+    longer."""
+    start, stop = (trim.first, trim.last + 1) if trim is not None else (0, groups[-1].indices[-1] + 1)
+    kept = [(group, range(max(group.first, start), min(group.indices[-1] + 1, stop))) for group in groups]
+    ranges = [(group, indices) for group, indices in kept if indices]
+    if first_size is not None and ranges and len(ranges[0][1]) > first_size:
+        group, whole = ranges[0]
+        ranges[:1] = [(group, whole[:first_size]), (group, whole[first_size:])]
+    return tuple(Part(index, group, indices, indices[0] - start) for index, (group, indices) in enumerate(ranges))
 
 
 class BakeStage:
@@ -88,6 +96,7 @@ class BakeStage:
             **settings_affecting(context.config, "videos", "manifest", "sound"),
             "frames a second": float(context.footage.raw.fps),
             **_content_of_sound(context),
+            **edit_params(context.edits),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -154,8 +163,30 @@ class BakeStage:
         )
 
     def parts(self, context: Context) -> tuple[Part, ...]:
-        """The stream's groups, in order."""
-        return parts_of(context.groups, context.config.bake.first_group_size)
+        """The stream's groups, in order.
+
+        Raises:
+            StudioError: the trim leaves no frame (`edits.no_frames_left`), or the edits cannot be read.
+        """
+        trim = context.edits.trim
+        found = parts_of(context.groups, context.config.bake.first_group_size, trim)
+        if not found and trim is not None:
+            last = len(context.footage.raw.frames) - 1
+            raise StudioError(
+                "edits.no_frames_left",
+                f"the take is trimmed to frames {trim.first} to {trim.last}, but it has frames 0 to {last}",
+                file=context.take.edits,
+                value=[trim.first, trim.last],
+                fix="Set other frames with `v3studio edit trim`, or remove the trim with `v3studio edit remove trim`.",
+                expected=[0, last],
+            )
+        return found
+
+    def frames_needed(self, context: Context, part: Part) -> int:
+        """Number of trained frames of its group without which a part cannot be baked: where splats are removed, all
+        of them decide which."""
+        whole = edits_of_group(context.edits, part.trained.indices).removes
+        return len(part.trained.indices) if whole else part.indices[-1] + 1 - part.trained.first
 
     def group_key(self, context: Context, group: Group) -> str:
         """See `GroupStage`."""
@@ -235,8 +266,14 @@ class BakeStage:
 
     def _key(self, context: Context, group: Part, known: Mapping[Path, str] | None = None) -> str:
         """Digest of everything that the group is made from; `known` are digests of frames that need not be read."""
+        edits = edits_of_group(context.edits, group.trained.indices)
         frames = [context.take.trained_frame(group.trained.index, index) for index in group.indices]
+        if edits.removes:
+            frames += [context.take.trained_frame(group.trained.index, index) for index in group.trained.indices]
         content = [(known or {}).get(path) or (digest_of_file(path) if path.is_file() else None) for path in frames]
+        edited = edit_params(edits)
+        if group.stream_first != group.first:
+            edited["first frame in the stream"] = group.stream_first
         settings = settings_affecting(context.config, "videos")
         if context.config.bake.stream_version == 3:  # its level depends on it
             settings["frames a second"] = float(context.footage.raw.fps)
@@ -250,6 +287,7 @@ class BakeStage:
             group.first,
             content,
             *([finetuned] if finetuned else []),
+            *([edited] if edited else []),
         )
 
     def _place(self, context: Context, group: Part) -> Path | None:
@@ -305,7 +343,8 @@ class BakeStage:
 
         remove(self._note(context, group))
         label, bake = f"group {group.index}", context.config.bake
-        frames = TrainedFrames(context, group)
+        edited = edited_group(context, group)
+        frames = EditedFrames(edited, group.indices)
         finetuned: dict[tuple[float, int | None, int], FinetunedFrames] = {}
         training, rungs = RungTraining(context), finetuned_rungs(context)
         new = [rung for rung in rungs if not training.finished(group.trained, rung)]
@@ -313,19 +352,20 @@ class BakeStage:
         for rung in rungs:
             end = start + share * (rung in new)
             progress = reporter.part(f"{label}: fine-tuning {rung.kept}", start, end)
-            finetuned[rung.kind] = FinetunedFrames(frames, training.offsets(group.trained, rung, reporter, progress))
+            offsets = training.offsets(group.trained, rung, reporter, progress)
+            finetuned[rung.kind] = FinetunedFrames(edited, group.indices, offsets)
             start = end
         entry = bake_group(
             frames,
             self._folder(context),
             group.index,
-            group.first,
+            group.stream_first,
             bake,
             progress=reporter.part(label, start, stop),
-            quality=DrawnError(context, group) if bake.target_psnr is not None or bake.ladder else None,
+            quality=DrawnError(context, frames) if bake.target_psnr is not None or bake.ladder else None,
             threads=context.config.run.threads,
             fps=float(context.footage.raw.fps),
-            contribution=DrawnContribution(context, group.trained.index, group.indices),
+            contribution=DrawnContribution(context, frames, stream_cameras(context)),
             finetuned=lambda rung: finetuned[rung.kind],
         )
         seen = seen_box(frames[index] for index in sorted({0, len(frames) // 2, len(frames) - 1}))
@@ -370,7 +410,9 @@ class BakeStage:
                 )
             )
             return None
-        cut = footage.sound.cut(footage.frames, footage.spec.step)
+        trim = context.edits.trim
+        frames = footage.frames if trim is None else footage.frames[trim.first : trim.last + 1]
+        cut = footage.sound.cut(frames, footage.spec.step)
         audio = bake_sound(cut, new)
         for seconds, where in ((cut.missing_before, "begins"), (cut.missing_after, "ends")):
             if seconds > SHORT_SOUND:
@@ -392,22 +434,27 @@ class BakeStage:
         camera: nothing tells where the front is, and held-out cameras are chosen for other reasons."""
         from studio.coverage import view_range
         from studio.stream import StreamMetadata
+        from studio.stream.metadata import CapturePlace
         from studio.stream.suggested_view import suggested_view
 
-        footage = context.footage.calibrated
+        footage, world = context.footage.calibrated, context.edits.similarity
+        cameras, up = stream_cameras(context), world.directions(footage.rig.up)
         boxes = []
         for part, entry in zip(self.parts(context), entries, strict=False):  # while live, of the first groups
             note = read_model(self._note(context, part), BakedGroupNote)
             boxes.append(note.seen or (entry.bounding_box.min, entry.bounding_box.max))
         low = np.min([box[0] for box in boxes], axis=0).tolist()
         high = np.max([box[1] for box in boxes], axis=0).tolist()
-        camera = suggested_view(footage.rig[footage.train_cameras[0]], low, high, footage.rig.up)
-        x, y, z = footage.rig.up.tolist()
+        if context.edits.world is not None and context.edits.world.up is not None:
+            up = np.array(UP)
+        camera = suggested_view(cameras[0], low, high, up)
+        x, y, z = up.tolist()
         covered = None
         if context.config.bake.view_range == "auto":
-            cameras = [footage.rig[name] for name in footage.train_cameras]
             covered = view_range(cameras, (np.array(low) + np.array(high)) / 2)
-        return StreamMetadata(camera, context.config.capture.background, (x, y, z), covered)
+        first = self.parts(context)[0].first
+        place = None if first == 0 and world.is_identity else CapturePlace(first, world)
+        return StreamMetadata(camera, context.config.capture.background, (x, y, z), covered, place)
 
     def _put_in_place(self, context: Context, new: Path) -> None:
         """Swap folders, in one step where the system can. If killed between the two renames that it takes elsewhere,
@@ -455,23 +502,26 @@ class DrawnError:
     """Image error of decoded frames against trained ones, for `bake.target_psnr`.
 
     Both are rendered from a few cameras around the performer and compared in the bounding box of the foreground.
+
+    Args:
+        context: of the stage.
+        frames: the trained frames of the group, with the take's edits.
     """
 
     CAMERAS = 4
     WIDTH = 640
 
-    def __init__(self, context: Context, group: Part) -> None:
-        self._context, self._group = context, group
-        names = context.footage.calibrated.train_cameras
-        chosen = np.linspace(0, len(names), min(self.CAMERAS, len(names)), endpoint=False).astype(int)
-        self._cameras = [context.footage.calibrated.rig[names[index]] for index in chosen]
+    def __init__(self, context: Context, frames: Sequence[Gaussians]) -> None:
+        self._context, self._frames = context, frames
+        cameras = stream_cameras(context)
+        chosen = np.linspace(0, len(cameras), min(self.CAMERAS, len(cameras)), endpoint=False).astype(int)
+        self._cameras = [cameras[index] for index in chosen]
         self._trained: dict[int, list[np.ndarray]] = {}
 
     def __call__(self, index: int, decoded: Gaussians) -> float:
         """Mean squared error over the cameras, colors in 0 to 1; `index` counts within the group."""
         if index not in self._trained:
-            path = self._context.take.trained_frame(self._group.trained.index, self._group.indices[index])
-            self._trained[index] = self._draw(read_frame(path))
+            self._trained[index] = self._draw(self._frames[index])
         errors = []
         for trained, found in zip(self._trained[index], self._draw(decoded), strict=True):
             box = drawn_box(trained, self._context.config.capture.background)
@@ -498,16 +548,13 @@ def drawn_box(image: np.ndarray, background: Sequence[float]) -> tuple[slice, sl
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
-class TrainedFrames(Sequence["Gaussians"]):
-    """The trained frames of a group, read on access."""
+def edited_group(context: Context, part: Part) -> EditedGroup:
+    """The trained group of a part, with the take's edits."""
+    return EditedGroup(context.take, part.trained.index, part.trained.indices, context.edits)
 
-    def __init__(self, context: Context, group: Part) -> None:
-        self._paths = [context.take.trained_frame(group.trained.index, index) for index in group.indices]
 
-    def __len__(self) -> int:
-        return len(self._paths)
-
-    def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            raise TypeError("trained frames do not support slices")
-        return read_frame(self._paths[index])
+def stream_cameras(context: Context) -> list[Camera]:
+    """The training cameras in the world of the stream."""
+    footage, world = context.footage.calibrated, context.edits.similarity
+    cameras = [footage.rig[name] for name in footage.train_cameras]
+    return cameras if world.is_identity else [world.camera(camera) for camera in cameras]

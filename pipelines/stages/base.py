@@ -27,6 +27,7 @@ from studio.json_types import JsonData
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
+    from studio.edits import CropBox, EditList
     from studio.perceptual import Lpips
 
 _LEAST_PAUSE = 0.2
@@ -57,6 +58,17 @@ class Context:
     def footage(self) -> TakeFootage:
         """The footage, opened on first access."""
         return TakeFootage(self.take, self.config)
+
+    @property
+    def edits(self) -> EditList:
+        """The take's edits; see `TakeFootage.edits`."""
+        return self.footage.edits
+
+    @property
+    def training_box(self) -> CropBox | None:
+        """The crop box, if training sees only what is in front of it."""
+        crop = self.edits.crop
+        return crop if crop is not None and crop.training else None
 
     @property
     def groups(self) -> tuple[Group, ...]:

@@ -1,11 +1,17 @@
-"""What each splat of a trained group adds to the pictures of the training cameras."""
+"""What each splat of a group adds to the pictures of the training cameras."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipelines.stages.base import Context
-from pipelines.takes.frame_files import read_frame
+
+if TYPE_CHECKING:
+    from studio.cameras import Camera
+    from studio.gaussians import Gaussians
 
 
 class DrawnContribution:
@@ -15,27 +21,25 @@ class DrawnContribution:
 
     Args:
         context: of the stage.
-        group: index of the trained group.
-        indices: its frames, or some of them, counted from 0 in the take.
+        frames: of the group, read on access.
+        cameras: the training cameras, in the world of the frames.
     """
 
     WIDTH = 640
 
-    def __init__(self, context: Context, group: int, indices: range) -> None:
-        self._context, self._group, self._indices = context, group, indices
+    def __init__(self, context: Context, frames: Sequence[Gaussians], cameras: Sequence[Camera]) -> None:
+        self._context, self._frames, self._cameras = context, frames, cameras
 
     def __call__(self) -> np.ndarray:
         """(N,) float64: sum over views of the splat's blending weights."""
         from studio.rasterizer.contribution import contribution
 
-        context, count = self._context, len(self._indices)
-        footage = context.footage.calibrated
+        context, count = self._context, len(self._frames)
         total: np.ndarray | None = None
         for position in sorted({0, count // 2, count - 1}):
-            gaussians = read_frame(context.take.trained_frame(self._group, self._indices[position]))
-            for name in footage.train_cameras:
+            gaussians = self._frames[position]
+            for camera in self._cameras:
                 context.cancellation.check()
-                camera = footage.rig[name]
                 if camera.width > self.WIDTH:
                     camera = camera.scaled(self.WIDTH / camera.width)
                 found = contribution(gaussians.to(context.device), camera)

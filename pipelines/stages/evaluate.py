@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,20 +12,47 @@ import numpy as np
 
 from pipelines.reports.evaluation import Sample, render_report
 from pipelines.reports.pictures import draw
+from pipelines.stages.bake import BakeStage
 from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.edited import edit_params
 from pipelines.stages.measured_groups import Measured, read_measured, write_measured
 from pipelines.stages.params import Params, key_of, settings_affecting
+from pipelines.stages.residuals import Residual, flicker_of
 from pipelines.takes.atomic_files import remove, write_model, write_text
+from pipelines.takes.edited import EditedGroup
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
-from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from studio.comparison import HIGHEST_PSNR, padded_box
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
+    from studio.cameras import Camera
     from studio.gaussians import Gaussians
     from studio.stream import StreamReader
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A view of the footage.
+
+    Attributes:
+        camera: from which splats are drawn.
+        box: rows and columns that are measured.
+        truth: (h, w, 3) float32 footage in the box, 0 to 1.
+    """
+
+    camera: Camera
+    box: tuple[slice, slice]
+    truth: np.ndarray
+
+    def draw(self, context: Context, gaussians: Gaussians) -> np.ndarray:
+        """(h, w, 3) float32 in 0 to 1: splats in the box."""
+        return draw(gaussians, self.camera, context.config.capture.background, context.device)[self.box]
+
+    def residual(self, decoded: np.ndarray) -> Residual:
+        """Of what was drawn in the box."""
+        return Residual(self.box, (decoded - self.truth).astype(np.float16))
 
 
 class EvaluateStage:
@@ -42,6 +70,7 @@ class EvaluateStage:
             "footage": context.footage.digest,
             "frames": list(context.footage.raw.frames),
             **settings_affecting(context.config, "evaluation"),
+            **edit_params(context.edits),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -69,13 +98,18 @@ class EvaluateStage:
                 )
             )
         if context.executor is not None:
-            todo = [group for group in context.groups if not self.group_done(context, group)]
+            kept = set(baked_frames(context))
+            groups = [group for group in context.groups if kept & set(group.indices)]
+            todo = [group for group in groups if not self.group_done(context, group)]
             if todo:
                 context.executor.run(self, context, todo, reporter)
         with self._reader(context) as reader:
             manifest = reader.manifest
             measured = Measured()
+            baked = baked_frames(context)
             for group in context.groups:
+                if not set(group.indices) & set(baked):
+                    continue
                 key = self.group_key(context, group)
                 found = read_measured(context.take, group.index, key)
                 if found is None:
@@ -107,6 +141,8 @@ class EvaluateStage:
             bytes_per_frame=round(manifest.bytes_per_frame, 1),
             psnr_trained_lowest_frame=min(row.psnr_trained for row in measured.frames),
             psnr_decoded_lowest_frame=min(row.psnr_decoded for row in measured.frames),
+            **_mean_flicker("flicker", measured.frames),
+            **_mean_flicker("flicker_at_group_borders", [row for row in measured.frames if row.keyframe]),
         )
         protocol = Protocol(
             cameras=tuple(cameras),
@@ -117,8 +153,9 @@ class EvaluateStage:
             resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
             crop=f"bounding box of the matte, padded by {context.config.evaluate.crop_padding} px",
             background=context.config.capture.background,
-            truth="the camera's image composited over the background with the evaluation matte",
-            frames=tuple(int(frame) for frame in footage.frames),
+            truth="the camera's image composited over the background with the evaluation matte"
+            + (", where the camera sees the crop box" if context.edits.crop is not None else ""),
+            frames=tuple(int(footage.frames[index]) for index in baked),
             mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
             ssim="11x11 Gaussian window, sigma 1.5",
             **({} if lpips is None else {"lpips": lpips.protocol}),
@@ -168,15 +205,17 @@ class EvaluateStage:
 
     @contextmanager
     def _reader(self, context: Context) -> Iterator[StreamReader]:
-        """The take's stream. Raises StudioError if it does not have the take's frames."""
+        """The take's stream. Raises StudioError if it does not have the take's frames, or those of its trim."""
         from studio.stream import StreamReader
 
         with StreamReader.open(context.take.stream) as reader:
-            frames = len(context.footage.raw.frames)
+            frames = len(baked_frames(context))
             if reader.frame_count != frames:
+                trim = context.edits.trim
+                of_take = f"the take has {frames}" if trim is None else f"the take is trimmed to {frames}"
                 raise StudioError(
                     "stream.frame_count",
-                    f"the stream has {reader.frame_count} frames, but the take has {frames}",
+                    f"the stream has {reader.frame_count} frames, but {of_take}",
                     file=context.take.stream,
                     value=reader.frame_count,
                     fix="Run `v3studio bake`.",
@@ -195,19 +234,31 @@ class EvaluateStage:
             for one in reader.manifest.groups
             for frame in range(one.first_frame, one.first_frame + one.frame_count)
         }
-        total = len(context.footage.raw.frames)
-        shown = set(np.linspace(0, total - 1, min(context.config.evaluate.report_frames, total)).round().astype(int))
+        baked = baked_frames(context)
+        total = len(baked)
+        shown = {
+            baked[at]
+            for at in np.linspace(0, total - 1, min(context.config.evaluate.report_frames, total)).round().astype(int)
+        }
+        edited = EditedGroup(context.take, group.index, group.indices, context.edits)
+        before = self._residuals(context, group.first - 1, baked, reader)
         for position, (index, frame) in enumerate(zip(group.indices, group.frames, strict=True)):
-            trained = read_frame(context.take.trained_frame(group.index, index))
-            decoded = reader.gaussians(index)
+            if index not in baked:
+                continue
+            trained = edited.read(index)
+            decoded = reader.gaussians(index - baked[0])
             views: dict[str, dict[str, float]] = {}
+            residuals: dict[str, Residual] = {}
             for number, camera in enumerate(cameras):
                 done = (position + number / len(cameras)) / len(group.frames)
                 reporter.progress(start + (stop - start) * done, f"frame {frame}", frame=frame, group=group.index)
-                sample = self._compare(context, camera, frame, trained, decoded)
-                if sample is None:
+                view = self._view(context, camera, frame)
+                if view is None:
                     measured.unseen.append((index, camera))
                     continue
+                drawn = [view.draw(context, one) for one in (trained, decoded)]
+                sample = Sample(frame, camera, view.truth, drawn[0], drawn[1])
+                residuals[camera] = view.residual(sample.decoded)
                 views[camera] = {}
                 for what in ("trained", "decoded"):
                     image, truth = _tensor(getattr(sample, what)), _tensor(sample.truth)
@@ -221,10 +272,25 @@ class EvaluateStage:
                 if index in shown and camera in cameras[:3]:
                     measured.samples.append(sample)
             if views:
-                row = self._row(group, index, frame, views, sizes[index], trained)
+                row = self._row(group, index, frame, views, sizes[index - baked[0]], trained)
+                row = row.model_copy(update={"flicker": flicker_of(before, residuals)})
                 measured.frames.append(row)
                 reporter.metrics(row.measures, group=group.index, frame=frame)
+            before = residuals
         return measured
+
+    def _residuals(self, context: Context, index: int, baked: range, reader: StreamReader) -> dict[str, Residual]:
+        """Residuals of one frame by camera; empty if it is not in the stream."""
+        found: dict[str, Residual] = {}
+        if index not in baked:
+            return found
+        decoded = reader.gaussians(index - baked[0])
+        for camera in _cameras(context):
+            context.cancellation.check()
+            view = self._view(context, camera, context.footage.raw.frames[index])
+            if view is not None:
+                found[camera] = view.residual(view.draw(context, decoded))
+        return found
 
     def _row(
         self,
@@ -247,25 +313,29 @@ class EvaluateStage:
             cameras=cameras,
         )
 
-    def _compare(
-        self, context: Context, camera: str, frame: int, trained: Gaussians, decoded: Gaussians
-    ) -> Sample | None:
-        """Images of one view; None if the camera does not see the performer."""
-        footage, settings = context.footage.calibrated, context.config
+    def _view(self, context: Context, camera: str, frame: int) -> _View | None:
+        """One view; None if the camera does not see the performer."""
+        from studio.edits import silhouette
+
+        footage, settings, crop = context.footage.calibrated, context.config, context.edits.crop
         view = footage.view(camera, frame)
         matte = footage.evaluation_matte(camera, frame)
+        if crop is not None:
+            matte = np.where(silhouette(view.camera, crop), matte, 0).astype(matte.dtype)
         box = padded_box(matte, settings.evaluate.crop_padding)
         if box is None:
             return None
-        rows, columns = box
-        alpha = matte[rows, columns, None].astype(np.float32) / 255
+        alpha = matte[box][..., None].astype(np.float32) / 255
         background = np.array(settings.capture.background, dtype=np.float32)
-        truth = view.image[rows, columns].astype(np.float32) / 255 * alpha + background * (1 - alpha)
-        drawn = [
-            draw(gaussians, view.camera, settings.capture.background, context.device)[rows, columns]
-            for gaussians in (trained, decoded)
-        ]
-        return Sample(frame, camera, truth, drawn[0], drawn[1])
+        truth = view.image[box].astype(np.float32) / 255 * alpha + background * (1 - alpha)
+        world = context.edits.similarity
+        return _View(view.camera if world.is_identity else world.camera(view.camera), box, truth)
+
+
+def baked_frames(context: Context) -> range:
+    """The frames of the stream, counted from 0 in the take. Raises StudioError as `BakeStage.parts`."""
+    parts = BakeStage().parts(context)
+    return range(parts[0].first, parts[-1].indices[-1] + 1)
 
 
 def _cameras(context: Context) -> tuple[str, ...]:
@@ -284,3 +354,9 @@ def _means(rows: Iterable[Quality]) -> dict[str, float]:
     """Mean over rows of each metric that was measured."""
     taken = [row.measures for row in rows]
     return {name: round(sum(row[name] for row in taken) / len(taken), 4) for name in MEASURES if name in taken[0]}
+
+
+def _mean_flicker(name: str, rows: Iterable[FrameQuality]) -> dict[str, float]:
+    """Mean over rows, as a field of the summary; empty if there is none."""
+    values = [row.flicker for row in rows if row.flicker is not None]
+    return {name: round(sum(values) / len(values), 4)} if values else {}

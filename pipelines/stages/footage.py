@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipelines.config import Config
+from pipelines.stages.edited import trained_edits
 from pipelines.stages.params import Params, settings_affecting
+from pipelines.takes.edits import read_edits
 from pipelines.takes.path_here import path_here
 from pipelines.takes.take import Take
 
 if TYPE_CHECKING:
     from studio.cameras import Rig
     from studio.capture import CaptureSettings, Footage
+    from studio.edits import EditList
 
 
 @dataclass
@@ -46,6 +49,15 @@ class TakeFootage:
             return capture.replace(root=mirrored(capture.root, capture.disk_cache_gigabytes))
         here = path_here(capture.root, self.config.run.paths)
         return capture if here == capture.root else capture.replace(root=here)
+
+    @cached_property
+    def edits(self) -> EditList:
+        """The take's edits, read on first access, so that a run uses the same ones from its beginning to its end.
+
+        Raises:
+            StudioError: they cannot be read (`take.edits_*`).
+        """
+        return read_edits(self.take.edits)
 
     @cached_property
     def raw(self) -> Footage:
@@ -80,8 +92,12 @@ class TakeFootage:
         self.__dict__.pop("calibrated", None)
 
     def seen_by_training(self) -> Params:
-        """The footage's digest and the settings that affect training views."""
-        return {"footage": self.digest, **settings_affecting(self.config, "training_views")}
+        """The footage's digest, and the settings and the crop box that affect training views."""
+        return {
+            "footage": self.digest,
+            **settings_affecting(self.config, "training_views"),
+            **trained_edits(self.edits),
+        }
 
     def _open(self, rig: Rig | None) -> Footage:
         from studio.capture import open_footage

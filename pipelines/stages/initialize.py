@@ -11,6 +11,7 @@ import numpy as np
 
 from pipelines.stages import grouping
 from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.edited import within_box
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.stages.summaries import InitializeSummary
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
@@ -18,21 +19,31 @@ from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
 from pipelines.takes.records import digests_on_record, result_of
 from pipelines.takes.stage_files import InitialPointsReport
-from studio.errors import Message
+from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.capture import Footage, FootageView
+    from studio.edits import CropBox
 
+
+_FEWEST_POINTS = 4
+"""That a keyframe can be trained from."""
 
 _LARGEST_GAPS = 0.1
 """Share of the directions around the performer without a camera nearby that is worth a warning."""
 
 
 class TrainingViews(Sequence["FootageView"]):
-    """The training views of one frame, read on access: those of a large rig do not fit into memory together."""
+    """The training views of one frame, read on access: those of a large rig do not fit into memory together.
 
-    def __init__(self, footage: Footage, frame: int) -> None:
-        self._footage, self._frame = footage, frame
+    Args:
+        footage: with cameras.
+        frame: frame number in the footage.
+        box: the crop box, if it limits training.
+    """
+
+    def __init__(self, footage: Footage, frame: int, box: CropBox | None = None) -> None:
+        self._footage, self._frame, self._box = footage, frame, box
 
     def __len__(self) -> int:
         return len(self._footage.train_cameras)
@@ -40,8 +51,8 @@ class TrainingViews(Sequence["FootageView"]):
     def __getitem__(self, index: Any) -> Any:
         cameras = self._footage.train_cameras[index]
         if isinstance(index, slice):
-            return [self._footage.view(camera, self._frame) for camera in cameras]
-        return self._footage.view(cameras, self._frame)
+            return [within_box(self._footage.view(camera, self._frame), self._box) for camera in cameras]
+        return within_box(self._footage.view(cameras, self._frame), self._box)
 
 
 class InitializeStage:
@@ -147,26 +158,40 @@ class InitializeStage:
         from studio.meshing import initialize_points
 
         found = initialize_points(
-            TrainingViews(context.footage.calibrated, group.keyframe),
+            TrainingViews(context.footage.calibrated, group.keyframe, context.training_box),
             context.config.initialize,
             seed=derived_seed(context.config.run.seed, self.name, group.index),
             progress=reporter.part(f"{label}: visual hull", start, stop),
         )
+        points, normals, colors = found.points, found.normals, found.colors
+        if context.training_box is not None:
+            inside = context.training_box.holds(points)
+            points, normals, colors = points[inside], normals[inside], colors[inside]
+            if len(points) < _FEWEST_POINTS:
+                raise StudioError(
+                    "edits.nothing_in_box",
+                    f"only {len(points)} initial points of group {group.index} are inside of the crop box",
+                    file=context.take.edits,
+                    value=len(points),
+                    fix="Make the box larger, or let it not limit training.",
+                    group=group.index,
+                    expected=_FEWEST_POINTS,
+                )
         for warning in found.warnings:
             reporter.warn(_in_group(warning, group.index))
         if group.index == 0:
-            self._tell_coverage(context, reporter, found.points, found.normals)
+            self._tell_coverage(context, reporter, points, normals)
         folder = context.take.initialize_group(group.index)
         folder.mkdir(parents=True, exist_ok=True)
         remove(folder / "report.json")
         with atomic_path(folder / "mesh.ply") as temporary:
             write_mesh(temporary, found.mesh.vertices, found.mesh.faces)
         with atomic_path(folder / "points.ply") as temporary:
-            write_points(temporary, found.points, found.normals, np.round(found.colors * 255))
+            write_points(temporary, points, normals, np.round(colors * 255))
         report = InitialPointsReport(
             key=self.group_key(context, group),
             keyframe=int(group.keyframe),
-            points=len(found.points),
+            points=len(points),
             vertices=len(found.mesh.vertices),
             faces=len(found.mesh.faces),
             disagreement={camera: round(float(value), 4) for camera, value in found.disagreement.items()},

@@ -95,7 +95,7 @@ class LiveBake:
         reporter = _Silent(self._reporter.stage, self._context, stop=self._stop)
         entries: list[BakedGroup] = []
         for part in parts:
-            self._wait_for(part.trained.index, part.indices[-1] + 1 - part.trained.first)
+            self._wait_for(part.trained.index, self._stage.frames_needed(self._context, part))
             entries.append(self._stage.bake_part(self._context, part, reporter))
             live = len(entries) < len(parts)
             if live and len(entries) <= len(old) and entries == list(old[: len(entries)]):

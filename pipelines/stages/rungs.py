@@ -12,9 +12,11 @@ from pipelines.stages.contribution import DrawnContribution
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import digest_of_file, remove
+from pipelines.takes.edited import EditedFrames, EditedGroup
 from pipelines.takes.frame_files import FrameMetadata, read_about, read_frame, read_tensors, write_tensors
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
+from studio.edits.edit_list import EditList
 from studio.progress import ProgressFn
 from studio.stream.settings import Rung
 
@@ -117,7 +119,9 @@ class RungTraining:
         resume = read_tensors(checkpoint, key)
         if resume is not None:
             reporter.log(f"group {group.index}: resuming {rung.kept} at step {int(resume['done'])}")
-        contribution = DrawnContribution(context, group.index, group.indices)()
+        unedited = EditedFrames(EditedGroup(context.take, group.index, group.indices, EditList()), group.indices)
+        footage = context.footage.calibrated
+        contribution = DrawnContribution(context, unedited, [footage.rig[name] for name in footage.train_cameras])()
         kept = torch.from_numpy(most_visible(ranking_of(contribution), rung.splats)).to(context.device)
         positions = sorted({round(x) for x in np.linspace(0, len(group.frames) - 1, FRAMES)})
         frames = [read_frame(context.take.trained_frame(group.index, group.indices[at])) for at in positions]
@@ -137,13 +141,21 @@ class RungTraining:
 
 
 class FinetunedFrames(Sequence["Gaussians"]):
-    """The frames of a rung, made on access: the splats that it keeps, with offsets."""
+    """The frames of a rung, made on access: the splats that it keeps, with offsets, then the take's edits.
 
-    def __init__(self, frames: Sequence[Gaussians], offsets: SplatOffsets) -> None:
-        self._frames, self._offsets = frames, offsets
+    Args:
+        group: the trained group.
+        indices: the frames, counted from 0 in the take.
+        offsets: of the rung, for the splats as trained.
+    """
+
+    def __init__(self, group: EditedGroup, indices: range, offsets: SplatOffsets) -> None:
+        self._group, self._indices, self._offsets = group, indices, offsets
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return len(self._indices)
 
-    def __getitem__(self, index: Any) -> Any:
-        return self._offsets.applied(self._offsets.selected(self._frames[index]))
+    def __getitem__(self, position: Any) -> Any:
+        offsets = self._offsets
+        frame = offsets.applied(offsets.selected(self._group.unedited(self._indices[position])))
+        return self._group.edited(frame, offsets.kept)

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.edited import within_box
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
 from studio.errors import Message, StudioError
@@ -47,7 +48,7 @@ def training_views(
     def read(number: int) -> TrainingView | None:
         context.cancellation.check()
         reading(number, len(cameras))
-        view = footage.view(cameras[number], frame)
+        view = within_box(footage.view(cameras[number], frame), context.training_box)
         if not (view.matte > 127).any():
             return None
         chroma = None if settings.chroma_siting == "none" else footage.chroma(cameras[number])

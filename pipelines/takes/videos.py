@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from pipelines.takes.locate_stream import stream_place
 from pipelines.takes.take import Take
@@ -11,7 +14,7 @@ from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from studio.splat_video import SplatVideo
-    from studio.stream import StreamReader
+    from studio.stream import CapturePlace, StreamReader
 
 FALLBACK_FPS = 30.0
 """Frame rate if neither the settings nor the stream specify one, as for footage of still images."""
@@ -23,14 +26,17 @@ def is_take(text: str) -> bool:
 
 
 def trained_video(root: Path) -> SplatVideo:
-    """Trained frames of a take, up to the first missing one.
+    """Trained frames of a take, up to the first missing one, with the take's edits.
 
     Raises:
-        StudioError: not a take (see `Take.open`), or no trained frames (`take.not_trained`).
+        StudioError: not a take (see `Take.open`), no trained frames (`take.not_trained`), the edits cannot be read
+            (`take.edits_*`), or none of the trained frames is within the trim (`edits.no_frames_left`).
     """
     from pipelines.config import load_config
-    from pipelines.takes.frame_files import read_frame
+    from pipelines.takes.edited import EditedGroup
+    from pipelines.takes.edits import read_edits
     from studio.camera_files import read_rig
+    from studio.edits.edit_list import UP
     from studio.splat_video import SplatVideo
 
     take = Take.open(root)
@@ -47,22 +53,43 @@ def trained_video(root: Path) -> SplatVideo:
 
         with StreamReader.open(take.stream) as reader:
             fps = reader.fps
-    return SplatVideo(
+    edits = read_edits(take.edits)
+    world, trim = edits.similarity, edits.trim
+    ends = (*starts[1:], len(files))
+    groups = [
+        EditedGroup(take, number, range(start, end), edits)
+        for number, (start, end) in enumerate(zip(starts, ends, strict=True))
+    ]
+    up = None if rig is None else world.directions(rig.up)
+    if edits.world is not None and edits.world.up is not None:
+        up = np.array(UP)
+    view = None if rig is None else next(iter(rig)).undistorted()
+    video = SplatVideo(
         name=str(root),
         fps=float(fps or FALLBACK_FPS),
         frame_count=len(files),
         group_starts=starts,
-        read=lambda index: read_frame(files[index]),
-        up=None if rig is None else rig.up,
-        view=None if rig is None else next(iter(rig)).undistorted(),
+        read=lambda index: groups[bisect_right(starts, index) - 1].read(index),
+        up=up,
+        view=view if view is None or world.is_identity else world.camera(view),
         background=(capture.background[0], capture.background[1], capture.background[2]),
     )
+    if trim is None:
+        return video
+    if trim.first >= len(files):
+        raise StudioError(
+            "edits.no_frames_left",
+            f"the take is trimmed to frames {trim.first} to {trim.last}, but trained up to frame {len(files) - 1}",
+            file=take.edits,
+            value=[trim.first, trim.last],
+            fix="Set other frames with `v3studio edit trim`, or remove the trim with `v3studio edit remove trim`.",
+            expected=[0, len(files) - 1],
+        )
+    return video.part(trim.first, trim.last + 1)
 
 
 def decoded_video(reader: StreamReader) -> SplatVideo:
     """Frames of a stream as players decode them."""
-    import numpy as np
-
     from studio.splat_video import SplatVideo
     from studio.stream import StreamMetadata
 
@@ -89,3 +116,10 @@ def open_reader(text: str) -> StreamReader:
     from studio.stream import StreamReader
 
     return StreamReader.open(stream_place(text))
+
+
+def capture_place(reader: StreamReader) -> CapturePlace:
+    """Where a stream lies in the take that it was baked from; the identity for streams without edits."""
+    from studio.stream import CapturePlace, StreamMetadata
+
+    return StreamMetadata.from_json(reader.manifest.metadata).capture or CapturePlace()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from studio.stream.ladder_models import AudioEntry, BakedGroup, GroupLadder, RenditionEntry, baked_group
     from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
     from studio.stream.manifest_models import GroupEntry
-    from studio.stream.metadata import StreamMetadata
+    from studio.stream.metadata import CapturePlace, StreamMetadata
     from studio.stream.reader import StreamReader, fetch_group
     from studio.stream.search import QualityFn
     from studio.stream.settings import DEFAULT_LADDER, BakeSettings, Rung
@@ -28,6 +28,7 @@ __all__ = [
     "AudioEntry",
     "BakeSettings",
     "BakedGroup",
+    "CapturePlace",
     "ContributionFn",
     "DecodedFrame",
     "FinetunedFn",

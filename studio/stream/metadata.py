@@ -3,14 +3,48 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TypeGuard
+from dataclasses import dataclass, field
+from typing import Any, TypeGuard
 
 from studio.cameras import Camera
 from studio.coverage import ViewRange
 from studio.json_types import JsonObject
+from studio.similarity import Similarity
 
 Triple = tuple[float, float, float]
+
+MOST_FRAMES = 10_000_000
+"""Largest `CapturePlace.first_frame` that is believed."""
+
+
+@dataclass(frozen=True, eq=False)
+class CapturePlace:
+    """Where an edited stream lies in the take that it was baked from.
+
+    Attributes:
+        first_frame: the take's frame, counted from 0, that is frame 0 of the stream.
+        world: from the world of the capture to that of the stream.
+    """
+
+    first_frame: int = 0
+    world: Similarity = field(default_factory=Similarity)
+
+    def camera(self, camera: Camera) -> Camera:
+        """A camera of the capture, in the world of the stream."""
+        return camera if self.world.is_identity else self.world.camera(camera)
+
+    def to_json(self) -> JsonObject:
+        """For the stream's metadata; docs/STREAM.md."""
+        return {"first_frame": self.first_frame, **self.world.to_json()}
+
+    @classmethod
+    def from_json(cls, values: Any) -> CapturePlace | None:
+        """Read `to_json`; None if it is malformed."""
+        world = Similarity.from_json(values)
+        if world is None:
+            return None
+        first = values.get("first_frame")
+        return cls(first, world) if type(first) is int and 0 <= first <= MOST_FRAMES else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,12 +56,14 @@ class StreamMetadata:
         background: RGB, 0 to 1, drawn behind the splats; None if not said.
         up: direction that points up in the world; None if not said.
         view_range: from where the splats can be looked at; None if not said: from everywhere.
+        capture: where the stream lies in its take; None: it has the take's frames and world.
     """
 
     suggested_camera: Camera | None = None
     background: Triple | None = None
     up: Triple | None = None
     view_range: ViewRange | None = None
+    capture: CapturePlace | None = None
 
     def to_json(self) -> JsonObject:
         """The metadata for `write_manifest`. The order of keys is part of the stream's bytes."""
@@ -40,6 +76,8 @@ class StreamMetadata:
             values["up"] = list(self.up)
         if self.view_range is not None:
             values["view_range"] = self.view_range.to_json()
+        if self.capture is not None:
+            values["capture"] = self.capture.to_json()
         return values
 
     @classmethod
@@ -55,6 +93,7 @@ class StreamMetadata:
             background=(background[0], background[1], background[2]) if _is_vector(background) else None,
             up=(up[0], up[1], up[2]) if _is_vector(up) and any(up) else None,
             view_range=ViewRange.from_json(values.get("view_range")),
+            capture=CapturePlace.from_json(values.get("capture")),
         )
 
 

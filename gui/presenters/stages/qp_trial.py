@@ -88,6 +88,7 @@ class QpTrial:
             tuple(files),
             files[part.indices[-1]].stat().st_mtime_ns,
             context.config.bake.model_copy(update={"qp": 0}).model_dump_json(),
+            context.edits.model_dump_json(),
         )
         if of == self._of:
             return
@@ -134,23 +135,25 @@ def measure(context: Context, part: Part, settings: BakeSettings) -> Trial:
         part: the group.
         settings: with the QP to try, without targets.
     """
-    from pipelines.stages.bake import DrawnError, TrainedFrames
+    from pipelines.stages.bake import DrawnError, edited_group, stream_cameras
     from pipelines.stages.contribution import DrawnContribution
+    from pipelines.takes.edited import EditedFrames
     from studio.stream import StreamReader, bake_group, write_manifest
 
-    error = DrawnError(context, part)
+    frames = EditedFrames(edited_group(context, part), part.indices)
+    error = DrawnError(context, frames)
     fps = float(context.footage.raw.fps)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "stream"
         entry = bake_group(
-            TrainedFrames(context, part),
+            frames,
             folder,
             0,
             0,
             settings,
             threads=1,
             fps=fps,
-            contribution=DrawnContribution(context, part.trained.index, part.indices),
+            contribution=DrawnContribution(context, frames, stream_cameras(context)),
         )
         write_manifest(folder, [entry], fps, settings, {})
         last = len(part.indices) - 1

@@ -1,0 +1,362 @@
+"""`v3studio edit`: trims, crops, cleans and places a take. What was trained stays as it is."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from pipelines.takes.take import Take
+    from studio.edits import EditList
+
+_NOTE = """The edits are in edits.json of the take. Bakes, evaluations and exports of the take use them; what was
+trained is not changed. `v3studio run` then bakes what is affected again.
+
+Examples:
+    v3studio edit trim takes/first 12 250
+    v3studio edit crop takes/first --min -0.8 -0.8 0 --max 0.8 0.8 2
+    v3studio edit floaters takes/first --share 0.01
+    v3studio edit undo takes/first
+"""
+
+
+def register(commands: Any) -> None:
+    """Add the command and its subcommands to the command line."""
+    command = commands.add_parser(
+        "edit",
+        help="trim a take, crop it, remove floaters, place its world; with undo",
+        description="Trim a take, crop it, remove floaters, place its world.",
+        epilog=_NOTE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    listing = _kind(kinds, "list", "show the edits", _list)
+    listing.add_argument("--json", action="store_true", help="print JSON")
+    _kind(kinds, "count", "count the splats that the edits remove, by group", _count)
+
+    trim = _kind(kinds, "trim", "set the in and the out point", _trim)
+    trim.add_argument("first", type=int, metavar="IN", help="first frame to keep, counted from 0 in the take")
+    trim.add_argument("last", type=int, metavar="OUT", help="last frame to keep")
+
+    crop = _kind(kinds, "crop", "remove what is outside of a box", _crop)
+    _vector(crop, "--min", "least corner of the box, in the world that `v3studio edit world` has placed", required=True)
+    _vector(crop, "--max", "greatest corner", required=True)
+    crop.add_argument(
+        "--training", action="store_true", help="train only on what is in front of the box, too: trains the take again"
+    )
+
+    ground = _kind(kinds, "ground", "remove what is below a plane", _ground)
+    ground.add_argument(
+        "height", type=float, metavar="HEIGHT", help="along the up direction, in the world that `edit world` has placed"
+    )
+
+    floaters = _kind(kinds, "floaters", "remove faint splats, and small clusters apart from all others", _floaters)
+    floaters.add_argument("--opacity", type=float, metavar="X", help="splats that never reach this opacity, 0 to 1")
+    floaters.add_argument("--splats", type=int, metavar="N", help="clusters of fewer splats")
+    floaters.add_argument("--share", type=float, metavar="X", help="clusters with less than this share of the splats")
+    floaters.add_argument(
+        "--distance",
+        type=float,
+        metavar="D",
+        help="splats closer than this are in one cluster, units of the capture (default: 2%% of the performer's size)",
+    )
+
+    world = _kind(kinds, "world", "set up, origin and scale of streams and exports", _world)
+    _vector(world, "--up", "direction that becomes +y, in the world of the capture")
+    _vector(world, "--origin", "point that becomes the origin, in the world of the capture")
+    world.add_argument("--scale", type=float, metavar="S", help="new units in one unit of the capture")
+    _vector(world, "--from", "with --to and --distance instead of --scale: a point, in the world of the capture")
+    _vector(world, "--to", "another point")
+    world.add_argument("--distance", type=float, metavar="D", help="distance of the two points in new units")
+
+    region = _kind(kinds, "region", "remove what is in the region of a JSON file, as the window draws them", _region)
+    region.add_argument("file", type=Path, metavar="FILE", help="as in `v3studio edit list --json`, one of `regions`")
+
+    remove = _kind(kinds, "remove", "remove an edit", _remove)
+    names = "trim, crop, ground, floaters, world, regions, or all"
+    remove.add_argument("name", metavar="NAME", help=names)
+    remove.add_argument("number", type=int, nargs="?", metavar="NUMBER", help="of a region, from `v3studio edit list`")
+
+    _kind(kinds, "undo", "undo the last change", _undo)
+    _kind(kinds, "redo", "make the change that was undone last again", _redo)
+
+
+def _kind(kinds: Any, name: str, text: str, command: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = kinds.add_parser(
+        name, help=text, description=f"{text[0].upper()}{text[1:]}.", allow_abbrev=False
+    )
+    parser.add_argument("take", type=Path, metavar="TAKE", help="folder or address of the take")
+    parser.set_defaults(command=command, stored_take="read" if name in ("list", "count") else "edit")
+    return parser
+
+
+def _vector(parser: argparse.ArgumentParser, name: str, text: str, required: bool = False) -> None:
+    parser.add_argument(
+        name, type=float, nargs=3, metavar=("X", "Y", "Z"), dest=name[2:] + "_point", help=text, required=required
+    )
+
+
+def _take(arguments: argparse.Namespace) -> Take:
+    from pipelines.takes.take import Take
+
+    return Take.open(arguments.take)
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.edit_words import describe
+    from pipelines.takes.edits import read_edits_file
+
+    found = read_edits_file(_take(arguments).edits)
+    if arguments.json:
+        print(found.edits.model_dump_json(indent=1), file=arguments.output)
+        return 0
+    for name, words in describe(found.edits).items():
+        print(f"{name:<12}{words}", file=arguments.output)
+    if found.edits == type(found.edits)():
+        print("no edits", file=arguments.output)
+    if found.undo:
+        print(f"last change: {found.undo[-1].words}", file=arguments.output)
+    return 0
+
+
+def _count(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.edited import EditedGroup
+    from pipelines.takes.edits import read_edits
+
+    take = _take(arguments)
+    edits = read_edits(take.edits)
+    files, starts = take.trained_files()
+    if not files:
+        raise StudioError(
+            "take.not_trained", "no trained frames yet", file=take.root, fix="Run `v3studio train`.", stage="train"
+        )
+    for group, (start, end) in enumerate(zip(starts, (*starts[1:], len(files)), strict=True)):
+        found = EditedGroup(take, group, range(start, end), edits).selection()
+        kinds = ", ".join(f"{name} {count:,}" for name, count in found.counts.items() if count)
+        removed = found.removed
+        print(
+            f"group {group}: {int(removed.sum()):,} of {len(removed):,} splats removed{f' ({kinds})' if kinds else ''}",
+            file=arguments.output,
+        )
+    return 0
+
+
+def _trim(arguments: argparse.Namespace) -> int:
+    take = _take(arguments)
+    frames = _frame_count(take)
+    if frames is not None and arguments.last >= frames:
+        raise StudioError(
+            "command.invalid_option",
+            f"the take has no frame {arguments.last}",
+            value=arguments.last,
+            fix=f"It has frames 0 to {frames - 1}.",
+            option="OUT",
+            expected=[0, frames - 1],
+        )
+    return _change(take, "trim", {"first": arguments.first, "last": arguments.last})
+
+
+def _crop(arguments: argparse.Namespace) -> int:
+    import numpy as np
+
+    from pipelines.takes.edits import read_edits
+    from studio.rotations import matrices_to_quats
+
+    take = _take(arguments)
+    back = read_edits(take.edits).similarity.inverse
+    low, high = np.array(arguments.min_point), np.array(arguments.max_point)
+    box: dict[str, object] = {
+        "center": back.points((low + high) / 2).tolist(),
+        "size": (back.scale * (high - low)).tolist(),
+        "training": arguments.training,
+    }
+    if not np.array_equal(back.rotation, np.eye(3)):
+        box["rotation"] = matrices_to_quats(back.rotation).tolist()
+    return _change(take, "crop", box)
+
+
+def _ground(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.edits import read_edits
+
+    take = _take(arguments)
+    edits = read_edits(take.edits)
+    normal = _up(take, edits)
+    point = edits.similarity.inverse.points(arguments.height * edits.similarity.directions(normal))
+    return _change(take, "ground", {"normal": normal.tolist(), "height": float(point @ normal)})
+
+
+def _up(take: Take, edits: EditList) -> np.ndarray:
+    """(3,) unit vector: up in the world of the capture."""
+    import numpy as np
+
+    from studio.camera_files import read_rig
+
+    if edits.world is not None and edits.world.up is not None:
+        up = np.array(edits.world.up)
+        found: np.ndarray = up / np.linalg.norm(up)
+        return found
+    if not take.rig.is_file():
+        raise StudioError(
+            "edits.no_up",
+            "the take has no cameras yet, so it is not known where up is",
+            file=take.root,
+            fix="Run `v3studio calibrate`, or set it with `v3studio edit world TAKE --up X Y Z`.",
+            stage="calibrate",
+        )
+    return read_rig(take.rig).up
+
+
+def _floaters(arguments: argparse.Namespace) -> int:
+    names = ("opacity", "splats", "share", "distance")
+    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    return _change(_take(arguments), "floaters", given)
+
+
+def _world(arguments: argparse.Namespace) -> int:
+    import numpy as np
+
+    from pipelines.takes.edits import read_edits
+
+    take = _take(arguments)
+    before = read_edits(take.edits).world
+    values: dict[str, object] = {} if before is None else before.model_dump(mode="json")
+    if arguments.up_point is not None:
+        values["up"] = arguments.up_point
+    if arguments.origin_point is not None:
+        values["origin"] = arguments.origin_point
+    measured = [arguments.from_point, arguments.to_point, arguments.distance]
+    if any(one is not None for one in measured):
+        if any(one is None for one in measured) or arguments.scale is not None:
+            raise StudioError(
+                "command.invalid_option",
+                "--from, --to and --distance are used together, and without --scale",
+                fix="Example: --from 0 0 0 --to 0 1.1 0 --distance 1.8.",
+                option="--distance",
+            )
+        apart = float(np.linalg.norm(np.subtract(arguments.to_point, arguments.from_point)))
+        if not (apart > 0 and arguments.distance > 0):
+            raise StudioError(
+                "command.invalid_option",
+                "the two points are the same, or their distance is not above 0",
+                value=arguments.distance,
+                fix="Specify two different points and a distance above 0.",
+                option="--distance",
+            )
+        values["scale"] = arguments.distance / apart
+    elif arguments.scale is not None:
+        values["scale"] = arguments.scale
+    return _change(take, "world", values)
+
+
+def _region(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.edits import read_edits
+    from studio.bounded_files import read_bounded
+    from studio.bounded_text import TextError, parse_json
+    from studio.errors import reason_of
+
+    try:
+        values = parse_json(read_bounded(arguments.file))
+    except (OSError, TextError) as error:
+        raise StudioError(
+            "edits.region_unreadable", f"cannot be read ({reason_of(error)})", file=arguments.file
+        ) from None
+    take = _take(arguments)
+    return _change(take, "regions", [*read_edits(take.edits).model_dump(mode="json")["regions"], values])
+
+
+def _remove(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.edit_words import NAMES
+    from pipelines.takes.edits import change_edits, read_edits
+    from studio.edits.edit_list import EditList
+
+    take, name = _take(arguments), arguments.name
+    edits = read_edits(take.edits)
+    if name not in (*NAMES, "all"):
+        raise StudioError(
+            "command.invalid_option",
+            f"there is no edit named '{name}'",
+            value=name,
+            fix=f"Choose one of {', '.join(NAMES)}, all.",
+            option="NAME",
+        )
+    if arguments.number is not None:
+        if name != "regions" or not 1 <= arguments.number <= len(edits.regions):
+            raise StudioError(
+                "command.invalid_option",
+                f"there is no {name} {arguments.number}",
+                value=arguments.number,
+                fix=f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers.",
+                option="NUMBER",
+            )
+        at = arguments.number - 1
+        new = edits.with_(regions=(*edits.regions[:at], *edits.regions[at + 1 :]))
+        change_edits(take.edits, new, f"region {arguments.number} removed", edits)
+    elif name == "all":
+        change_edits(take.edits, EditList(), "all edits removed", edits)
+    else:
+        change_edits(take.edits, edits.with_(**{name: () if name == "regions" else None}), f"{name} removed", edits)
+    print(f"removed: {name}{'' if arguments.number is None else f' {arguments.number}'}", file=arguments.output)
+    return 0
+
+
+def _undo(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.edits import undo_edit
+
+    print(f"undone: {undo_edit(_take(arguments).edits)[1]}", file=arguments.output)
+    return 0
+
+
+def _redo(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.edits import redo_edit
+
+    print(f"redone: {redo_edit(_take(arguments).edits)[1]}", file=arguments.output)
+    return 0
+
+
+def _change(take: Take, name: str, value: object) -> int:
+    """Set an edit to JSON-ready values, and say what it is now."""
+    from pydantic import ValidationError
+
+    from pipelines.takes.edit_words import describe
+    from pipelines.takes.edits import change_edits, read_edits
+    from studio.edits.edit_list import EditList
+    from studio.violations import violation
+
+    before = read_edits(take.edits)
+    try:
+        after = EditList.model_validate(before.model_dump(mode="json") | {name: value})
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"] if part != "regions") or name
+        raise StudioError(
+            "edits.invalid",
+            f"{where} {violation(first)}",
+            value=None if isinstance(first["input"], dict) else first["input"],
+            fix=f"`v3studio edit {'region' if name == 'regions' else name} --help` shows what is possible.",
+            edit=name,
+        ) from None
+    words = list(describe(after).items())
+    shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]
+    change_edits(take.edits, after, (shown or [name])[0], before)
+    for line in shown:
+        print(line)
+    return 0
+
+
+def _frame_count(take: Take) -> int | None:
+    """Number of frames of the take; None if its footage cannot be opened here."""
+    from pipelines.config import load_config
+    from pipelines.stages.footage import TakeFootage
+
+    with suppress(StudioError):
+        return len(TakeFootage(take, load_config(take.config)).raw.frames)
+    return None

@@ -1,0 +1,63 @@
+"""The take's edits as parameters of stages, in words, and applied to what training and evaluation see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipelines.stages.params import Params
+from studio.edits.edit_list import EditList
+
+if TYPE_CHECKING:
+    from studio.capture import FootageView
+    from studio.edits import CropBox
+
+PREFIX = "edits."
+"""Of the names of parameters that are edits."""
+
+WORDS = {
+    "trim": "the trim",
+    "crop": "the crop box",
+    "ground": "the ground plane",
+    "floaters": "the limits of floaters",
+    "regions": "the removed regions",
+    "world": "the placement of the world",
+}
+"""What the edits are called, by their name."""
+
+
+def edit_params(edits: EditList, *names: str) -> Params:
+    """What is edited, by name, as parameters of a stage: nothing without edits, so that results without them stay as
+    they are.
+
+    Args:
+        edits: of the take.
+        names: of the edits; none: all.
+    """
+    values = edits.model_dump(mode="json")
+    if values["crop"] is not None:
+        del values["crop"]["training"]  # whether training sees the box, too, changes nothing here
+    return {f"{PREFIX}{name}": values[name] for name in names or values if values[name] not in (None, [])}
+
+
+def trained_edits(edits: EditList) -> Params:
+    """What of the edits training depends on: the crop box, if it is to limit training."""
+    return edit_params(edits, "crop") if edits.crop is not None and edits.crop.training else {}
+
+
+def change_words(name: str, before: object, now: object) -> str:
+    """What happened to an edit, as a reason for a stale result; `name`: of the parameter."""
+    what = WORDS.get(name.removeprefix(PREFIX), name)
+    verb = "set" if before is None else "removed" if now is None else "changed"
+    return f"{what} {'were' if what.endswith('s') else 'was'} {verb}"
+
+
+def within_box(view: FootageView, box: CropBox | None) -> FootageView:
+    """A view in which the matte ends where the camera does not see the box; None: the view as it is."""
+    from studio.edits import silhouette
+
+    if box is None:
+        return view
+    return replace(view, matte=np.where(silhouette(view.camera, box), view.matte, 0).astype(view.matte.dtype))

@@ -1,0 +1,148 @@
+"""Trained frames with the take's edits: what is baked, evaluated and exported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    import torch
+
+    from studio.edits import EditList, Paths, Selection
+    from studio.gaussians import Gaussians
+
+
+def edits_of_group(edits: EditList, indices: range) -> EditList:
+    """Those that concern a trained group: without the regions that hold for other frames only, and without a trim."""
+    regions = tuple(
+        region
+        for region in edits.regions
+        if region.frames is None or (region.frames[0] <= indices[-1] and indices[0] <= region.frames[1])
+    )
+    return edits.with_(regions=regions, trim=None)
+
+
+def read_paths(take: Take, group: int, indices: range) -> Paths:
+    """Where the splats of a trained group are in each of its frames.
+
+    Raises:
+        StudioError: a frame is missing or damaged.
+    """
+    from studio.edits import Paths
+
+    return Paths.of(indices, (read_frame(take.trained_frame(group, index)) for index in indices))
+
+
+class EditedGroup:
+    """A trained group with edits.
+
+    Args:
+        take: the take.
+        group: its number.
+        indices: all frames of the group, counted from 0 in the take.
+        edits: of the take.
+    """
+
+    def __init__(self, take: Take, group: int, indices: range, edits: EditList) -> None:
+        self._take, self._group, self._indices = take, group, indices
+        self._edits = edits_of_group(edits, indices)
+        self._kept: torch.Tensor | None = None
+
+    def selection(self) -> Selection:
+        """What the edits remove. Reads all frames of the group.
+
+        Raises:
+            StudioError: a frame is missing or damaged.
+        """
+        from studio.edits import select
+
+        return select(self._edits, read_paths(self._take, self._group, self._indices))
+
+    def kept(self) -> torch.Tensor | None:
+        """(M,) int64: the splats that are kept, ascending; None: all. The first call reads all frames of the group.
+
+        Raises:
+            StudioError: a frame is missing or damaged, or no splat is left (`edits.nothing_left`).
+        """
+        import numpy as np
+        import torch
+
+        if self._edits.removes and self._kept is None:
+            kept = np.flatnonzero(~self.selection().removed)
+            if not len(kept):
+                raise self._nothing_left()
+            self._kept = torch.from_numpy(kept)
+        return self._kept
+
+    def unedited(self, index: int) -> Gaussians:
+        """A frame as trained, counted from 0 in the take. Raises StudioError if it is missing or damaged."""
+        return read_frame(self._take.trained_frame(self._group, index))
+
+    def cut(self, gaussians: Gaussians, among: torch.Tensor | None = None) -> Gaussians:
+        """A trained frame of the group without the splats that are removed, in the world of the capture.
+
+        Args:
+            gaussians: all splats of the frame, or some.
+            among: (K,) int64 numbers of those in `gaussians`; None: it has all.
+
+        Raises:
+            StudioError: as `kept`.
+        """
+        import torch
+
+        kept = self.kept()
+        if kept is None:
+            return gaussians
+        if among is None:
+            return gaussians[kept]
+        chosen = gaussians[torch.isin(among, kept)]
+        if not len(chosen):
+            raise self._nothing_left()
+        return chosen
+
+    def edited(self, gaussians: Gaussians, among: torch.Tensor | None = None) -> Gaussians:
+        """As `cut`, in the world of the stream."""
+        from studio.edits import moved
+
+        return moved(self.cut(gaussians, among), self._edits.similarity)
+
+    def read(self, index: int) -> Gaussians:
+        """A frame, counted from 0 in the take, as it is baked.
+
+        Raises:
+            StudioError: a frame is missing or damaged, or no splat is left (`edits.nothing_left`).
+        """
+        return self.edited(self.unedited(index))
+
+    def _nothing_left(self) -> StudioError:
+        return StudioError(
+            "edits.nothing_left",
+            f"the edits remove all splats of group {self._group}",
+            file=self._take.edits,
+            fix="Undo an edit with `v3studio edit undo`, or make the crop box larger.",
+            group=self._group,
+        )
+
+
+class EditedFrames(Sequence["Gaussians"]):
+    """Some frames of an edited group, read on access.
+
+    Args:
+        group: the group.
+        indices: the frames, counted from 0 in the take.
+    """
+
+    def __init__(self, group: EditedGroup, indices: range) -> None:
+        self._group, self._indices = group, indices
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    def __getitem__(self, position: Any) -> Any:
+        if isinstance(position, slice):
+            raise TypeError("trained frames do not support slices")
+        return self._group.read(self._indices[position])

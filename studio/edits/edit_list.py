@@ -1,0 +1,267 @@
+"""The edits of a take: what is cut off, taken out and moved after training, without changing what was trained.
+
+All positions are in the world of the capture, so that an edit stays where it is when the world is placed differently.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from studio.cameras import Camera
+from studio.errors import StudioError
+from studio.rotations import quats_to_matrices
+from studio.similarity import Similarity, rotation_between
+
+MOST_POINTS = 400
+"""Most points of a region's outline."""
+
+MOST_REGIONS = 100
+"""Most regions of a take."""
+
+UP = (0.0, 1.0, 0.0)
+"""Where up is in a world for which `World.up` is set: as in glTF, three.js and most engines."""
+
+_Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+_Length = Annotated[float, Field(gt=0, le=1e9)]
+Vector = tuple[_Number, _Number, _Number]
+
+
+class Edit(BaseModel):
+    """Base of the models. Unknown keys are refused: an edit of a later version must not be left out silently."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+class Trim(Edit):
+    """The frames that are baked and exported."""
+
+    first: int = Field(ge=0, le=10_000_000)
+    """In point: the first frame, counted from 0 in the take."""
+
+    last: int = Field(ge=0, le=10_000_000)
+    """Out point: the last frame."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Trim:
+        if self.last < self.first:
+            raise ValueError(f"the last frame, {self.last}, is before the first, {self.first}")
+        return self
+
+    @property
+    def range(self) -> range:
+        """The frames."""
+        return range(self.first, self.last + 1)
+
+
+class CropBox(Edit):
+    """A box; splats outside are removed."""
+
+    center: Vector
+    """Its middle."""
+
+    size: tuple[_Length, _Length, _Length]
+    """Lengths of its edges."""
+
+    rotation: tuple[_Number, _Number, _Number, _Number] = (1.0, 0.0, 0.0, 0.0)
+    """Quaternion wxyz that turns the world's axes to its edges."""
+
+    training: bool = False
+    """Whether training sees only what is in front of the box, too. The take is then trained again."""
+
+    @model_validator(mode="after")
+    def _turns(self) -> CropBox:
+        if not 0.5 < float(np.linalg.norm(self.rotation)) < 2:
+            raise ValueError("rotation must be a unit quaternion wxyz")
+        return self
+
+    @property
+    def axes(self) -> np.ndarray:
+        """(3, 3): the directions of its edges, one per row."""
+        return quats_to_matrices(np.array(self.rotation)).T
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(8, 3): its corners; bit 0, 1 and 2 of an index tell the side on the first, second and third axis."""
+        signs = np.array([[1 if index >> axis & 1 else -1 for axis in range(3)] for index in range(8)])
+        corners: np.ndarray = np.array(self.center) + (signs * np.array(self.size) / 2) @ self.axes
+        return corners
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """(...,) whether each of (..., 3) points is inside."""
+        local = np.abs((points - np.array(self.center)) @ self.axes.T)
+        inside: np.ndarray = (local <= np.array(self.size) / 2).all(axis=-1)
+        return inside
+
+
+class Ground(Edit):
+    """A plane; splats below it are removed."""
+
+    normal: Vector
+    """Direction that points up from it, any length above 0."""
+
+    height: _Number
+    """Where it is: the distance from the origin along `normal`."""
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> Ground:
+        if not any(self.normal):
+            raise ValueError("normal must not be 0")
+        return self
+
+    @property
+    def unit(self) -> np.ndarray:
+        """(3,): the unit normal."""
+        normal = np.array(self.normal)
+        unit: np.ndarray = normal / np.linalg.norm(normal)
+        return unit
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """(...,) whether each of (..., 3) points is on or above it."""
+        above: np.ndarray = points @ self.unit >= self.height
+        return above
+
+
+class Floaters(Edit):
+    """Which splats count as floaters; those are removed. A group's splats are judged together, see `selection`."""
+
+    opacity: float | None = Field(default=None, gt=0, le=1)
+    """Splats that never reach this opacity in their group are removed; None: none."""
+
+    splats: int | None = Field(default=None, ge=1, le=100_000_000)
+    """Clusters of fewer splats are removed; None: no such limit."""
+
+    share: float | None = Field(default=None, gt=0, lt=1)
+    """Clusters with a smaller share of the group's splats are removed; None: no such limit."""
+
+    distance: _Length | None = None
+    """Splats closer than this are in the same cluster, world units; None: 2% of the diagonal of the performer's box."""
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Floaters:
+        if self.opacity is None and self.splats is None and self.share is None:
+            raise ValueError("opacity, splats or share must be set")
+        return self
+
+
+class RegionView(Edit):
+    """The camera through which a region was drawn: pinhole, OpenCV convention, as `studio.cameras.Camera`."""
+
+    width: int = Field(ge=1, le=100_000)
+    """Of the picture, pixels."""
+
+    height: int = Field(ge=1, le=100_000)
+    """Of the picture, pixels."""
+
+    K: tuple[Vector, Vector, Vector]
+    """Intrinsics, pixels."""
+
+    world_to_camera: tuple[tuple[_Number, _Number, _Number, _Number], ...] = Field(min_length=4, max_length=4)
+    """(4, 4) rigid transform."""
+
+    @model_validator(mode="after")
+    def _is_camera(self) -> RegionView:
+        try:
+            _ = self.camera
+        except StudioError as error:
+            raise ValueError(error.message.problem) from None
+        return self
+
+    @property
+    def camera(self) -> Camera:
+        """The camera."""
+        return Camera("region", self.width, self.height, np.array(self.K), np.array(self.world_to_camera))
+
+    @classmethod
+    def of(cls, camera: Camera) -> RegionView:
+        """Of a pinhole camera."""
+        values = camera.to_dict()
+        return cls.model_validate({name: values[name] for name in cls.model_fields})
+
+
+class Region(Edit):
+    """What was drawn in a view, extruded away from the viewer; splats in it are removed.
+
+    A region, unlike a list of splats, keeps its meaning in other groups and after training again.
+    """
+
+    view: RegionView
+    """From where it was drawn."""
+
+    outline: tuple[tuple[_Number, _Number], ...] = Field(min_length=1, max_length=MOST_POINTS)
+    """Pixels of the view, origin at the corner: the corners of a lasso, or the path of a brush."""
+
+    radius: _Length | None = None
+    """Of the brush, pixels; None: a lasso."""
+
+    near: float = Field(default=0.0, ge=0, le=1e9)
+    """Least depth along the viewing axis, world units."""
+
+    far: float | None = Field(default=None, gt=0, le=1e9)
+    """Greatest depth; None: no limit."""
+
+    frames: tuple[int, int] | None = None
+    """First and last frame for which it holds, counted from 0 in the take; None: all. A splat lives as long as its
+    group, so it is removed from the whole group."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Region:
+        if self.radius is None and len(self.outline) < 3:
+            raise ValueError("a lasso needs at least three points")
+        if self.far is not None and self.far <= self.near:
+            raise ValueError("far must be greater than near")
+        if self.frames is not None and not 0 <= self.frames[0] <= self.frames[1]:
+            raise ValueError("frames must be a first and a last frame, counted from 0")
+        return self
+
+
+class World(Edit):
+    """How the world of streams and exports is placed in that of the capture."""
+
+    up: Vector | None = None
+    """Direction that becomes +y, in the capture's world; None: nothing is turned."""
+
+    origin: Vector = (0.0, 0.0, 0.0)
+    """Point of the capture's world that becomes the origin."""
+
+    scale: float = Field(default=1.0, ge=1e-6, le=1e6)
+    """Units of the new world in one of the capture's."""
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> World:
+        if self.up is not None and not any(self.up):
+            raise ValueError("up must not be 0")
+        return self
+
+    @property
+    def similarity(self) -> Similarity:
+        """From the capture's world to the new one."""
+        rotation = np.eye(3) if self.up is None else rotation_between(np.array(self.up), np.array(UP))
+        return Similarity(self.scale, rotation, -self.scale * rotation @ np.array(self.origin))
+
+
+class EditList(Edit):
+    """All edits of a take. What is None or empty is not edited."""
+
+    trim: Trim | None = None
+    crop: CropBox | None = None
+    ground: Ground | None = None
+    floaters: Floaters | None = None
+    regions: tuple[Region, ...] = Field(default=(), max_length=MOST_REGIONS)
+    world: World | None = None
+
+    @property
+    def removes(self) -> bool:
+        """Whether splats may be removed."""
+        return any((self.crop, self.ground, self.floaters, self.regions))
+
+    @property
+    def similarity(self) -> Similarity:
+        """From the capture's world to that of streams and exports."""
+        return Similarity() if self.world is None else self.world.similarity
+
+    def with_(self, **changes: Any) -> EditList:
+        """A copy with other values; None or an empty tuple removes an edit."""
+        return EditList(**{name: getattr(self, name) for name in EditList.model_fields} | changes)

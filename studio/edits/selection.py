@@ -1,0 +1,208 @@
+"""Which splats of a group the edits remove.
+
+A stream needs the same splats in all frames of a group, so each splat is kept or removed for the whole group: it is
+removed by a box, a plane or a region if it is outside, below or inside in at least half of the group's frames for
+which the edit holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from itertools import pairwise, product
+
+import numpy as np
+
+from studio.edits.edit_list import EditList, Floaters, Region
+from studio.gaussians import Gaussians
+
+DISTANCE = 0.02
+"""Default of `Floaters.distance`, of the diagonal of the performer's box."""
+
+_SEEN = 0.05  # opacity of splats that span the performer's box
+_STRAY = 0.01  # share of splats that may lie outside of that box, on each side of each axis
+_HALF = tuple(step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0))  # one of each two opposite neighbors
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Where the splats of a group are, and how opaque.
+
+    Attributes:
+        indices: the frames, counted from 0 in the take.
+        means: (F, N, 3) world units.
+        opacities: (F, N), 0 to 1.
+    """
+
+    indices: range
+    means: np.ndarray
+    opacities: np.ndarray
+
+    @classmethod
+    def of(cls, indices: range, frames: Iterable[Gaussians]) -> Paths:
+        """Of frames with the same splats in each; `frames` is iterated once."""
+        means, opacities = [], []
+        for frame in frames:
+            means.append(frame.means.detach().cpu().numpy())
+            opacities.append(frame.opacities.detach().cpu().numpy().reshape(-1))
+        return cls(indices, np.stack(means), np.stack(opacities))
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """(N,) bool for each kind of edit: the splats that it removes.
+
+    Attributes:
+        crop: outside of the crop box.
+        ground: below the ground.
+        regions: in a region.
+        faint: too transparent in all frames.
+        loose: in a small cluster, of those that nothing else removes.
+    """
+
+    crop: np.ndarray
+    ground: np.ndarray
+    regions: np.ndarray
+    faint: np.ndarray
+    loose: np.ndarray
+
+    @property
+    def removed(self) -> np.ndarray:
+        """(N,) bool: what any edit removes."""
+        found: np.ndarray = np.any([getattr(self, one.name) for one in fields(self)], axis=0)
+        return found
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of splats by kind; one splat may count for several."""
+        return {one.name: int(getattr(self, one.name).sum()) for one in fields(self)}
+
+
+def select(edits: EditList, paths: Paths) -> Selection:
+    """The splats of a group that the edits remove.
+
+    Args:
+        edits: of the take.
+        paths: of the whole group.
+    """
+    nothing = np.zeros(paths.means.shape[1], bool)
+    crop = nothing if edits.crop is None else _mostly(~edits.crop.holds(paths.means))
+    ground = nothing if edits.ground is None else _mostly(~edits.ground.holds(paths.means))
+    regions = nothing
+    for region in edits.regions:
+        regions = regions | in_region(region, paths)
+    faint = loose = nothing
+    if edits.floaters is not None:
+        if edits.floaters.opacity is not None:
+            faint = paths.opacities.max(axis=0) < edits.floaters.opacity
+        kept = np.flatnonzero(~(crop | ground | regions | faint))
+        loose = nothing.copy()
+        loose[kept] = _loose(edits.floaters, paths.means[0, kept], paths.opacities[0, kept])
+    return Selection(crop, ground, regions, faint, loose)
+
+
+def in_region(region: Region, paths: Paths) -> np.ndarray:
+    """(N,) bool: the splats of a group that a region removes."""
+    first, last = region.frames or (paths.indices[0], paths.indices[-1])
+    frames = [at for at, index in enumerate(paths.indices) if first <= index <= last]
+    if not frames:
+        return np.zeros(paths.means.shape[1], bool)
+    return _mostly(np.stack([_inside(region, paths.means[at]) for at in frames]))
+
+
+def _mostly(found: np.ndarray) -> np.ndarray:
+    mostly: np.ndarray = 2 * found.sum(axis=0) >= len(found)
+    return mostly
+
+
+def _inside(region: Region, points: np.ndarray) -> np.ndarray:
+    """(N,) whether points (N, 3) are in a region."""
+    pixels, depth = region.view.camera.project(points)
+    inside: np.ndarray = (depth > 0) & (depth >= region.near)
+    if region.far is not None:
+        inside &= depth <= region.far
+    outline = np.array(region.outline)
+    low, high = outline.min(axis=0) - (region.radius or 0), outline.max(axis=0) + (region.radius or 0)
+    inside &= ((pixels >= low) & (pixels <= high)).all(axis=1)
+    near = np.flatnonzero(inside)
+    if region.radius is None:
+        inside[near] = in_polygon(outline, pixels[near])
+    else:
+        inside[near] = distance_to_path(outline, pixels[near]) <= region.radius
+    return inside
+
+
+def in_polygon(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N,) whether points (N, 2) are inside a polygon (M, 2), by the even-odd rule."""
+    inside = np.zeros(len(points), bool)
+    x, y = points[:, 0], points[:, 1]
+    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if ay == by:
+            continue
+        crosses = (ay > y) != (by > y)
+        inside ^= crosses & (x < ax + (y - ay) / (by - ay) * (bx - ax))
+    return inside
+
+
+def distance_to_path(path: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N,) distances of points (N, 2) to a path (M, 2) of straight pieces, or to its only point."""
+    nearest = np.linalg.norm(points - path[0], axis=1)
+    for start, end in pairwise(path):
+        along = end - start
+        share = np.clip((points - start) @ along / max(float(along @ along), 1e-12), 0, 1)
+        nearest = np.minimum(nearest, np.linalg.norm(points - start - share[:, None] * along, axis=1))
+    return nearest
+
+
+def cluster_distance(means: np.ndarray, opacities: np.ndarray) -> float:
+    """`DISTANCE` of the diagonal of the box of what is seen of splats (N, 3), (N,), without the few farthest out."""
+    seen = means[opacities >= _SEEN]
+    points = (seen if len(seen) else means).astype(np.float64)
+    low, high = np.quantile(points, (_STRAY, 1 - _STRAY), axis=0)
+    return max(DISTANCE * float(np.linalg.norm(high - low)), 1e-9)
+
+
+def clusters(means: np.ndarray, distance: float) -> np.ndarray:
+    """(N,) number of each splat's cluster.
+
+    Splats in the same or in touching cells of a grid are in one cluster. So splats closer than the grid's spacing
+    always are, and ones farther apart than 3.5 times that are not neighbors.
+
+    Args:
+        means: (N, 3).
+        distance: spacing of the grid, world units.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    if not len(means):
+        return np.zeros(0, np.int64)
+    cells = np.floor((means.astype(np.float64) - means.min(axis=0)) / distance)
+    cells = np.minimum(cells, 2**20 - 3).astype(np.int64) + 1  # farther ones count as one far cell
+    width = np.array([2**42, 2**21, 1])
+    keys, own = np.unique(cells @ width, return_inverse=True)
+    starts, ends = [], []
+    for step in _HALF:
+        wanted = keys + np.array(step) @ width
+        place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+        found = np.flatnonzero(keys[place] == wanted)
+        starts.append(found)
+        ends.append(place[found])
+    start, end = np.concatenate(starts), np.concatenate(ends)
+    graph = coo_array((np.ones(len(start), bool), (start, end)), shape=(len(keys), len(keys)))
+    _, labels = connected_components(graph, directed=False)
+    numbers: np.ndarray = labels[own.reshape(-1)]
+    return numbers
+
+
+def _loose(floaters: Floaters, means: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+    """(N,) whether splats (N, 3) are in a cluster that is too small. The largest one always stays."""
+    least = max(floaters.splats or 0, (floaters.share or 0) * len(means))
+    if least == 0 or not len(means):
+        return np.zeros(len(means), bool)
+    numbers = clusters(means, floaters.distance or cluster_distance(means, opacities))
+    sizes = np.bincount(numbers)
+    small = sizes < least
+    small[sizes.argmax()] = False
+    found: np.ndarray = small[numbers]
+    return found

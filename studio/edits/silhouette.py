@@ -1,0 +1,21 @@
+"""What a camera sees of the crop box."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from studio.cameras import Camera
+from studio.edits.edit_list import CropBox
+
+
+def silhouette(camera: Camera, box: CropBox) -> np.ndarray:
+    """(H, W) bool: the pixels in which a pinhole camera sees the box; all if a corner is beside or behind it."""
+    import cv2
+
+    pixels, depth = camera.project(box.corners)
+    seen = np.zeros((camera.height, camera.width), np.uint8)
+    if depth.min() <= 1e-6 or np.abs(pixels).max() > 2**14:  # OpenCV draws coordinates below 2^15
+        return np.ones_like(seen, dtype=bool)
+    hull = cv2.convexHull(np.round(pixels - 0.5).astype(np.int32))
+    cv2.fillConvexPoly(seen, hull, 1)
+    return seen.astype(bool)

@@ -1,0 +1,168 @@
+"""`v3studio edit`, and what stages and exports make of edits."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines.review import TakeReview
+from pipelines.takes.edits import read_edits
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from pipelines.takes.videos import decoded_video, trained_video
+from studio.camera_files import read_rig
+from studio.edits import moved
+from studio.rasterizer import rasterize
+from studio.stream import StreamMetadata, StreamReader
+
+
+@pytest.fixture
+def take(finished, tmp_path) -> Path:
+    shutil.copytree(finished, tmp_path / "project")
+    return tmp_path / "project" / "take"
+
+
+def done(result):
+    assert result.returncode == 0, result.stderr
+    return result
+
+
+def states(here, take) -> dict[str, dict[str, str]]:
+    return json.loads(done(here("status", take, "--json")).stdout)["stages"]
+
+
+def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(here, take) -> None:
+    before = {path.name: path.read_bytes() for path in (take / "stream").rglob("*") if path.is_file()}
+    measured = json.loads((take / "evaluation.json").read_text())
+    rows = {row["index"]: row for row in measured["frames"]}
+
+    done(here("edit", "trim", take, 1, 3))
+    done(here("edit", "world", take, "--up", 0, 0, 1, "--origin", 0, 0, "-0.5", "--scale", 100))
+    # above the origin there is less than half of the ball
+    done(here("edit", "crop", take, "--min", -100, 50, -100, "--max", 100, 200, 100))
+    found = states(here, take)
+    assert {name: found[name]["state"] for name in ("calibrate", "initialize", "train")} == {
+        "calibrate": "done", "initialize": "done", "train": "done",
+    }  # fmt: skip
+    assert found["bake"]["state"] != "done"
+    for words in ("the trim was set", "the crop box was set", "the placement of the world was set"):
+        assert words in found["bake"]["reason"]
+    done(here("run", take))
+
+    opened, edits = Take.open(take), read_edits(take / "edits.json")
+    trained = [read_frame(opened.trained_frame(*place)) for place in ((0, 1), (0, 2), (1, 3))]
+    with StreamReader.open(take / "stream") as reader:
+        assert reader.frame_count == 3
+        assert reader.group_starts == (0, 2)
+        video, own = decoded_video(reader), trained_video(take)
+        assert own.frame_count == 3
+        place = StreamMetadata.from_json(reader.manifest.metadata).capture
+        assert place is not None
+        assert place.first_frame == 1
+        assert video.up is not None
+        assert np.allclose(video.up, [0, 1, 0])
+        for index, whole in enumerate(trained):
+            decoded, edited = video.read(index), own.read(index)
+            assert 0 < len(decoded) == len(edited) < len(whole)
+            assert float(edited.means[:, 1].median()) > 50
+            # what is kept is where it was, seen by the same camera
+            apart = moved(whole, edits.similarity).means[:, None] - edited.means
+            kept = apart.norm(dim=2).min(dim=1).values < 1e-4
+            assert int(kept.sum()) == len(edited)
+            assert video.view is not None
+            pictures = [rasterize(one, video.view).image for one in (edited, decoded)]
+            assert float((pictures[0] - pictures[1]).abs().mean()) < 0.02
+    again = json.loads((take / "evaluation.json").read_text())
+    assert [row["index"] for row in again["frames"]] == [1, 2, 3]
+    assert again["protocol"]["frames"] == [1, 2, 3]
+    review = TakeReview(opened).data()
+    assert review.frame_count == 3
+    assert review.quality is not None
+    assert review.quality.psnr_decoded == tuple(row["psnr_decoded"] for row in again["frames"])
+
+    done(here("edit", "remove", take, "crop"))
+    done(here("run", take))
+    again = json.loads((take / "evaluation.json").read_text())
+    for row in again["frames"]:  # placing and trimming leave the picture as it was
+        assert row["psnr_trained"] == pytest.approx(rows[row["index"]]["psnr_trained"], abs=0.02)
+        assert row["psnr_decoded"] == pytest.approx(rows[row["index"]]["psnr_decoded"], abs=0.3)
+
+    done(here("edit", "remove", take, "all"))
+    assert done(here("edit", "list", take)).stdout.startswith("no edits")
+    done(here("bake", take))
+    after = {path.name: path.read_bytes() for path in (take / "stream").rglob("*") if path.is_file()}
+    assert after == before
+    done(here("edit", "undo", take))
+    assert "frames 1 to 3" in done(here("edit", "list", take)).stdout
+
+
+def test_a_box_for_training_makes_training_stale_and_masks_what_it_sees(here, take) -> None:
+    done(here("edit", "crop", take, "--min", "-1", "-1", 0, "--max", 1, 1, 1, "--training"))
+    found = states(here, take)
+    assert found["calibrate"]["state"] == "done"
+    assert "the crop box was set" in found["initialize"]["reason"]
+    assert found["train"]["state"] != "done"
+    whole = read_points_of(take)
+    assert whole[:, 2].min() < -0.4
+    done(here("initialize", take))
+    assert read_points_of(take)[:, 2].min() >= 0
+    done(here("edit", "undo", take))
+    done(here("initialize", take))
+    assert np.array_equal(read_points_of(take), whole)
+
+
+def read_points_of(take: Path) -> np.ndarray:
+    from pipelines.takes.point_files import read_points
+
+    return read_points(Take.open(take).initialize_group(0) / "points.ply")[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("trim", 3, 1), "the last frame, 1, is before the first, 3"),
+        (("trim", 0, 5), "the take has no frame 5. It has frames 0 to 4."),
+        (("crop", "--min", 1, 0, 0, "--max", 0, 1, 1), "crop.size.0"),
+        (("floaters",), "opacity, splats or share must be set"),
+        (("floaters", "--share", 2), "floaters.share"),
+        (("world", "--from", 0, 0, 0, "--distance", 1), "--from, --to and --distance are used together"),
+        (("world", "--scale", 0), "world.scale"),
+        (("remove", "box"), "there is no edit named 'box'"),
+        (("remove", "regions", 1), "there is no regions 1"),
+        (("undo",), "there is no edit to undo"),
+        (("region", "none.json"), "none.json"),
+    ],
+)
+def test_bad_input_gets_a_sentence_and_changes_nothing(here, finished, words, sentence) -> None:
+    result = here("edit", words[0], finished / "take", *words[1:])
+    assert result.returncode == 1
+    assert result.stderr.startswith("error: ")
+    assert sentence in result.stderr
+    assert not (finished / "take" / "edits.json").exists()
+
+
+def test_floaters_ground_and_regions(here, take, tmp_path) -> None:
+    done(here("edit", "floaters", take, "--opacity", "0.05", "--share", "0.02"))
+    done(here("edit", "ground", take, "-0.2"))
+    assert read_edits(take / "edits.json").ground is not None
+    camera = next(iter(read_rig(take / "calibrate" / "rig.json")))
+    region = {
+        "view": {"width": 64, "height": 48, "K": camera.K.tolist(), "world_to_camera": camera.world_to_camera.tolist()},
+        "outline": [[0, 0], [64, 0], [64, 24], [0, 24]],
+    }
+    (tmp_path / "region.json").write_text(json.dumps(region))
+    done(here("edit", "region", take, tmp_path / "region.json"))
+    counted = done(here("edit", "count", take)).stdout.splitlines()
+    assert len(counted) == 2
+    assert all("ground" in line and "regions" in line for line in counted)
+    whole = len(read_frame(Take.open(take).trained_frame(0, 0)))
+    left = len(trained_video(take).read(0))
+    assert f"{whole - left:,} of {whole:,} splats removed" in counted[0]
+    done(here("edit", "ground", take, "10"))
+    result = here("bake", take)
+    assert result.returncode == 1
+    assert "the edits remove all splats of group 0" in result.stderr

@@ -1,0 +1,65 @@
+"""edits.json: changes, undo and redo, and files that are not what they should be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pipelines.takes.edits import MOST_STEPS, change_edits, read_edits, read_edits_file, redo_edit, undo_edit
+from studio.edits import EditList, Trim
+from tests.support.errors import refuses
+
+
+def trimmed(last: int) -> EditList:
+    return EditList(trim=Trim(first=0, last=last))
+
+
+def test_changes_are_undone_and_made_again(tmp_path: Path) -> None:
+    path = tmp_path / "edits.json"
+    assert read_edits(path) == EditList()
+    with refuses("take.nothing_to_undo"):
+        undo_edit(path)
+    assert not path.exists()
+    change_edits(path, trimmed(3), "trim to 3", EditList())
+    change_edits(path, trimmed(3), "the same")
+    change_edits(path, trimmed(5), "trim to 5", trimmed(3))
+    assert undo_edit(path)[1] == "trim to 5"
+    assert undo_edit(path)[1] == "trim to 3"
+    assert read_edits(path) == EditList()
+    redo_edit(path)
+    assert read_edits(path) == trimmed(3)
+    change_edits(path, trimmed(7), "trim to 7")
+    with refuses("take.nothing_to_redo"):
+        redo_edit(path)
+    with refuses("take.edits_changed"):
+        change_edits(path, trimmed(8), "trim to 8", trimmed(3))
+    for last in range(MOST_STEPS + 10):
+        change_edits(path, trimmed(last), "again")
+    assert len(read_edits_file(path).undo) == MOST_STEPS
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("{", "take.edits_damaged"),
+        ("[]", "take.edits_damaged"),
+        ('{"format": 2}', "take.edits_unknown_format"),
+        ('{"format": 1, "edits": {"trim": {"first": 3}}}', "take.edits_damaged"),
+        ('{"format": 1, "edits": {"new": 3}}', "take.edits_damaged"),
+    ],
+)
+def test_other_files_are_refused_and_stay(tmp_path: Path, text: str, code: str) -> None:
+    path = tmp_path / "edits.json"
+    path.write_text(text)
+    with refuses(code) as caught:
+        change_edits(path, trimmed(3), "trim")
+    assert "edits.json" in str(caught.value)
+    assert path.read_text() == text
+
+
+def test_only_what_is_edited_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "edits.json"
+    change_edits(path, trimmed(3), "trim")
+    assert json.loads(path.read_text())["edits"] == {"trim": {"first": 0, "last": 3}}

@@ -1,0 +1,213 @@
+"""Edits of splats: what is removed, and where the rest goes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from pydantic import ValidationError
+
+from studio.edits import (
+    CropBox,
+    EditList,
+    Floaters,
+    Ground,
+    Paths,
+    Region,
+    RegionView,
+    World,
+    moved,
+    select,
+    silhouette,
+)
+from studio.edits.selection import clusters, distance_to_path, in_polygon
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.similarity import Similarity, rotation_between
+from studio.stream import CapturePlace, StreamMetadata
+from tests.support.rigs import camera_at
+from tests.support.splats import converted_splats
+
+TURN = rotation_between(np.array([0.3, 0.2, 1.0]), np.array([0.0, 1.0, 0.0]))
+WORLD = Similarity(2.5, TURN, np.array([0.4, -1.0, 3.0]))
+SIDE = camera_at("a", (3.0, 1.5, 2.0), (0.0, 0.0, 0.0))
+
+
+def still(means: np.ndarray, opacities: np.ndarray | None = None, frames: int = 1, first: int = 0) -> Paths:
+    opacity = np.ones(len(means)) if opacities is None else opacities
+    return Paths(range(first, first + frames), np.stack([means] * frames), np.stack([opacity] * frames))
+
+
+def test_a_moved_camera_sees_the_same_of_moved_splats() -> None:
+    splats = converted_splats(3)
+    before = rasterize(splats, SIDE, background=(0.2, 0.4, 0.6)).image
+    after = rasterize(moved(splats, WORLD), WORLD.camera(SIDE), background=(0.2, 0.4, 0.6)).image
+    assert torch.allclose(before, after, atol=2e-3)
+    points = np.array([[0.1, 0.2, 0.3], [1.0, -1.0, 2.0]])
+    pixels, depth = SIDE.project(points)
+    seen, far = WORLD.camera(SIDE).project(WORLD.points(points))
+    assert np.allclose(pixels, seen)
+    assert np.allclose(far, WORLD.scale * depth)
+    assert np.allclose(WORLD.inverse.points(WORLD.points(points)), points)
+    assert np.allclose(WORLD.inverse.camera(WORLD.camera(SIDE)).world_to_camera, SIDE.world_to_camera)
+    assert moved(splats, Similarity()) is splats
+
+
+@pytest.mark.parametrize("end", [(0, 1, 0), (1, 2, 3), (-0.3, -0.2, -1), (0.3, 0.2, 1)])
+def test_the_shortest_rotation(end) -> None:
+    rotation = rotation_between(np.array([0.3, 0.2, 1.0]), np.array(end, float))
+    assert np.allclose(rotation @ rotation.T, np.eye(3))
+    assert np.linalg.det(rotation) == pytest.approx(1)
+    assert np.allclose(
+        rotation @ [0.3, 0.2, 1.0] / np.linalg.norm([0.3, 0.2, 1.0]), np.array(end) / np.linalg.norm(end)
+    )
+
+
+def test_the_world_is_placed() -> None:
+    world = World(up=(0, 0, 2), origin=(1, 2, 3), scale=100)
+    assert np.allclose(world.similarity.points(np.array([[1, 2, 3], [1, 2, 4]])), [[0, 0, 0], [0, 100, 0]])
+
+
+def test_where_a_stream_lies_in_its_take_is_read_back() -> None:
+    found = StreamMetadata.from_json(StreamMetadata(capture=CapturePlace(7, WORLD)).to_json()).capture
+    assert found is not None
+    assert found.first_frame == 7
+    assert np.allclose(found.world.points(np.eye(3)), WORLD.points(np.eye(3)))
+    for wrong in (3, {}, {"scale": 0}, {**CapturePlace(0, WORLD).to_json(), "first_frame": -1}):
+        assert StreamMetadata.from_json({"capture": wrong}).capture is None
+    assert "capture" not in StreamMetadata().to_json()
+
+
+def test_boxes_and_planes_take_what_is_outside_in_half_of_the_frames() -> None:
+    means = np.zeros((4, 3, 3))
+    means[:, 0] = (0.9, 0, 0)  # always inside
+    means[2:, 1] = (1.1, 0, 0)  # outside in half of the frames
+    means[3:, 2] = (1.1, 0, 0)  # in a quarter
+    paths = Paths(range(4), means, np.ones((4, 3)))
+    edits = EditList(crop=CropBox(center=(0, 0, 0), size=(2, 2, 2)))
+    assert select(edits, paths).removed.tolist() == [False, True, False]
+    turned = CropBox(center=(0, 0, 0), size=(2, 2, 2), rotation=(np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)))
+    assert turned.holds(np.array([[1.3, 0, 0], [0.9, 0.9, 0]])).tolist() == [True, False]
+    assert np.allclose(np.sort(np.linalg.norm(turned.corners, axis=1)), np.sqrt(3))
+    ground = EditList(ground=Ground(normal=(2, 0, 0), height=0.95))
+    assert select(ground, paths).ground.tolist() == [True, True, True]
+    assert select(EditList(ground=Ground(normal=(2, 0, 0), height=0.5)), paths).counts["ground"] == 2
+
+
+def region(**values) -> Region:
+    view = RegionView.of(SIDE)
+    x, y = (SIDE.width / 2, SIDE.height / 2)
+    square = ((x - 15, y - 15), (x + 15, y - 15), (x + 15, y + 15), (x - 15, y + 15))
+    return Region.model_validate({"view": view, "outline": square, **values})
+
+
+def test_a_lasso_takes_what_one_sees_in_it() -> None:
+    generator = np.random.default_rng(1)
+    means = generator.normal(size=(500, 3)) * 0.4
+    pixels, depth = SIDE.project(means)
+    pixels -= (SIDE.width / 2, SIDE.height / 2)
+    seen = (abs(pixels) < 15).all(1) & (depth > 0)
+    assert 0 < seen.sum() < 500
+    assert (select(EditList(regions=(region(),)), still(means)).removed == seen).all()
+    middle = float(np.median(depth[seen]))
+    near = select(EditList(regions=(region(far=middle),)), still(means)).removed
+    assert (near == (seen & (depth <= middle))).all()
+    path = [(SIDE.width / 2 + at, SIDE.height / 2 + at) for at in (-15, 15)]
+    brushed = select(EditList(regions=(region(outline=path, radius=5.0),)), still(means)).removed
+    from_line = np.abs(pixels[:, 0] - pixels[:, 1]) / np.sqrt(2)
+    between = abs(pixels.sum(1)) < 30
+    assert (brushed[between] == (from_line[between] <= 5)).all()
+    # of other frames
+    assert not select(EditList(regions=(region(frames=(5, 9)),)), still(means, first=2, frames=3)).removed.any()
+    assert (select(EditList(regions=(region(frames=(4, 9)),)), still(means, first=2, frames=3)).removed == seen).all()
+
+
+def test_polygons_and_paths_against_opencv() -> None:
+    cv2 = pytest.importorskip("cv2")
+    generator = np.random.default_rng(2)
+    corners, points = generator.uniform(0, 100, (7, 2)), generator.uniform(0, 100, (300, 2))
+    lone = corners[:3]  # of more corners, OpenCV rounds differently at crossings
+    wanted = [cv2.pointPolygonTest(lone.astype(np.float32), tuple(map(float, point)), False) > 0 for point in points]
+    assert in_polygon(lone, points).tolist() == wanted
+    dense = np.concatenate([np.linspace(a, b, 400) for a, b in pairwise(corners)])
+    nearest = np.linalg.norm(points[:, None] - dense, axis=2).min(1)
+    assert np.allclose(distance_to_path(corners, points), nearest, atol=0.3)
+
+
+def test_floaters_are_small_clusters_and_faint_splats() -> None:
+    generator = np.random.default_rng(3)
+    body = generator.uniform(-0.5, 0.5, (900, 3))
+    clump = generator.uniform(-0.02, 0.02, (30, 3)) + np.array([2.0, 0, 0])
+    lone = np.array([[0, 3.0, 0], [0, -50.0, 1e4]])
+    means = np.concatenate([body, clump, lone])
+    opacities = np.ones(len(means))
+    opacities[:10] = 0.01
+    found = select(EditList(floaters=Floaters(share=0.05, distance=0.2)), still(means, opacities))
+    assert np.flatnonzero(found.loose).tolist() == list(range(900, 932))
+    few = select(EditList(floaters=Floaters(splats=10, opacity=0.05, distance=0.2)), still(means, opacities))
+    assert np.flatnonzero(few.loose).tolist() == [930, 931]
+    assert np.flatnonzero(few.faint).tolist() == list(range(10))
+    assert few.counts == {"crop": 0, "ground": 0, "regions": 0, "faint": 10, "loose": 2}
+    # the largest cluster stays, however small the limit makes it
+    assert select(EditList(floaters=Floaters(splats=10_000)), still(means)).removed.sum() < len(means)
+
+
+def test_clusters_join_all_that_are_closer_than_the_distance() -> None:
+    points = np.random.default_rng(4).uniform(0, 10, (400, 3))
+    numbers = clusters(points, 0.7)
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+    assert (numbers[:, None] == numbers[None])[apart < 0.7].all()
+    assert len(set(numbers)) > 5
+    chain = np.zeros((50, 3))
+    chain[:, 0] = 0.6 * np.arange(50)
+    assert len(set(clusters(chain, 0.7))) == 1
+    for number in set(numbers.tolist()):  # no gap wider than two cells' diagonal
+        own = np.flatnonzero(numbers == number)
+        if len(own) < len(points):
+            others = apart[np.ix_(own, own)] + 1e9 * np.eye(len(own))
+            assert len(own) == 1 or (others.min(1) <= 2 * np.sqrt(3) * 0.7).all()
+
+
+def test_the_silhouette_of_a_box_is_where_its_points_are_seen() -> None:
+    box = CropBox(center=(0.1, 0, 0), size=(1, 0.6, 0.8), rotation=(0.9, 0.1, 0.3, 0.1))
+    inside = np.random.default_rng(5).uniform(-0.5, 0.5, (60_000, 3)) * box.size @ box.axes + box.center
+    assert box.holds(inside).all()
+    pixels, _ = SIDE.project(inside)
+    drawn = np.zeros((SIDE.height, SIDE.width), bool)
+    drawn[pixels[:, 1].astype(int), pixels[:, 0].astype(int)] = True
+    seen = silhouette(SIDE, box)
+    assert (seen | ~drawn).mean() > 0.999
+    assert seen.sum() < 1.1 * drawn.sum()
+    near = replace(SIDE, world_to_camera=np.eye(4))
+    assert silhouette(near, CropBox(center=(0, 0, 0), size=(1, 1, 1))).all()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"trim": {"first": 5, "last": 4}},
+        {"crop": {"center": [0, 0, 0], "size": [1, 0, 1]}},
+        {"crop": {"center": [0, 0, float("nan")], "size": [1, 1, 1]}},
+        {"ground": {"normal": [0, 0, 0], "height": 0}},
+        {"floaters": {}},
+        {"world": {"scale": 0}},
+        {"regions": [{"view": {"width": 4, "height": 4, "K": [[0] * 3] * 3, "world_to_camera": [[0] * 4] * 4},
+                      "outline": [[0, 0], [1, 0], [1, 1]]}]},
+        {"unknown": 1},
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(values) -> None:
+    with pytest.raises(ValidationError):
+        EditList.model_validate(values)
+
+
+def test_the_same_splats_are_kept_in_all_frames() -> None:
+    frames = [replace(converted_splats(1), means=converted_splats(1).means + 0.1 * at) for at in range(3)]
+    paths = Paths.of(range(4, 7), iter(frames))
+    assert paths.means.shape == (3, 260, 3)
+    kept = ~select(EditList(crop=CropBox(center=(0, 0, 0), size=(1, 1, 1))), paths).removed
+    assert 0 < kept.sum() < 260
+    assert all(isinstance(frame[torch.from_numpy(kept)], Gaussians) for frame in frames)
