@@ -11,6 +11,7 @@ from open3d.visualization import gui
 
 from gui.actions.bakes import BakeActions
 from gui.actions.cameras import CameraActions
+from gui.actions.edits import EditActions
 from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
 from gui.actions.output import OutputActions
@@ -49,6 +50,7 @@ class Actions:
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
+        self.edits = EditActions(window)
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
@@ -60,6 +62,7 @@ class Actions:
             "address": self._ask_address,
             "undo": self.undo,
             "redo": self.redo,
+            "edit": self.edits.show,
             "screenshot": self._outputs.screenshot,
             "report": self._outputs.report,
             "preferences": lambda: ask_preferences(window.dialogs, window.preferences, self._save_preferences),
@@ -100,6 +103,7 @@ class Actions:
             "fullscreen": (key.F,),
             "figures": (key.I,),
             "queue": (key.Q,),
+            "edit": (key.X,),
             "shortcuts": (key.QUESTION_MARK, key.SLASH),
             "previous_mark": (key.COMMA, key.LESS_THAN),
             "next_mark": (key.PERIOD, key.GREATER_THAN),
@@ -136,7 +140,7 @@ class Actions:
         return self.undo if event.key == key.Z else None
 
     def undo(self) -> None:
-        """Reverse the last change of settings or marks."""
+        """Reverse the last change of settings, marks or edits."""
         self._step(self._window.workspace.history.undo)
 
     def redo(self) -> None:
@@ -150,6 +154,7 @@ class Actions:
             words = str(error)
         self._window.notices.tell(words)
         self._window.marks_changed()
+        self.edits.changed()
 
     def _review(self, choice: str) -> None:
         views = self._window.views
