@@ -38,6 +38,7 @@ from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.kernels import definitions_only
 from studio.stream.profiles import coding_of
 from studio.training import TrainingView, TrainSettings
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.coded_loss import CodedLoss
 from studio.training.dropout import drop_splats
 from studio.training.hashgrid import Corners
@@ -214,11 +215,11 @@ class Scene:
             losses = [stepper(moved).loss for _ in range(settings.motion_views)]
             torch.stack(losses).mean().backward()  # type: ignore[no-untyped-call]
             adam.step()
-            adam.zero_grad(set_to_none=True)
+            adam.zero_grad()
 
         self.pair("whole step", motion, "motion")
         coding, coded = coding_of(settings.regularize, self.previous), self.coded()
-        entropy_adam = torch.optim.Adam(coded.parameters(), lr=1e-9, fused=True)
+        entropy_adam = Adam([ParameterGroup(list(coded.parameters()), 1e-9)])
         tuned = SplatOptimizer(self.now, settings.rates, extent, train_means=settings.finetune_means)
 
         def tune() -> None:
@@ -228,7 +229,7 @@ class Scene:
             loss.backward()  # type: ignore[no-untyped-call]
             tuned.step()
             entropy_adam.step()
-            entropy_adam.zero_grad(set_to_none=True)
+            entropy_adam.zero_grad()
 
         self.pair("whole step", tune, "fine-tuning")
 

@@ -10,6 +10,7 @@ from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
+from gui.panels.path_panel import PathPanel
 from gui.panels.picture import color
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
@@ -43,6 +44,7 @@ class Panels:
     modes: ModesPanel
     stages: StagesPanel
     inspector: InspectorPanel
+    path_panel: PathPanel
     message: gui.Label
     status: gui.Label
     camera_menu: CameraMenu
@@ -90,6 +92,11 @@ class Layout:
         self.figures = not self.shows_figures
         self._panels.window.set_needs_layout()
 
+    def show_figures(self) -> None:
+        """Show the right panel."""
+        if not self.shows_figures:
+            self.toggle_figures()
+
     def set_fullscreen(self, on: bool) -> None:
         """Show the viewport alone, or with all panels."""
         panels = self._panels
@@ -111,6 +118,8 @@ class Layout:
         figures = self.shows_figures
         for widget in panels.inspector.widgets:
             widget.visible = figures
+        panels.path_panel.picture.widget.visible = figures and panels.path_panel.shown
+        panels.inspector.figures.widget.visible = figures and not panels.path_panel.shown
         if self.fullscreen:
             panels.viewport.picture.place(x, y, width, height)
             self._place_message(context, x, y, width, height)
@@ -137,6 +146,7 @@ class Layout:
         panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
         if figures:
             panels.inspector.place(inner + view_width + gap, y, right, bottom - y)
+            panels.path_panel.picture.widget.frame = panels.inspector.figures.widget.frame
         frames = (
             (x + left, y, gap, height),
             (inner, y, view_width, row),

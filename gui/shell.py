@@ -12,6 +12,7 @@ from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
+from gui.panels.path_panel import PathPanel
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
 from gui.presenters.evaluation import Evaluation
@@ -52,6 +53,7 @@ class Shell(Protocol):
     modes: ModesPanel
     stages: StagesPanel
     inspector: InspectorPanel
+    path_panel: PathPanel
     message: gui.Label
 
     def open(self, path: str) -> None:

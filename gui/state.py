@@ -49,6 +49,8 @@ class WindowState:
         exporting: progress of the export or share; "" if none is running.
         serving: URL at which the take is served; "" if it is not.
         marks: notes by frame number, as text.
+        path: [time, frame, easing] of each view of the camera path.
+        path_places: the middle of what can be clicked in its panel, 0 to 1 across and down, by name and row.
         orbit: yaw, pitch, distance, target (x, y, z).
         background: name of the viewport's background.
         timeline_left: column of the timeline where frame 0 begins, pixels.
@@ -93,6 +95,8 @@ class WindowState:
     exporting: str
     serving: str
     marks: dict[str, str]
+    path: list[list[object]]
+    path_places: dict[str, list[float]]
     orbit: list[float]
     background: str
     timeline_left: int
@@ -142,6 +146,8 @@ class WindowState:
             exporting=window.exports.words,
             serving=window.serving.address,
             marks={str(frame): note for frame, note in sorted(window.marks.notes.items())},
+            path=[[round(key.time, 3), key.frame, key.easing] for key in window.exports.path.keys],
+            path_places=window.path_panel.places if window.path_panel.shown else {},
             orbit=[player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
             background=player.background,
             timeline_left=window.timeline.plots_view.left,
@@ -168,6 +174,7 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         "stages": window.stages.list.widget,
         "inspector": window.inspector.figures.widget,
         "log": window.inspector.log.widget,
+        "path": window.path_panel.picture.widget,
         **window.controls.buttons,
         **window.stages.buttons,
         "error setting": window.stages.link,

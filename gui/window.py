@@ -14,6 +14,7 @@ from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
+from gui.panels.path_panel import PathPanel
 from gui.panels.picture import color, plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
@@ -119,15 +120,18 @@ class MainWindow:
         )
         self.inspector = InspectorPanel(em, changed)
         self.camera_menu = CameraMenu(em, changed)
+        self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
+        self.timeline.moved_key = self.actions.path.move_frame
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
         self._pictures = (
             self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
+            self.path_panel.picture,
         )  # fmt: skip
         self.layout: Layout = Layout(
             Panels(
                 self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
-                self.inspector, self.message, self.status, self.camera_menu,
+                self.inspector, self.path_panel, self.message, self.status, self.camera_menu,
             )
         )  # fmt: skip
         for widget in (
@@ -138,6 +142,7 @@ class MainWindow:
             self.controls.widget,
             *self.stages.widgets,
             *self.inspector.widgets,
+            self.path_panel.picture.widget,
             self.status,
             self.message,
             self.camera_menu.widget,
@@ -169,6 +174,8 @@ class MainWindow:
         opened, _ = found
         self.player.adopt(*found)
         self.workspace.open(opened.take)
+        self.actions.path.stop()
+        self.exports.path.open(opened.take.camera_path if opened.take is not None else None, self.workspace.history)
         self.marks = Marks(opened.take.marks if opened.take is not None else None)
         self.marks_changed()
         self.preferences.opened(str(opened.path))
@@ -218,6 +225,7 @@ class MainWindow:
         self.stages.estimates.stop()
         self.actions.queue.close()
         self.actions.bakes.close()
+        self.actions.path.close()
         self.workspace.close()
         self._opener.close()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
@@ -315,6 +323,7 @@ class MainWindow:
         changed |= self.actions.queue.poll()
         changed |= self.actions.bakes.poll()
         changed |= self.actions.edits.poll()
+        changed |= self.actions.path.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:
@@ -324,7 +333,9 @@ class MainWindow:
         # decided once: everything that is drawn together is updated together
         pausing = self._redraws.pausing
         if not pausing:  # changes between two draws are invisible
+            self.timeline.path_keys = [key.frame for key in self.exports.path.keys] if self.path_panel.shown else []
             changed |= self.timeline.update()
+            changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
             if not self.layout.fullscreen:
                 changed |= self._update_panels()
         message = self.workspace.message or self.views.message

@@ -9,9 +9,10 @@ the window and the staleness check all read these models; nothing is declared tw
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
 
 RESULTS = {
@@ -95,6 +96,17 @@ class Settings(BaseModel):
         hide_input_in_errors=True,  # it may contain credentials
     )  # fmt: skip
 
+    @model_validator(mode="before")
+    @classmethod
+    def _lists_without_brackets(cls, values: Any) -> Any:
+        """`cam05, cam99` is the list [cam05, cam99] where a list is meant."""
+        if not isinstance(values, dict):
+            return values
+        return {
+            name: as_list(value) if isinstance(value, str) and _is_list(cls.model_fields.get(name)) else value
+            for name, value in values.items()
+        }
+
     affects: ClassVar[Affects | None] = None
     """Results affected by fields without their own `Affects`. None: those of the field that contains the model."""
 
@@ -108,6 +120,26 @@ class Settings(BaseModel):
 
 
 _Marker = TypeVar("_Marker", Affects, Heading, Unbounded)
+
+
+def as_list(text: str) -> Any:
+    """The items of a list that was written without brackets; text that cannot be one is returned as it is."""
+    from studio.yaml_text import YamlError, parse_yaml
+
+    if not text.strip() or not set(text).isdisjoint("[]{}&*!:"):  # nothing nested
+        return text
+    try:
+        return parse_yaml(f"[{text}]")
+    except YamlError:
+        return text
+
+
+def _is_list(field: FieldInfo | None) -> bool:
+    """Whether a field is a list or a tuple, or that or null, and never text."""
+    kinds = [field.annotation] if field is not None else []
+    if get_origin(field.annotation if field is not None else None) in (Union, UnionType):
+        kinds = [part for part in get_args(kinds[0]) if part is not type(None)]
+    return bool(kinds) and all(get_origin(part) in (tuple, list) for part in kinds)
 
 
 def marker(field: FieldInfo, kind: type[_Marker]) -> _Marker | None:

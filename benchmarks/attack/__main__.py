@@ -20,9 +20,12 @@ sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent), str(HERE)]
 
 import bombs  # noqa: E402
 import clients  # noqa: E402
+import late  # noqa: E402
 import mutations  # noqa: E402
+import served  # noqa: E402
 import servers  # noqa: E402
 import takes  # noqa: E402
+import windows  # noqa: E402
 from outcome import Outcome  # noqa: E402
 
 
@@ -87,6 +90,18 @@ PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
     "small-files": (
         "a sentence; the same bytes without the limit",
         lambda folder, share, outcome: takes.small_files(project_in(folder), outcome),
+    ),
+    "late": (
+        "a sentence or a result; the same bytes in the end",
+        lambda folder, share, outcome: late.attack(project_in(folder), share, outcome),
+    ),
+    "served": (
+        "clients read one bake or a sentence; the next server serves the last bake",
+        lambda folder, share, outcome: served.attack(project_in(folder), share, outcome),
+    ),
+    "window": (
+        "a sentence or pictures; the window stays open",
+        lambda folder, share, outcome: windows.attack(project_in(folder), share, outcome),
     ),
     "clock": (
         "the same bytes",

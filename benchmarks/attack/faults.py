@@ -12,6 +12,7 @@ folders. Writes of native libraries happen in files that Python renames into pla
 - `full`: no space is left from the n-th write on.
 - `size`: no file can grow beyond n bytes.
 - `clock`: the time of day jumps by years, back and forth, n times a minute of it.
+- `late`: what other processes write is seen n seconds later, as on a network file system; see `late_files`.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+
+import late_files
 
 _CHANGES = ("os.rename", "os.link", "os.symlink", "os.mkdir", "os.remove", "os.rmdir", "os.truncate")
 _FREES = ("os.remove", "os.rmdir")
@@ -102,6 +105,8 @@ def main() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(number), resource.RLIM_INFINITY))
     elif kind == "clock":
         jumping_clock()
+    elif kind == "late":
+        late_files.install(Path(folder), float(number))
     faults = Faults(kind, int(number), Path(folder))
     sys.argv = ["v3studio", *arguments]
     sys.modules.pop("pipelines.cli", None)

@@ -51,14 +51,17 @@ class Project:
         self.run("count", 0, self.finished)
         self.idle_writes = int((folder / "finished.writes").read_text())
 
-    def start(self, kind: str, number: int, take: Path) -> WarmProcess:
-        """Begin a run with a fault."""
-        command = (FAULTS, kind, number, take, "run", self.config, "--take", take)
-        return warm_python().popen(command, text=True, cwd=ROOT, env=environment())
+    def start(self, kind: str, number: int, take: Path, *arguments: object) -> WarmProcess:
+        """Begin a run, or another command, with a fault."""
+        command = arguments or ("run", self.config, "--take", take)
+        return warm_python().popen((FAULTS, kind, number, take, *command), text=True, cwd=ROOT, env=environment())
 
-    def run(self, kind: str, number: int, take: Path) -> WarmProcess:
-        """A run with a fault, to its end; its errors are in `stderr`."""
-        process = self.start(kind, number, take)
+    def run(self, kind: str, number: int, take: Path, *arguments: object) -> WarmProcess:
+        """The same, to its end; its errors are in `stderr`."""
+        return self.ended(self.start(kind, number, take, *arguments))
+
+    def ended(self, process: WarmProcess) -> WarmProcess:
+        """What `start` began, at its end."""
         stdout, stderr = process.communicate(PATIENCE)
         process.stdout, process.stderr = stdout, stderr
         return process
@@ -124,20 +127,27 @@ def random_cuts(project: Project, kind: str, count: int, outcome: Outcome) -> No
     power cut that loses all that it has not synced. The third must give the same bytes."""
     random_ = random.Random(kind)
     take = project.folder / "cut"
+    killed = empty = 0
     for _ in range(count):
         shutil.rmtree(take, ignore_errors=True)
         kept = random_.randint(1, project.writes - 1)
-        project.run("kill", kept, take)
+        killed += project.run("kill", kept, take).returncode == -9
         number = random_.randint(1, project.writes - kept + project.idle_writes)
         before = results(take)
         ended = project.run(kind, number, take)
+        killed += ended.returncode == -9
         outcome.count += 1
         where = f"{kind} at write {number} after {kept}"
+        manifest = take / "stream" / "manifest.json"
+        empty += manifest.exists() and not manifest.stat().st_size
         for problem in problems_of(take, before if kind == "kill" else None):
             (outcome.failed if kind == "kill" else outcome.note)(f"{where}: {problem}")
         again = project.run("count", 0, take)
         if again.returncode != 0 or not project.same_results(take):
             outcome.failed(f"{where} ({ended.returncode}): then {again.returncode}: {str(again.stderr)[-800:]}")
+    if empty:
+        outcome.failed(f"{empty} empty manifests")
+    outcome.notes.insert(0, f"{killed} runs were killed, {empty} manifests were empty")
 
 
 def small_files(project: Project, outcome: Outcome) -> None:

@@ -15,6 +15,7 @@ from gui.actions.edits import EditActions
 from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
 from gui.actions.output import OutputActions
+from gui.actions.path import PathActions
 from gui.actions.points import PointActions
 from gui.actions.queue import QueueActions
 from gui.actions.shares import ShareActions
@@ -51,6 +52,7 @@ class Actions:
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
         self.edits = EditActions(window)
+        self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
@@ -80,8 +82,9 @@ class Actions:
             "previous_mark": lambda: self._marks.go(-1),
             "marks": self._marks.show_all,
             **{f"export {kind}": partial(self._outputs.export, kind) for kind in FORMATS},
-            "add_key": self._outputs.add_key,
-            "clear_keys": window.exports.keys.clear,
+            "path": self.path.toggle,
+            "add_key": self.path.add,
+            "clear_keys": self.path.clear,
             "stop_export": window.exports.stop,
             **{f"share {form}": partial(self.shares.ask, form) for form in FORMS},
             "serve": self.shares.serve,
@@ -100,6 +103,7 @@ class Actions:
             "reset": (key.R,),
             "mark": (key.M,),
             "add_key": (key.K,),
+            "path": (key.P,),
             "fullscreen": (key.F,),
             "figures": (key.I,),
             "queue": (key.Q,),

@@ -20,7 +20,7 @@ SHORTCUTS: tuple[tuple[str, str], ...] = (
     ("M", "mark the frame, with a note"),
     ("< and >", "go to the previous or next mark"),
     ("Ctrl+Z, Ctrl+Shift+Z", "undo, redo a change of settings, marks or edits"),
-    ("K", "add the view to the camera path"),
+    ("K, P", "add the view to the camera path; show the editor of the path"),
     ("F", "fullscreen viewport (Escape exits)"),
     ("I", "show or hide the inspector and log"),
     ("Q", "show the queue of takes"),

@@ -56,6 +56,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("export videogs", "VideoGS layout..."),
             ("", ""),
             ("export turntable", "Movie: turntable..."),
+            ("path", "Camera path editor (P)"),
             ("add_key", "Add view to camera path (K)"),
             ("clear_keys", "Clear camera path"),
             ("export camera-path", "Movie: camera path..."),

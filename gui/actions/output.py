@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gui.panels.option_dialogs import ask_export
 from gui.presenters.playback.other_source import OTHER
-from gui.presenters.run.exports import LEAST_SECONDS, ExportRequest, PathKey
+from gui.presenters.run.exports import LEAST_SECONDS, ExportRequest
 from gui.shell import Shell
 from pipelines.commands.export import DEFAULT_OF
 from pipelines.reports.pictures import write_picture
@@ -48,15 +48,6 @@ class OutputActions:
             "screenshot", "Save screenshot", "PNG file of the viewport's picture:", str(folder / name),
             [("save", "Save", save), ("close", "Cancel", lambda _: None)],
         )  # fmt: skip
-
-    def add_key(self) -> None:
-        """Add the view to the camera path."""
-        window = self._window
-        camera = window.player.view()
-        if camera is not None:
-            window.exports.keys.append(PathKey(camera, window.player.transport.frame))
-            count = len(window.exports.keys)
-            window.player.notice = f"{count} view{'s' * (count != 1)} in the camera path"
 
     def export(self, kind: str) -> None:
         """Ask for the options, then export. `kind` is a key of `FORMATS`."""

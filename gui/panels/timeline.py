@@ -28,6 +28,8 @@ class TimelinePanel:
         plots: the rows above the track.
         marks: marked frames.
         frame: the frame drawn as current; None for none.
+        path_keys: frames of the views of the camera path, which can be dragged.
+        moved_key: called with the index of such a view and its new frame.
         explanation: what the plots show, the tooltip of their titles.
     """
 
@@ -45,6 +47,9 @@ class TimelinePanel:
         self._down = False
         self.plots: Sequence[Plot] = ()
         self.marks: tuple[int, ...] = ()
+        self.path_keys: Sequence[int] = ()
+        self.moved_key: Callable[[int, int], None] = lambda key, frame: None
+        self._dragged: tuple[int, int] | None = None
         self.picture = PictureWidget(self._on_mouse)
 
     @property
@@ -57,18 +62,33 @@ class TimelinePanel:
         """Redraw what has changed; return whether anything did."""
         transport = self._player.transport
         frame = self._player.frame if self._player.opened is not None else None
-        below = (self.picture.size, transport.frame_count, transport.group_starts, id(self.plots), self.marks)
+        below = (
+            self.picture.size,
+            transport.frame_count,
+            transport.group_starts,
+            id(self.plots),
+            self.marks,
+            self._keys,
+        )
         if time.monotonic() > self._hover_until:
             self._hover = None
         hover = self._hover if frame is not None else None
         if (below, frame, hover) == self._drawn:
             return False
         if self._base is None or self._drawn is None or self._drawn[0] != below:
-            self._base = self.plots_view.base(self.plots, self.marks)
+            self._base = self.plots_view.base(self.plots, self.marks, self._keys)
         self._drawn = (below, frame, hover)
         self.frame = frame
         self.picture.show(self.plots_view.with_head(self._base, frame, self.plots, hover))
         return True
+
+    @property
+    def _keys(self) -> tuple[int, ...]:
+        """Frames of the views, as dragged."""
+        frames = list(self.path_keys)
+        if self._dragged is not None and self._dragged[0] < len(frames):
+            frames[self._dragged[0]] = self._dragged[1]
+        return tuple(frames)
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
@@ -83,6 +103,9 @@ class TimelinePanel:
             return False
         transport = self._player.transport
         if event.type == kind.BUTTON_UP:
+            if self._dragged is not None:
+                dragged, self._dragged = self._dragged, None
+                self.moved_key(*dragged)
             if self._resume:
                 transport.play()
             self._resume = self._down = False
@@ -91,6 +114,10 @@ class TimelinePanel:
                 self._down = True
                 self._resume = transport.playing
                 transport.pause()
+                key = view.key_at(x, y, self._keys)
+                self._dragged = None if key is None else (key, self._keys[key])
+            if self._down and self._dragged is not None:
+                self._dragged = (self._dragged[0], view.frame_at(x))
             if self._down:
                 transport.seek(view.frame_at(x))
         self._changed()

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from studio.stream import Manifest
 
 
+_MOST_PIXELS = 1 << 26
+"""Of the picture of --draw, whose size the stream says: 8192x8192. Drawing it takes some 20 bytes for each."""
+
+
 def register(commands: Any) -> None:
     """Add the command to the command line."""
     play = commands.add_parser(
@@ -72,5 +76,13 @@ def _drawing(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], ob
             option="--draw",
         )
     camera = metadata.suggested_camera.undistorted()
+    if camera.width * camera.height > _MOST_PIXELS:
+        raise StudioError(
+            "stream.camera_too_large",
+            f"the suggested camera has {camera.width}x{camera.height} pixels; at most {_MOST_PIXELS:,} are drawn",
+            file=stream,
+            fix="Remove --draw.",
+            option="--draw",
+        )
     background = metadata.background or (0.0, 0.0, 0.0)
     return lambda gaussians: draw(gaussians, camera, background)

@@ -61,7 +61,7 @@ class MarkView(Result):
 class Mark(Result):
     """A marked frame."""
 
-    frame: int
+    frame: int = Field(ge=0, strict=True)
     """Counted from 0 in the take."""
 
     note: str

@@ -13,6 +13,7 @@ Layout::
     bakes/NAME/stream/, bake.json               a bake that is kept under a name (`pipelines.takes.kept_bakes`)
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
+    camera_path.json                            camera path for movies, if any
     edits.json                                  trim, crop box, removed floaters, world, if any
     .v3studio/                                  lock, records of finished stages, work in progress
 """
@@ -240,6 +241,11 @@ class Take:
     def marks(self) -> Path:
         """marks.json: marked frames with notes."""
         return self.root / "marks.json"
+
+    @property
+    def camera_path(self) -> Path:
+        """camera_path.json: the camera path that was edited in the window."""
+        return self.root / "camera_path.json"
 
     @property
     def edits(self) -> Path:

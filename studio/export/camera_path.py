@@ -8,7 +8,9 @@ File format (JSON)::
 
 `time` is the time in the movie in seconds, ascending; `camera` has the format of rig.json; `frame` is the frame of the
 splat video shown at that time (it may pause or run backwards), set in all keys or in none. Without it, the splat video
-loops at its own rate. A rig.json or cameras.json is accepted as a path through its cameras.
+loops at its own rate. `easing` says how the camera moves to the next key: "smooth" (the default: on a curve through all
+keys, without a stop), "ease" (on this curve, slowly away from the key and slowly to the next one), "linear" (straight,
+at a constant speed) or "hold" (stays, then cuts). A rig.json or cameras.json is accepted as a path through its cameras.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from studio.atomic_files import write_json
 from studio.camera_files import read_rig
@@ -33,6 +35,7 @@ from studio.splat_video import SplatVideo
 
 FORMAT = "v3studio-camera-path"
 VERSION = 1
+EASINGS = ("smooth", "ease", "linear", "hold")
 _SAMPLED_FRAMES = 5  # frames of the video from which the subject is located
 
 
@@ -44,18 +47,20 @@ class Key:
         time: time in seconds.
         camera: the camera.
         frame: frame of the splat video; None: the video plays at its own rate.
+        easing: how the camera moves to the next key, one of `EASINGS`.
     """
 
     time: float
     camera: Camera
     frame: float | None = None
+    easing: str = "smooth"
 
 
 class CameraPath:
     """A camera over time that passes exactly through its keys.
 
     Positions follow a natural cubic spline and rotations a cubic rotation spline, both with continuous velocity; focal
-    lengths and frames are interpolated monotonically.
+    lengths and frames are interpolated monotonically. `Key.easing` changes how the camera moves, but not the frames.
 
     Args:
         keys: at least one key, with ascending times.
@@ -63,8 +68,8 @@ class CameraPath:
 
     Raises:
         StudioError: there are no keys (camera_path.no_keys), their times are not ascending (camera_path.times), a
-            camera has another aspect ratio (camera_path.aspect_ratio), or only some keys have a frame
-            (camera_path.frames).
+            camera has another aspect ratio (camera_path.aspect_ratio), only some keys have a frame
+            (camera_path.frames), or an easing is none of `EASINGS` (camera_path.easing).
     """
 
     def __init__(self, keys: Sequence[Key], width: int, height: int) -> None:
@@ -79,6 +84,9 @@ class CameraPath:
             raise StudioError(
                 "camera_path.frames", "only some of the keys have a frame", fix="Set frame in all keys or in none."
             )
+        for key in keys:
+            check_easing(key.easing)
+        self._easings = [key.easing for key in keys]
         cameras = [_fitted(key.camera, width, height) for key in keys]
         self._cameras = cameras
         self._frames = frames
@@ -105,15 +113,33 @@ class CameraPath:
         if len(self._cameras) == 1:
             return self._cameras[0]
         time = float(np.clip(self._times[0] + seconds, self._times[0], self._times[-1]))
+        time, straight = self._eased(time)
         rotation = self._rotations(time).as_matrix()
+        center = self._centers(time)
+        if straight is not None:
+            ends = self._times[straight : straight + 2]
+            share = (time - ends[0]) / (ends[1] - ends[0])
+            center = (1 - share) * self._centers(ends[0]) + share * self._centers(ends[1])
+            rotation = Slerp(ends, self._rotations(ends))(time).as_matrix()
         pose = np.eye(4)
         pose[:3, :3] = rotation
-        pose[:3, 3] = -rotation @ self._centers(time)
+        pose[:3, 3] = -rotation @ center
         fx, fy = np.exp(self._focal_lengths(time))
         cx, cy = self._middle(time)
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         first = self._cameras[0]
         return Camera(f"path at {seconds:.3f} s", first.width, first.height, K, pose)
+
+    def _eased(self, time: float) -> tuple[float, int | None]:
+        """Where on the curve the camera is at a time, and the segment that it moves straight along, if it does."""
+        segment = min(int(np.searchsorted(self._times, time, side="right")) - 1, len(self._times) - 2)
+        start, end = self._times[segment : segment + 2]
+        share, easing = (time - start) / (end - start), self._easings[segment]
+        if easing == "hold":
+            return float(start if share < 1 else end), None
+        if easing == "ease":
+            return float(start + share * share * (3 - 2 * share) * (end - start)), None
+        return time, segment if easing == "linear" else None
 
     def frame(self, seconds: float) -> float:
         """The frame of the splat video `seconds` after the first key; requires `has_frames`."""
@@ -121,6 +147,21 @@ class CameraPath:
             return float(self._frames[0])
         assert self._frame is not None
         return float(self._frame(np.clip(self._times[0] + seconds, self._times[0], self._times[-1])))
+
+
+def check_easing(easing: str) -> None:
+    """Check that an easing is one of `EASINGS`.
+
+    Raises:
+        StudioError: it is not (camera_path.easing).
+    """
+    if easing not in EASINGS:
+        raise StudioError(
+            "camera_path.easing",
+            f"the easing is {easing!r}; it must be one of {', '.join(EASINGS)}",
+            value=easing,
+            expected=EASINGS,
+        )
 
 
 def _fitted(camera: Camera, width: int, height: int) -> Camera:
@@ -202,7 +243,12 @@ def _key(path: Path, index: int, entry: Any) -> Key:
             key=index,
             name="time",
         )
-    return Key(float(numbers["time"]), Camera.from_dict(entry["camera"]), numbers["frame"])
+    easing = entry.get("easing", "smooth")
+    try:
+        check_easing(easing)
+    except StudioError as error:
+        raise StudioError(error.code, f"key {index}: {error.problem}", file=path, value=easing, key=index) from None
+    return Key(float(numbers["time"]), Camera.from_dict(entry["camera"]), numbers["frame"], easing)
 
 
 def write_path_keys(keys: Sequence[Key], path: Path) -> None:
@@ -212,6 +258,8 @@ def write_path_keys(keys: Sequence[Key], path: Path) -> None:
         entry: JsonObject = {"time": key.time, "camera": key.camera.to_dict()}
         if key.frame is not None:
             entry["frame"] = key.frame
+        if key.easing != "smooth":
+            entry["easing"] = key.easing
         entries.append(entry)
     write_json(path, {"format": FORMAT, "version": VERSION, "keys": entries})
 

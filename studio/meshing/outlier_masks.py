@@ -41,7 +41,7 @@ def restore(
 
     Returns:
         the hull, including the voxels that are uncovered in half of the cameras that see and accept them; these voxels
-        are carved without the outlier cameras.
+        are carved without the outlier cameras. `hull` itself if there are none.
     """
     flat = np.flatnonzero(tolerant.ravel() & (hull.field.ravel() <= 0))
     if len(flat) == 0:

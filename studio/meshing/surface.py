@@ -161,7 +161,7 @@ def extract_surface(
     vertices = raw.vertex.positions.numpy().astype(np.float64) * hull.voxel + hull.origin
     mesh = Mesh(vertices, raw.triangle.indices.numpy().astype(np.int32))
     mesh = _large_components(mesh, min_component)
-    return _refined(mesh, taubin, max_faces) if refine else mesh
+    return refined(mesh, max_faces, taubin) if refine else mesh
 
 
 def _large_components(mesh: Mesh, min_component: float) -> Mesh:
@@ -184,11 +184,14 @@ def _large_components(mesh: Mesh, min_component: float) -> Mesh:
     return Mesh(mesh.vertices[used], (np.cumsum(used) - 1).astype(np.int32)[faces])
 
 
-def _refined(mesh: Mesh, taubin: int, max_faces: int) -> Mesh:
-    """The mesh, smoothed, decimated to `max_faces` and made manifold with PyMeshLab's filters.
+def refined(mesh: Mesh, max_faces: int, taubin: int = 10) -> Mesh:
+    """The mesh, smoothed, decimated to `max_faces` and made manifold with PyMeshLab's filters; see `extract_surface`.
 
     One thread at a time: the filters share state, and two at once damaged the heap.
     """
+    if len(mesh.faces) == 0:
+        return mesh
+
     import pymeshlab
 
     with _FILTERS:

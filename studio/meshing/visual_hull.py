@@ -16,7 +16,7 @@ from studio.meshing.outlier_masks import restore
 from studio.meshing.settings import InitializeSettings
 from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.steps import part_of
-from studio.meshing.surface import Mesh, MeshViews, extract_surface
+from studio.meshing.surface import Mesh, MeshViews, extract_surface, refined
 from studio.progress import ProgressFn, no_progress
 from studio.views import ViewLike
 
@@ -87,8 +87,8 @@ def visual_hull(
         coarse.hull.min_views,
         at(70),
         settings.smoothing,
-        settings.max_faces,
     )
+    mesh = refined(mesh, settings.max_faces)
     if len(mesh.faces) == 0:
         _raise_empty(shapes, coarse.bounds, coarse.hull.min_views)
     _, disagreement, uncovered = _compare(mesh, shapes, at(95))
@@ -156,7 +156,7 @@ def _zoom(shapes: Silhouettes, settings: InitializeSettings, min_views: int, tic
         before, bounds = bounds, found
         if (bounds[1] - bounds[0]).max() > 0.7 * (before[1] - before[0]).max():
             break
-    _, disagreement, uncovered = _compare(mesh, shapes, tick)
+    _, disagreement, uncovered = _compare(refined(mesh, _COARSE_FACES), shapes, tick)
     return _Coarse(hull, bounds, disagreement, uncovered)
 
 
@@ -174,15 +174,16 @@ def _carve_corrected(
     min_views: int,
     tick: Tick,
     smoothing: float = 0.0,
-    max_faces: int = _COARSE_FACES,
 ) -> tuple[Hull, Mesh]:
-    """The hull within bounds, corrected for outlier masks, and its surface (may be empty)."""
+    """The hull within bounds, corrected for outlier masks, and its surface, not refined (may be empty)."""
     hull, tolerant = carve(shapes, bounds, resolution=resolution, allowed=allowed, min_views=min_views, tick=tick)
+    surface = extract_surface(hull, smoothing=smoothing, refine=False)
     if allowed:
-        rough = extract_surface(hull, smoothing=smoothing, refine=False)
-        uncovered_areas, _, _ = _compare(rough, shapes, tick)
-        hull = restore(hull, tolerant, shapes, uncovered_areas, tick)
-    return hull, extract_surface(hull, smoothing=smoothing, max_faces=max_faces)
+        uncovered_areas, _, _ = _compare(surface, shapes, tick)
+        corrected = restore(hull, tolerant, shapes, uncovered_areas, tick)
+        if corrected is not hull:  # the same object if there is nothing to correct
+            hull, surface = corrected, extract_surface(corrected, smoothing=smoothing, refine=False)
+    return hull, surface
 
 
 def _compare(

@@ -14,6 +14,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.rasterizer.types import ALPHA_MIN
 from studio.stream.profiles import coding_of
 from studio.torch_rotations import quat_multiply
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.coded_loss import CodedLoss
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
@@ -161,7 +162,7 @@ def _move(
     if warm_start is not None:
         field.load_weights(warm_start)
     optimizer = field.optimizer(settings.motion_learning_rate)
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: rate_factor(step / iterations))
+    rates = [group.rate for group in optimizer.groups]
     corners = field.corners(previous.means)
     stepper = Stepper(views, settings, generator)
     near = neighbors(previous.means, settings.motion_neighbors) if settings.motion_neighbors else None
@@ -179,9 +180,10 @@ def _move(
         steps = [stepper(moved) for _ in range(settings.motion_views)]
         step = steps[-1]
         torch.stack([one.loss for one in steps]).mean().backward()  # type: ignore[no-untyped-call]
+        for group, rate in zip(optimizer.groups, rates, strict=True):
+            group.rate = rate * rate_factor((iteration - 1) / iterations)
         optimizer.step()
-        schedule.step()
-        optimizer.zero_grad(set_to_none=True)
+        optimizer.zero_grad()
         _report(iteration, step, len(previous), "motion", progress)
         if snapshot is not None and iteration % snapshot_every == 0:
             snapshot(iteration, moved.detach())
@@ -229,7 +231,7 @@ def _fine_tune(
         settings.temporal_weight,
         settings.temporal_huber,
     )
-    entropy_adam = torch.optim.Adam(coded.parameters(), lr=_ENTROPY_RATE, fused=True)
+    entropy_adam = Adam([ParameterGroup(list(coded.parameters()), _ENTROPY_RATE)])
     regularized = bool(settings.entropy_weight or settings.temporal_weight)
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians
@@ -253,7 +255,7 @@ def _fine_tune(
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         entropy_adam.step()
-        entropy_adam.zero_grad(set_to_none=True)
+        entropy_adam.zero_grad()
         _report(iteration, step, len(previous), "fine-tuning", progress, **figures)
         if iteration % snapshot_every == 0:
             snapshot(iteration, optimizer.gaussians.detach())

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from studio.errors import StudioError
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.hashgrid import Corners, HashGrid
 from studio.training.settings import TrainSettings
 
@@ -130,14 +131,13 @@ class MotionField(nn.Module):
             for name, value in weights.items():
                 own[name].copy_(value)
 
-    def optimizer(self, learning_rate: float) -> torch.optim.Adam:
+    def optimizer(self, learning_rate: float) -> Adam:
         """Adam with the settings of Mueller et al. for hash grids; the table learns at ten times `learning_rate`."""
-        return torch.optim.Adam(
+        return Adam(
             [
-                {"params": [self.grid.table], "lr": 10 * learning_rate},
-                {"params": self.mlp.parameters(), "lr": learning_rate},
+                ParameterGroup([self.grid.table], 10 * learning_rate),
+                ParameterGroup(list(self.mlp.parameters()), learning_rate),
             ],
             betas=(0.9, 0.99),
             eps=1e-15,
-            fused=True,
         )

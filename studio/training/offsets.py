@@ -18,6 +18,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.torch_rotations import quat_multiply
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.interframe import performer_box, rate_factor
 from studio.training.keyframe import scene_extent
 from studio.training.settings import TrainSettings
@@ -178,8 +179,8 @@ class _Run:
         self._leaves = {
             name: values[name].clone().requires_grad_() for name in self._rates if values[name].shape[1:].numel()
         }
-        groups = [{"params": [leaf], "lr": self._rates[name], "name": name} for name, leaf in self._leaves.items()]
-        self._adam = torch.optim.Adam(groups, eps=1e-15, fused=True)
+        groups = [ParameterGroup([leaf], self._rates[name], name) for name, leaf in self._leaves.items()]
+        self._adam = Adam(groups, eps=1e-15)
         self._order: list[int] = []
         self.done = 0
 
@@ -199,15 +200,15 @@ class _Run:
             self._order = torch.randperm(len(self._selected), generator=self._generator).tolist()
         frame = self._order.pop(0)
         factor = rate_factor(self.done / self._iterations)
-        for group in self._adam.param_groups:
-            group["lr"] = self._rates[group["name"]] * factor
+        for group in self._adam.groups:
+            group.rate = self._rates[group.name] * factor
         gaussians = self._offsets().applied(self._selected[frame])
         step = self._steppers[frame](gaussians, dropout=True)
         loss = step.loss + settings.opacity_reg * gaussians.opacities.mean()
         loss = loss + settings.scale_reg / self._extent * gaussians.scales.mean()
         loss.backward()  # type: ignore[no-untyped-call]
         self._adam.step()
-        self._adam.zero_grad(set_to_none=True)
+        self._adam.zero_grad()
         self.done += 1
         if self.done % _FIGURES_EVERY:
             return {}

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
+from studio.training.adam import Adam, ParameterGroup
 from studio.training.settings import LearningRates
 
 
@@ -35,12 +36,8 @@ class SplatOptimizer:
             "sh_dc": rates.sh_dc,
             "sh_rest": rates.sh_rest,
         }
-        groups = [
-            {"params": [leaf], "lr": rate[name], "name": name}
-            for name, leaf in self._leaves.items()
-            if leaf.requires_grad
-        ]
-        self._adam = torch.optim.Adam(groups, eps=1e-15, fused=True)
+        groups = [ParameterGroup([leaf], rate[name], name) for name, leaf in self._leaves.items() if leaf.requires_grad]
+        self._adam = Adam(groups, eps=1e-15)
 
     def __len__(self) -> int:
         return self._leaves["means"].shape[0]
@@ -56,29 +53,29 @@ class SplatOptimizer:
 
     def set_means_progress(self, fraction: float) -> None:
         """Set the exponentially decayed rate of the means; `fraction` is 0 at the first step and 1 at the last."""
-        for group in self._adam.param_groups:
-            if group["name"] == "means":
+        for group in self._adam.groups:
+            if group.name == "means":
                 ratio = self._rates.means_final / self._rates.means
-                group["lr"] = self._rates.means * self._extent * ratio ** min(1.0, fraction)
+                group.rate = self._rates.means * self._extent * ratio ** min(1.0, fraction)
 
     @property
     def means_rate(self) -> float:
         """Learning rate of the means in the next step, world units; 0 if they are frozen."""
-        rates = [group["lr"] for group in self._adam.param_groups if group["name"] == "means"]
-        return float(rates[0]) if rates else 0.0
+        rates = [group.rate for group in self._adam.groups if group.name == "means"]
+        return rates[0] if rates else 0.0
 
     def step(self) -> None:
         """Take one Adam step and clear the gradients."""
         self._adam.step()
-        self._adam.zero_grad(set_to_none=True)
+        self._adam.zero_grad()
 
     def _replace(self, name: str, value: Tensor, moment: dict[str, Tensor]) -> None:
         old = self._leaves[name]
         new = value.detach().contiguous().requires_grad_(old.requires_grad)
         self._leaves[name] = new
-        for group in self._adam.param_groups:
-            if group["name"] == name:
-                group["params"] = [new]
+        for group in self._adam.groups:
+            if group.name == name:
+                group.leaves = [new]
         state = self._adam.state.pop(old, None)
         if state:
             self._adam.state[new] = {**state, **moment}

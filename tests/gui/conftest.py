@@ -21,6 +21,7 @@ from studio.stream import BakeSettings, bake_group, write_manifest
 from tests.support.tiny_capture import write_project
 from tests.support.waiting import POLL, wait_until
 from tests.support.warm_python import warm_python
+from tests.support.x_server import x_server
 
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
@@ -83,33 +84,8 @@ def display() -> Iterator[str]:
     missing = [program for program in ("Xvfb", "xdotool", "import") if shutil.which(program) is None]
     if missing:
         pytest.skip(f"the window's test needs {', '.join(missing)}; `make test` installs them")
-    read_end, write_end = os.pipe()
-    server = subprocess.Popen(
-        [
-            "Xvfb",
-            "-displayfd",
-            str(write_end),
-            "-screen",
-            "0",
-            "1400x900x24",
-            "-nolisten",
-            "tcp",
-            "-r",  # no key repeat
-            "-noreset",  # else it starts anew when the window closes, and refuses xdotool meanwhile
-        ],
-        pass_fds=[write_end],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(write_end)
-    try:
-        with os.fdopen(read_end) as pipe:
-            number = pipe.readline().strip()
-        assert number, f"Xvfb ended with status {server.wait()}"
-        yield f":{number}"
-    finally:
-        server.terminate()
-        server.wait(10)
+    with x_server() as name:
+        yield name
 
 
 class RunningWindow:

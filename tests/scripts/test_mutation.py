@@ -39,7 +39,11 @@ def test_a_mutant_is_what_programs_import(tmp_path: Path) -> None:
 
 
 def test_the_nearest_tests_come_first() -> None:
-    assert mirror_of("studio/stream", "studio/stream/quantize.py")[0].endswith("test_quantize.py")
+    chosen = mirror_of("studio/stream", "studio/stream/quantize.py")
+    assert chosen[0].endswith("test_quantize.py")
+    assert all(Path(path).is_file() for path in chosen)
+    every = mirror_of("studio/stream", "studio/stream/quantize.py", every=True)
+    assert every == [*chosen, str(ROOT / "tests/studio/stream")]
     for package, places in TESTS.items():
         assert (ROOT / package).is_dir()
         assert all((ROOT / place).exists() for place in places)

@@ -123,6 +123,13 @@ class Canvas:
         place, size = (round(x * 16), round(y * 16)), round(radius * 16)
         cv2.circle(self.pixels, place, size, color, -1 if filled else 2, cv2.LINE_AA, 4)
 
+    def diamond(self, x: float, y: float, half: float, color: RGB) -> None:
+        """Draw a filled square that stands on a corner; `half` is the distance from its middle to a corner."""
+        import cv2
+
+        corners = np.array([(x, y - half), (x + half, y), (x, y + half), (x - half, y)])
+        cv2.fillConvexPoly(self.pixels, np.round(corners).astype(np.int32), color)
+
     def line(self, points: Sequence[tuple[float, float]] | np.ndarray, color: RGB, thickness: int = 1) -> None:
         """Draw an antialiased line through (N, 2) points."""
         import cv2

@@ -434,8 +434,11 @@ class EditView(OrbitView):
     @property
     def status(self) -> str:
         """See `StageView`."""
-        words = [f"{name}: {text}" for name, text in describe(self.edits).items()]
-        return f"Edits   {'   '.join(words)}" if words else "No edits. They change what is baked and exported."
+        found = describe(self.edits)
+        if not found:
+            return "No edits. They change what is baked and exported."
+        # in a narrow window, more would not fit; List shows all
+        return f"Edits: {', '.join(f'trim to {text}' if name == 'trim' else name for name, text in found.items())}"
 
 
 def _orbit_of(key: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, float, float, float, float]:

@@ -15,6 +15,9 @@ LEAST_SPAN = 2.0
 """Least range of an axis that does not begin at zero, dB: smaller differences must not look large."""
 
 MARK_HEIGHT = 7
+KEY_SIZE = 0.4
+"""Half of a diamond of the camera path, em."""
+
 GAP = 3
 
 
@@ -145,7 +148,7 @@ class TimelinePlots:
         """(height, width, 3) uint8: plots, and the track with playhead and marks."""
         return self.with_head(self.base(plots, marks), frame, plots)
 
-    def base(self, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
+    def base(self, plots: Sequence[Plot], marks: Iterable[int] = (), keys: Iterable[int] = ()) -> np.ndarray:
         """(height, width, 3) uint8: everything that does not depend on the frame. Cache it: playback draws it often."""
         canvas = Canvas(self.width, self.height, PANEL)
         timeline = self.timeline
@@ -156,6 +159,8 @@ class TimelinePlots:
             if mark < self.frame_count:
                 middle = self.left + sum(timeline.span(mark)) / 2
                 canvas.rect(middle - 2, self._track - GAP, 4, MARK_HEIGHT, BAD)
+        for x, y in self._diamonds(keys):
+            canvas.diamond(x, y, KEY_SIZE * self.em, FAIR)
         return canvas.pixels
 
     def with_head(
@@ -173,10 +178,10 @@ class TimelinePlots:
         canvas.pixels = base.copy()
         timeline = self.timeline
         track = timeline.picture(frame)
-        marks = base[self._track : self._track + MARK_HEIGHT, self.left :]
+        marks = base[self._track :, self.left :]
         canvas.image(self.left, self._track, track)
-        shown = (marks == BAD).all(axis=2)
-        canvas.pixels[self._track : self._track + MARK_HEIGHT, self.left :][shown] = BAD
+        shown = (marks == BAD).all(axis=2) | (marks == FAIR).all(axis=2)
+        canvas.pixels[self._track :, self.left :][shown] = marks[shown]
         if frame is None:
             return canvas.pixels
         size = self._size(99)
@@ -197,6 +202,21 @@ class TimelinePlots:
         if hover is not None:
             self._hover(canvas, hover, plots)
         return canvas.pixels
+
+    def key_at(self, x: float, y: float, keys: Sequence[int]) -> int | None:
+        """Index of the view of the camera path at a position, the topmost; None if there is none."""
+        reach = 1.6 * KEY_SIZE * self.em
+        near = [
+            index
+            for index, (left, top) in enumerate(self._diamonds(keys))
+            if abs(left - x) <= reach and abs(top - y) <= reach
+        ]
+        return near[-1] if near else None
+
+    def _diamonds(self, keys: Iterable[int]) -> list[tuple[float, float]]:
+        """The middle of each view's diamond, pixels."""
+        middle = self._track + self.track_height - (KEY_SIZE + 0.1) * self.em
+        return [(self.left + sum(self.timeline.span(min(key, self.frame_count - 1))) / 2, middle) for key in keys]
 
     def _hover(self, canvas: Canvas, frame: int, plots: Sequence[Plot]) -> None:
         """A line at the frame under the pointer, with its number and values beside it."""

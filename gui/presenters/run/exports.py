@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gui.presenters.playback.viewpoint import BACKGROUNDS
+from gui.presenters.run.camera_path import PathEditor
 from gui.presenters.run.jobs import ChildProcess, v3studio_command
 from gui.presenters.run.shares import ShareRequest, megabytes
 from gui.presenters.run.target import NamedTarget
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.takes.atomic_files import remove
-from studio.cameras import Camera
 from studio.errors import StudioError
 
 FORMATS: dict[str, tuple[str, str]] = {
@@ -28,9 +28,6 @@ FORMATS: dict[str, tuple[str, str]] = {
 }
 """Export formats: label, and the file extension (none for folders)."""
 
-KEY_SECONDS = 2.0
-"""Seconds of the movie between two views of the path."""
-
 MOVIES = ("turntable", "camera-path")
 MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
 MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
@@ -38,14 +35,6 @@ MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured"
 
 LEAST_SECONDS = 6.0
 """Minimum default duration of a turntable in seconds; faster ones are dizzying."""
-
-
-@dataclass(frozen=True)
-class PathKey:
-    """A view of the camera path: the camera, and the frame shown."""
-
-    camera: Camera
-    frame: int
 
 
 @dataclass
@@ -112,14 +101,14 @@ class Exports:
     """Runs one export or share at a time.
 
     Attributes:
-        keys: views of the camera path.
+        path: views of the camera path.
         title: "Export" or "Share".
         words: progress; "" if none is running.
         result: outcome of the last one, shown once.
         failed: whether the last one failed.
     """
 
-    keys: list[PathKey] = field(default_factory=list)
+    path: PathEditor = field(default_factory=PathEditor)
     title: str = "Export"
     words: str = ""
     result: str = ""
@@ -177,21 +166,17 @@ class Exports:
         self.words, self.result = f"{title.lower()}: starting", ""
 
     def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
-        from studio.export import Key, write_path_keys
+        from studio.export import write_path_keys
 
-        if len(self.keys) < 2:
+        if len(self.path.keys) < 2:
             raise StudioError(
                 "export.too_few_views",
                 "a camera path needs at least two views",
-                value=len(self.keys),
+                value=len(self.path.keys),
                 fix="Add views with K, then export again.",
             )
-        keys = [
-            Key(number * KEY_SECONDS, fitted(key.camera, *size), float(key.frame))
-            for number, key in enumerate(self.keys)
-        ]
         path = folder / "path.json"
-        write_path_keys(keys, path)
+        write_path_keys(self.path.fitted_keys(*size), path)
         return path
 
     def poll(self) -> bool:
@@ -227,12 +212,3 @@ class Exports:
         if self._process is not None:
             self._stopping = True
             self._process.cancel()
-
-
-def fitted(camera: Camera, width: int, height: int) -> Camera:
-    """The view at another image size: same vertical field of view, with the sides cropped or extended."""
-    scale = height / camera.height
-    K = camera.K.copy()
-    K[:2] *= scale
-    K[0, 2] += 0.5 * (width - camera.width * scale)
-    return Camera(camera.name, width, height, K, camera.world_to_camera)

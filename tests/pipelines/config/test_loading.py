@@ -228,6 +228,18 @@ def test_missing_file_and_folder(tmp_path):
         load_config(tmp_path)
 
 
+@pytest.mark.parametrize("text", ["cam05, cam12", "cam05,cam12", "[cam05, cam12]"])
+def test_a_list_needs_no_brackets(tmp_path: Path, text: str) -> None:
+    assert load_config(None, [parse_override(f"capture.held_out={text}")]).capture.held_out == ("cam05", "cam12")
+    path = tmp_path / "settings.yaml"
+    path.write_text(f"capture: {{held_out: '{text.strip('[]')}', background: '0, 0.5, 1'}}")
+    assert load_config(path).capture.held_out == ("cam05", "cam12")
+    assert load_config(path).capture.background == (0, 0.5, 1)
+    for wrong in ("a: b", "", "&a [*a]", "0, red, 1"):
+        with refuses("settings.invalid"):
+            load_config(None, [("capture.background", wrong)])
+
+
 def test_numbers_with_exponents_are_numbers(tmp_path):
     """YAML 1.1 reads 1e-3 as text, YAML 1.2 as a number."""
     assert load_config(write(tmp_path, "train: {entropy_weight: 2e-3}")).train.entropy_weight == 2e-3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 import signal
 import subprocess
 from pathlib import Path
@@ -14,6 +15,9 @@ from pipelines.events import Metrics, StageFinished, StageStarted, read_line
 from pipelines.runs.print_commands import ranges
 from pipelines.runs.work_choices import CHAIN, GROUP_STAGE_NAMES
 from pipelines.stages import GROUP_STAGES
+from pipelines.takes.take import Take
+from tests.support.tiny_capture import ROOT, environment
+from tests.support.warm_python import warm_python
 
 
 def events_in(text: str) -> list:
@@ -163,3 +167,22 @@ def test_what_cannot_be_done_is_refused(project, here):
 )
 def test_numbers_of_an_array(numbers, text):
     assert ranges(numbers) == text
+
+
+def test_a_worker_that_sees_results_of_others_late_makes_the_same(finished, tmp_path):
+    """As on a network file system: to this worker, a group that another one has finished still seems to be missing."""
+    take, seen = tmp_path / "take", tmp_path / "take.seen"
+    shutil.copytree(finished / "take", take)
+    shutil.copytree(finished / "take", seen)
+    for stage in ("initialize", "train", "stream"):
+        shutil.rmtree(seen / stage)
+    for stage in ("initialize", "train", "bake", "evaluate"):
+        Take.open(seen).record(stage).unlink()
+        shutil.rmtree(Take.open(seen).work(stage), ignore_errors=True)
+    command = (ROOT / "benchmarks/attack/faults.py", "late", 100_000, take, "work", take, "--group", 1, "--json")
+    done = warm_python().run(command, text=True, cwd=ROOT, env=environment())
+    assert done.returncode == 0, done.stderr
+    ended = [event.summary["done"] for event in events_in(done.stdout) if isinstance(event, StageFinished)]
+    assert ended == ["now"] * 3
+    assert results(take) == results(finished / "take")
+    assert not list(take.rglob("*.partial*"))

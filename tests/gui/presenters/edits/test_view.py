@@ -126,7 +126,7 @@ def test_a_ground_plane_and_floaters_and_trims(view: EditView) -> None:
     view.frame = 3
     view.press("out")
     assert view.edits.trim == Trim(first=1, last=3)
-    assert "trim: frames 1 to 3" in view.status
+    assert "trim to frames 1 to 3" in view.status
     view.frame = 4
     view.press("in")
     assert view.edits.trim == Trim(first=4, last=4)

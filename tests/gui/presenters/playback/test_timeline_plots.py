@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gui.presenters.drawing.palette import PANEL, RAISED, TEXT
+from gui.presenters.drawing.palette import FAIR, PANEL, RAISED, TEXT
 from gui.presenters.playback.timeline_plots import LEAST_SPAN, TimelinePlots, plots_of
 
 VIEW = TimelinePlots(900, 160, 16.0, 4)
@@ -37,3 +37,13 @@ def test_values_under_the_pointer() -> None:
     assert (hovered[10, changed.min()] == TEXT).all(), "the line"
     assert changed.max() > column + 20, "the values beside it"
     assert changed.max() < VIEW.left + VIEW.timeline.span(3)[1]
+
+
+def test_views_of_the_camera_path_are_found_where_they_are_drawn() -> None:
+    keys = (0, 2, 3)
+    base = VIEW.base((), (), keys)
+    shown = VIEW.with_head(base, 1, ())
+    rows, columns = np.nonzero((shown == FAIR).all(axis=2))
+    assert {VIEW.key_at(x, y, keys) for x, y in zip(columns, rows, strict=True)} == {0, 1, 2}
+    assert {VIEW.frame_at(x) for x in columns} == set(keys)
+    assert VIEW.key_at(VIEW.left + 5, 20, keys) is None

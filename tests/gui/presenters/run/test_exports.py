@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gui.presenters.playback.orbit import OrbitCamera
-from gui.presenters.run.exports import ExportRequest, Exports, PathKey, fitted
+from gui.presenters.run.camera_path import fitted
+from gui.presenters.run.exports import ExportRequest, Exports
 from tests.support.errors import refuses
 from tests.support.waiting import wait_until
 
@@ -60,10 +61,10 @@ def test_views_become_a_camera_path(tmp_path: Path) -> None:
 
     exports = Exports()
     orbit = OrbitCamera()
-    exports.keys.append(PathKey(orbit.camera(700, 560), 0))
+    exports.path.add(orbit.camera(700, 560), 0)
     with refuses("export.too_few_views", value=1):
         exports.start(request("camera-path", "x", tmp_path / "out.mp4"))
-    exports.keys.append(PathKey(orbit.orbit(90, 0).camera(700, 560), 9))
+    exports.path.add(orbit.orbit(90, 0).camera(700, 560), 9)
     path = exports._write_path(tmp_path, (1280, 720))
     assert json.loads(path.read_text())["format"] == "v3studio-camera-path"
     keys = read_path_keys(path, 10.0)

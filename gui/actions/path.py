@@ -1,0 +1,181 @@
+"""The camera path: its panel, its preview, and moving its views on the timeline."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.playback.sources import take_contents
+from gui.presenters.playback.thumbnails import Thumbnails
+from gui.presenters.run.camera_path import PathEditor, PathKey
+from gui.shell import Shell
+from studio.errors import StudioError
+from studio.export import CameraPath
+
+
+class PathActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+        export: asks for the options of the movie.
+    """
+
+    def __init__(self, window: Shell, export: Callable[[], None]) -> None:
+        self._window, self._export = window, export
+        self.thumbnails = Thumbnails()
+        self._preview: tuple[CameraPath, float] | None = None
+        self._shown: tuple[int, OrbitCamera] | None = None
+
+    @property
+    def editor(self) -> PathEditor:
+        """The path."""
+        return self._window.exports.path
+
+    @property
+    def previewing(self) -> bool:
+        """Whether the path is being played."""
+        return self._preview is not None
+
+    def toggle(self) -> None:
+        """Show the panel, or the inspector again."""
+        window = self._window
+        window.path_panel.shown = not window.path_panel.shown
+        if window.path_panel.shown:
+            window.select("review")
+            window.layout.show_figures()
+        window.laid_out()
+
+    def add(self) -> None:
+        """Add the view and the frame on screen, and show the panel."""
+        window = self._window
+        camera = window.player.view()
+        if camera is None or window.player.source is None:
+            return
+        if self._done(lambda: self.editor.add(camera, window.player.transport.frame)):
+            count = len(self.editor.keys)
+            window.player.notice = f"{count} view{'s' * (count != 1)} in the camera path"
+            if not window.path_panel.shown:
+                self.toggle()
+
+    def clear(self) -> None:
+        """Remove all views."""
+        if self.editor.keys and self._done(self.editor.clear):
+            self._window.notices.tell("The camera path is empty now. Ctrl+Z brings it back.")
+
+    def act(self, what: str, row: int) -> None:
+        """Do what was clicked in the panel (`drawing.path_list.HINTS`)."""
+        window, editor = self._window, self.editor
+        camera = window.player.view()
+        actions: dict[str, Callable[[], None]] = {
+            "add": self.add,
+            "preview": self._toggle_preview,
+            "export": self._export,
+            "clear": self.clear,
+            "close": self.toggle,
+            "row": lambda: self._go(row),
+            "time": lambda: self._ask_time(row),
+            "easing": lambda: editor.next_easing(row),
+            "up": lambda: editor.move(row, -1),
+            "down": lambda: editor.move(row, 1),
+            "remove": lambda: editor.remove(row),
+        }
+        if what != "preview":
+            self.stop()
+        if what == "view":
+            if camera is not None:
+                self._done(lambda: editor.update(row, camera, window.player.transport.frame))
+        else:
+            self._done(actions[what])
+
+    def move_frame(self, row: int, frame: int) -> None:
+        """A view was dragged to another frame on the timeline."""
+        self._done(lambda: self.editor.set_frame(row, frame))
+
+    def _done(self, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except (StudioError, OSError) as error:
+            self._window.notices.tell(str(error), bad=True)
+            return False
+        return True
+
+    def _go(self, row: int) -> None:
+        self.editor.selected = row
+        self._look(self.editor.keys[row])
+
+    def _look(self, key: PathKey) -> None:
+        player = self._window.player
+        player.transport.pause()
+        player.look_through("")
+        player.orbit = OrbitCamera.looking_through(key.camera, player.home.target, player.orbit.up)
+        player.transport.seek(key.frame)
+
+    def _ask_time(self, row: int) -> None:
+        window = self._window
+
+        def save(text: str) -> None:
+            try:
+                seconds = float(text)
+            except ValueError:
+                window.notices.tell(f"'{text}' is not a number of seconds; example: 2.5", bad=True)
+                return
+            self._done(lambda: self.editor.set_time(row, seconds))
+
+        window.dialogs.line(
+            "time", f"Time of view {row + 1}", "Seconds in the movie; later views move by as much:",
+            f"{self.editor.keys[row].time:g}", [("save", "Set", save), ("close", "Cancel", lambda _: None)],
+        )  # fmt: skip
+
+    # Preview
+
+    def _toggle_preview(self) -> None:
+        if self._preview is not None:
+            self.stop()
+            return
+        player = self._window.player
+        player.transport.pause()
+        player.look_through("")
+        self._preview = (self.editor.path(*player.size), time.monotonic())
+
+    def stop(self) -> None:
+        """Stop the preview."""
+        self._preview = self._shown = None
+
+    def poll(self) -> bool:
+        """Call at each tick: move the preview on, and draw thumbnails. Returns whether something changed."""
+        changed = self.thumbnails.poll()
+        if self._preview is None:
+            return changed
+        player = self._window.player
+        path, start = self._preview
+        moved = self._shown is not None and (player.orbit is not self._shown[1] or player.transport.playing)
+        if moved or not self._window.views.shows_player:  # the user does something else
+            self.stop()
+            return True
+        seconds = min(time.monotonic() - start, path.duration)
+        camera = path.camera(seconds)
+        orbit = OrbitCamera.looking_through(camera, player.home.target, player.orbit.up)
+        frame = round(path.frame(seconds))
+        player.orbit = orbit
+        player.transport.seek(frame)
+        self._shown = (frame, orbit)
+        if seconds >= path.duration:
+            self.stop()
+        return True
+
+    def pictures(self) -> list[np.ndarray | None]:
+        """Thumbnails of the views, those that are drawn; not while frames are played."""
+        window = self._window
+        opened, size = window.player.opened, window.path_panel.thumbnail_size
+        if opened is None or window.player.transport.playing:
+            return [None] * len(self.editor.keys)
+        contents = take_contents(opened.take) if opened.take is not None else ()
+        return [self.thumbnails.get(opened.path, contents, key.camera, key.frame, size) for key in self.editor.keys]
+
+    def close(self) -> None:
+        """End the thread."""
+        self.thumbnails.close()

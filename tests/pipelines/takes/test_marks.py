@@ -1,0 +1,21 @@
+"""marks.json: what other programs and people may have written there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.takes.marks import read_marks
+from tests.support.errors import refuses
+
+
+@pytest.mark.parametrize("frame", ["true", "1.9", "-5", "1e400", '"7"', "null", "[]", "9" * 5000])
+def test_a_frame_is_a_whole_number(tmp_path: Path, frame: str) -> None:
+    path = tmp_path / "marks.json"
+    path.write_text(f'{{"marks": [{{"frame": {frame}, "note": "x"}}]}}')
+    with refuses("take.marks_damaged") as caught:
+        read_marks(path)
+    assert len(str(caught.value)) < 500
+    path.write_text('{"marks": [{"frame": 7, "note": "x"}]}')
+    assert read_marks(path)[7].note == "x"

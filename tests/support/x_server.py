@@ -1,0 +1,40 @@
+"""A private X server, for programs with a window."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def x_server() -> Iterator[str]:
+    """Name of its display, for example ":101"."""
+    read_end, write_end = os.pipe()
+    server = subprocess.Popen(
+        [
+            "Xvfb",
+            "-displayfd",
+            str(write_end),
+            "-screen",
+            "0",
+            "1400x900x24",
+            "-nolisten",
+            "tcp",
+            "-r",  # no key repeat
+            "-noreset",  # else it starts anew when the window closes, and refuses xdotool meanwhile
+        ],
+        pass_fds=[write_end],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write_end)
+    try:
+        with os.fdopen(read_end) as pipe:
+            number = pipe.readline().strip()
+        assert number, f"Xvfb ended with status {server.wait()}"
+        yield f":{number}"
+    finally:
+        server.terminate()
+        server.wait(10)
