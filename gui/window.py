@@ -21,6 +21,7 @@ from gui.panels.timeline import TimelinePanel
 from gui.platform.chords import Chords
 from gui.platform.closing import CloseRequests
 from gui.platform.redraw import Redraws
+from gui.platform.x_window import XDisplay
 from gui.presenters.drawing.palette import BAD, DIM, GROUND, PANEL, TEXT
 from gui.presenters.evaluation import Evaluation, EvaluationFile
 from gui.presenters.loading import load
@@ -45,6 +46,9 @@ from studio.gaussians import Gaussians
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
 render frames. The longer one applies while rendering falls behind playback."""
+
+LEAST_SIZE = (51, 40)
+"""Width and height of the window in em below which controls would be cut off."""
 
 QUALITY = ("psnr_trained", "psnr_decoded", "bytes")
 """What the timeline shows of every frame."""
@@ -98,6 +102,8 @@ class MainWindow:
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
         self.em = float(self.window.theme.font_size)
+        self._x, self._buttons = XDisplay(), 0
+        self._x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
         self.dialogs = Dialogs(self.window)
         self.actions = Actions(self)
         self._build()
@@ -230,6 +236,7 @@ class MainWindow:
         self._opener.close()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
+        self._x.close()
         self._log.close()
 
     # User actions
@@ -300,6 +307,7 @@ class MainWindow:
 
     def _on_tick(self) -> bool:
         self._close_if_asked()
+        self._watch_mouse()
         opened = self._opener.take()
         if opened is not None and opened.result is not None:
             self._opened(opened.request, opened.result)
@@ -360,6 +368,14 @@ class MainWindow:
                 self.changed()
         self.ticks += 1
         return due
+
+    def _watch_mouse(self) -> None:
+        """Draw when a mouse button is pressed or released: the toolkit tells of no clicks on its menus and lists, and
+        would draw what they open only when the pointer moves."""
+        buttons = self._x.buttons
+        if buttons != self._buttons:
+            self._buttons = buttons
+            self.changed()
 
     def _update_panels(self) -> bool:
         stage_view = self.views.stage_view

@@ -11,6 +11,7 @@ from open3d.visualization import gui
 from gui.panels.picture import PictureWidget
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import Plot, TimelinePlots
+from gui.presenters.playback.timeline_zoom import TimelineZoom
 
 HOVER_SECONDS = 4.0
 """Seconds that the values under the pointer stay: the toolkit does not report that the pointer has left."""
@@ -28,6 +29,7 @@ class TimelinePanel:
         plots: the rows above the track.
         marks: marked frames.
         frame: the frame drawn as current; None for none.
+        zoom: the part of the frames that is shown; the wheel changes it, a right drag moves it.
         path_keys: frames of the views of the camera path, which can be dragged.
         moved_key: called with the index of such a view and its new frame.
         explanation: what the plots show, the tooltip of their titles.
@@ -47,6 +49,8 @@ class TimelinePanel:
         self._down = False
         self.plots: Sequence[Plot] = ()
         self.marks: tuple[int, ...] = ()
+        self.zoom = TimelineZoom()
+        self._panned: float | None = None
         self.path_keys: Sequence[int] = ()
         self.moved_key: Callable[[int, int], None] = lambda key, frame: None
         self._dragged: tuple[int, int] | None = None
@@ -56,12 +60,17 @@ class TimelinePanel:
     def plots_view(self) -> TimelinePlots:
         """The current mapping of pixels to frames."""
         transport = self._player.transport
-        return TimelinePlots(*self.picture.size, self._em, transport.frame_count, transport.group_starts)
+        zoom = self.zoom.within(transport.frame_count)
+        return TimelinePlots(
+            *self.picture.size, self._em, transport.frame_count, transport.group_starts, zoom.first, zoom.shown
+        )
 
     def update(self) -> bool:
         """Redraw what has changed; return whether anything did."""
         transport = self._player.transport
         frame = self._player.frame if self._player.opened is not None else None
+        if frame is not None and transport.playing:
+            self.zoom = self.zoom.following(frame, transport.frame_count)
         below = (
             self.picture.size,
             transport.frame_count,
@@ -69,6 +78,7 @@ class TimelinePanel:
             id(self.plots),
             self.marks,
             self._keys,
+            self.zoom,
         )
         if time.monotonic() > self._hover_until:
             self._hover = None
@@ -93,6 +103,19 @@ class TimelinePanel:
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
         view = self.plots_view
+        frames, width = self._player.transport.frame_count, view.timeline.width
+        if event.type == kind.WHEEL:
+            share = min(max((x - view.left) / width, 0.0), 1.0)
+            self.zoom = self.zoom.within(frames).zoomed(event.wheel_dy, share, frames)
+            self._changed()
+            return True
+        if event.type == kind.DRAG and event.is_button_down(gui.MouseButton.RIGHT):
+            if self._panned is not None and view.shown is not None:
+                self.zoom = self.zoom.moved((self._panned - x) * view.shown / width, frames)
+            self._panned = x
+            self._changed()
+            return True
+        self._panned = None
         if event.type in (kind.MOVE, kind.DRAG):
             # the toolkit's tooltip appears at the pointer: over the titles only, where it covers no plot
             self.picture.widget.tooltip = self.explanation if x < view.left else ""

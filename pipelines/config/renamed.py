@@ -44,6 +44,7 @@ ADDED: JsonObject = {
     "train.chroma_siting": "none",
     "train.final_iterations": 0,
     "train.final_dropout": 0.1,
+    "train.finetune_rate_final": 1.0,
     "train.camera_colors": False,
     "train.camera_color_iterations": 600,
     "train.camera_color_every": 150,

@@ -217,6 +217,11 @@ class TrainSettings(Settings):
     finetune_iterations: Annotated[int, Heading("Fine-tuning"), _LATER] = Field(default=2_000, ge=0)
     """Fine-tuning steps per frame, after the motion. The paper uses 2000."""
 
+    finetune_rate_final: Annotated[float, _LATER] = Field(default=1.0, gt=0, le=1)
+    """Fraction of the splats' learning rates at the last fine-tuning step of a later frame. They are constant in the
+    first half of the steps and then decay exponentially to it, so that the noise of the last steps does not remain in
+    the frame. 1: constant to the end."""
+
     finetune_means: Annotated[bool, _LATER] = False
     """Fine-tune the means as well; the paper fine-tunes the other attributes only."""
 

@@ -38,6 +38,7 @@ class SplatOptimizer:
         }
         groups = [ParameterGroup([leaf], rate[name], name) for name, leaf in self._leaves.items() if leaf.requires_grad]
         self._adam = Adam(groups, eps=1e-15)
+        self._first_rates = [group.rate for group in groups]
 
     def __len__(self) -> int:
         return self._leaves["means"].shape[0]
@@ -57,6 +58,11 @@ class SplatOptimizer:
             if group.name == "means":
                 ratio = self._rates.means_final / self._rates.means
                 group.rate = self._rates.means * self._extent * ratio ** min(1.0, fraction)
+
+    def scale_rates(self, factor: float) -> None:
+        """Set all rates to `factor` times those of the first step."""
+        for group, rate in zip(self._adam.groups, self._first_rates, strict=True):
+            group.rate = rate * factor
 
     @property
     def means_rate(self) -> float:

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from gui.platform.x_window import XDisplay
 from tests.support.waiting import wait_until
 
 
@@ -19,11 +21,20 @@ def _pixels(path: Path) -> np.ndarray:
 
 
 def test_plays_seeks_turns_and_closes(
-    open_window: Callable, stream_folder: Path, tmp_path: Path, artifacts: Path
+    open_window: Callable,
+    display: str,
+    stream_folder: Path,
+    tmp_path: Path,
+    artifacts: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     window = open_window(str(stream_folder), "--size", "1000x640")
     first = window.wait_for("a picture, playing", lambda s: s["shown"] is not None and s["playing"])
     assert first["frames"] == 12
+    monkeypatch.setenv("DISPLAY", display)
+    server = XDisplay()
+    assert server.least_sizes(window.process.pid) == [(816, 640)], "smaller, controls would be cut off"
+    server.close()
     assert "walking stream" in first["title"]
     window.wait_for("playing on", lambda s: s["shown"] != first["shown"])
 

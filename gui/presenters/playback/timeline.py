@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,22 +26,35 @@ class Timeline:
         width, height: size of the track, pixels.
         frame_count: at least 1.
         group_starts: first frame of each group; groups alternate between two shades.
+        first, shown: the part that is shown, see `TimelineZoom`.
     """
 
     width: int
     height: int
     frame_count: int
     group_starts: Sequence[int] = (0,)
+    first: float = 0.0
+    shown: float | None = None
 
     def frame_at(self, x: float) -> int:
         """The frame under column x; clamped to the first and the last."""
-        return min(max(int(x * self.frame_count / max(self.width, 1)), 0), self.frame_count - 1)
+        return min(max(int(self.first + x * self._shown / max(self.width, 1)), 0), self.frame_count - 1)
+
+    @property
+    def _shown(self) -> float:
+        return self.frame_count if self.shown is None else self.shown
+
+    def shows(self, frame: int) -> bool:
+        """Whether a part of a frame is in view."""
+        return self.first < frame + 1 and frame < self.first + self._shown
 
     def span(self, frame: int) -> tuple[int, int]:
         """First column of a frame and the column after its last one; at least one column where there is room."""
-        left = -(-frame * self.width // self.frame_count)
-        right = -(-(frame + 1) * self.width // self.frame_count)
-        return left, max(right, min(left + 1, self.width))
+        left, right = (
+            min(max(math.ceil((one - self.first) * self.width / self._shown - 1e-9), 0), self.width)
+            for one in (frame, frame + 1)
+        )
+        return left, max(right, min(left + self.shows(frame), self.width))
 
     def group_of(self, frame: int) -> int:
         """Index of the group that a frame belongs to."""
@@ -61,8 +75,10 @@ class Timeline:
             left, right = self.span(first)[0], self.span(end - 1)[1]
             image[top:bottom, left:right] = TRACK_OTHER_GROUP if group % 2 else TRACK
             image[top:bottom, left : min(right, head_right)] = PAST_OTHER_GROUP if group % 2 else PAST
-            if first > 0:
+            if first > 0 and self.shows(first):
                 image[top:bottom, left : left + 1] = BACKGROUND
+        if not self.shows(frame):
+            return image
         # The playhead is at least 3 pixels wide, so that it is visible with any number of frames.
         middle = (head_left + head_right) // 2
         image[:, max(min(head_left, middle - 1), 0) : max(head_right, middle + 2)] = HEAD

@@ -64,13 +64,13 @@ class Waveform(Plot):
 
     peaks: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
 
-    def columns(self, width: int) -> np.ndarray:
-        """(width, 2) lowest and highest sample under each column."""
-        edges = np.linspace(0, len(self.peaks), width + 1)
+    def columns(self, width: int, start: float = 0.0, end: float = 1.0) -> np.ndarray:
+        """(width, 2) lowest and highest sample under each column, of the part from `start` to `end`, 0 to 1."""
+        edges = np.linspace(start * len(self.peaks), end * len(self.peaks), width + 1)
         first = np.minimum(edges[:-1].astype(int), len(self.peaks) - 1)
-        end = np.maximum(np.ceil(edges[1:]).astype(int), first + 1)
-        low = [self.peaks[a:b, 0].min() for a, b in zip(first, end, strict=True)]
-        high = [self.peaks[a:b, 1].max() for a, b in zip(first, end, strict=True)]
+        after = np.maximum(np.ceil(edges[1:]).astype(int), first + 1)
+        low = [self.peaks[a:b, 0].min() for a, b in zip(first, after, strict=True)]
+        high = [self.peaks[a:b, 1].max() for a, b in zip(first, after, strict=True)]
         return np.column_stack([low, high])
 
 
@@ -116,7 +116,7 @@ class TimelinePlots:
     Attributes:
         width, height: pixels.
         em: font size, pixels.
-        frame_count, group_starts: as in `Timeline`.
+        frame_count, group_starts, first, shown: as in `Timeline`.
     """
 
     width: int
@@ -124,6 +124,8 @@ class TimelinePlots:
     em: float
     frame_count: int
     group_starts: Sequence[int] = (0,)
+    first: float = 0.0
+    shown: float | None = None
 
     @property
     def left(self) -> int:
@@ -138,7 +140,8 @@ class TimelinePlots:
     @property
     def timeline(self) -> Timeline:
         """Mapping of columns, counted from `left`, to frames."""
-        return Timeline(max(self.width - self.left, 1), self.track_height, self.frame_count, self.group_starts)
+        width = max(self.width - self.left, 1)
+        return Timeline(width, self.track_height, self.frame_count, self.group_starts, self.first, self.shown)
 
     def frame_at(self, x: float) -> int:
         """The frame under a column of the picture."""
@@ -154,12 +157,15 @@ class TimelinePlots:
         timeline = self.timeline
         for number, plot in enumerate(plots):
             self._plot(canvas, timeline, plot, *self._rows(len(plots))[number])
-        canvas.text(0, self._track + self.track_height / 2 - self._size(99) * 0.62, "Frame", self._size(99), DIM)
+        words = "Frame"
+        if self.shown is not None:
+            words = f"Frame, {timeline.frame_at(0)} to {timeline.frame_at(timeline.width - 1)} in view"
+        canvas.text(0, self._track + self.track_height / 2 - self._size(99) * 0.62, words, self._size(99), DIM)
         for mark in marks:
-            if mark < self.frame_count:
+            if mark < self.frame_count and timeline.shows(mark):
                 middle = self.left + sum(timeline.span(mark)) / 2
                 canvas.rect(middle - 2, self._track - GAP, 4, MARK_HEIGHT, BAD)
-        for x, y in self._diamonds(keys):
+        for x, y in filter(None, self._diamonds(keys)):
             canvas.diamond(x, y, KEY_SIZE * self.em, FAIR)
         return canvas.pixels
 
@@ -195,6 +201,8 @@ class TimelinePlots:
             words = self._words(plot, frame)
             canvas.text(right, y + height / 2 - size * 0.62, words, size, TEXT, align="right")
             self._value(canvas, timeline, plot, frame, value, y, height, plot.color)
+        if not timeline.shows(frame):
+            return canvas.pixels
         first, last = timeline.span(frame)
         head = self.left + (first + last - 1) // 2
         below = canvas.pixels[GAP : self._track - GAP, head].astype(np.float32)
@@ -208,15 +216,17 @@ class TimelinePlots:
         reach = 1.6 * KEY_SIZE * self.em
         near = [
             index
-            for index, (left, top) in enumerate(self._diamonds(keys))
-            if abs(left - x) <= reach and abs(top - y) <= reach
+            for index, place in enumerate(self._diamonds(keys))
+            if place is not None and abs(place[0] - x) <= reach and abs(place[1] - y) <= reach
         ]
         return near[-1] if near else None
 
-    def _diamonds(self, keys: Iterable[int]) -> list[tuple[float, float]]:
-        """The middle of each view's diamond, pixels."""
+    def _diamonds(self, keys: Iterable[int]) -> list[tuple[float, float] | None]:
+        """The middle of each view's diamond, pixels; None if it is not in view."""
+        timeline = self.timeline
         middle = self._track + self.track_height - (KEY_SIZE + 0.1) * self.em
-        return [(self.left + sum(self.timeline.span(min(key, self.frame_count - 1))) / 2, middle) for key in keys]
+        frames = [min(key, self.frame_count - 1) for key in keys]
+        return [(self.left + sum(timeline.span(one)) / 2, middle) if timeline.shows(one) else None for one in frames]
 
     def _hover(self, canvas: Canvas, frame: int, plots: Sequence[Plot]) -> None:
         """A line at the frame under the pointer, with its number and values beside it."""
@@ -271,6 +281,8 @@ class TimelinePlots:
         limits = limits or plot.range
         assert limits is not None
         low, high = limits
+        if not timeline.shows(frame):
+            return
         bar = max(round((value - low) / (high - low) * (height - 2)), 1)
         first, last = timeline.span(frame)
         thick = bar if plot.bars else min(2, bar)
@@ -283,7 +295,7 @@ class TimelinePlots:
         canvas.text(0, y + height / 2 - size * 0.62, plot.title, size, DIM, width=room)
         canvas.rect(self.left, y, timeline.width, height, RAISED)
         for start in self.group_starts:
-            if 0 < start < self.frame_count:
+            if 0 < start < self.frame_count and timeline.shows(start):
                 canvas.rect(self.left + timeline.span(start)[0], y, 1, height, LINE)
         if isinstance(plot, Waveform):
             self._waveform(canvas, plot, y, height)
@@ -315,8 +327,10 @@ class TimelinePlots:
         if not len(plot.peaks):
             return
         middle, half = y + height / 2, (height - 2) / 2
+        start = self.first / self.frame_count
+        end = 1.0 if self.shown is None else start + self.shown / self.frame_count
         loudest = max(float(np.abs(plot.peaks).max()), 1e-3)  # fills the row, so that a quiet take is seen too
-        for column, (low, high) in enumerate(plot.columns(self.timeline.width) / loudest):
+        for column, (low, high) in enumerate(plot.columns(self.timeline.width, start, end) / loudest):
             top, bottom = middle - high * half, middle - low * half
             canvas.rect(self.left + column, top, 1, max(bottom - top, 1), _dimmed(plot.color))
 

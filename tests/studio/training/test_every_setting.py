@@ -102,6 +102,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "mlp_width": (32, {}),
     "mlp_layers": (3, {}),
     "finetune_iterations": (6, {}),
+    "finetune_rate_final": (0.05, {}),
     "finetune_means": (True, {}),
     "entropy_weight": (1.0, {}),
     "temporal_weight": (1.0, {}),

@@ -1,5 +1,6 @@
 """Keyframe, motion and fine-tuning on a textured ball with known motion."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -345,6 +346,30 @@ def test_fine_tuning_learns_the_other_attributes() -> None:
     for name in ("sh", "log_scales"):
         left = (getattr(result.gaussians, name) - getattr(truth, name)).abs().mean()
         assert float(left) < 0.5 * float((getattr(before, name) - getattr(truth, name)).abs().mean()), name
+
+
+def test_learning_rates_of_fine_tuning_decay_in_the_second_half() -> None:
+    seen, before = views_of(repainted()), ball(torch.zeros(3))
+    rates = LearningRates(sh_dc=0.05)
+
+    def changes(final: float) -> list[float]:
+        changed = {**FINE_TUNING, "finetune_iterations": 21, "rates": rates, "finetune_rate_final": final}
+        kept = [before]
+        train_interframe(
+            before,
+            seen,
+            TrainSettings(**{**dict(SETTINGS), **changed}),
+            seed=3,
+            snapshot=lambda step, gaussians: kept.append(gaussians.clone()),
+            snapshot_every=1,
+        )
+        return [float((after.sh - first.sh).abs().max()) for first, after in itertools.pairwise(kept)]
+
+    constant, decaying = changes(1.0), changes(0.01)
+    assert decaying[:11] == constant[:11], "the first half is the same"
+    # Adam's steps are at most a few times the rate, which is 0.01 ** (19 / 21) of the first one's in the last step
+    assert decaying[-1] < 0.1 * constant[-1]
+    assert decaying[0] == pytest.approx(0.05, rel=1e-3)
 
 
 @pytest.mark.parametrize("profile", ["planes", "motion"])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from gui.presenters.drawing.palette import FAIR, PANEL, RAISED, TEXT
-from gui.presenters.playback.timeline_plots import LEAST_SPAN, TimelinePlots, plots_of
+from gui.presenters.drawing.palette import BAD, FAIR, PANEL, RAISED, TEXT
+from gui.presenters.playback.timeline_plots import LEAST_SPAN, TimelinePlots, Waveform, plots_of
+from gui.presenters.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
 
 VIEW = TimelinePlots(900, 160, 16.0, 4)
 
@@ -47,3 +49,47 @@ def test_views_of_the_camera_path_are_found_where_they_are_drawn() -> None:
     assert {VIEW.key_at(x, y, keys) for x, y in zip(columns, rows, strict=True)} == {0, 1, 2}
     assert {VIEW.frame_at(x) for x in columns} == set(keys)
     assert VIEW.key_at(VIEW.left + 5, 20, keys) is None
+
+
+def test_zoom_keeps_what_is_under_the_pointer() -> None:
+    zoom, frames = TimelineZoom(), 300
+    for _ in range(30):
+        zoom = zoom.zoomed(1, 0.25, frames)
+        assert zoom.shown is not None
+        assert zoom.first + 0.25 * zoom.shown == pytest.approx(75)
+    assert zoom.shown == LEAST_FRAMES
+    assert zoom.moved(1e6, frames).first == 295
+    assert zoom.moved(-1e6, frames).first == 0
+    assert zoom.following(75, frames) == zoom
+    assert zoom.following(200, frames).first == 200
+    assert zoom.zoomed(-99, 0.5, frames) == TimelineZoom()
+    assert zoom.within(4) == TimelineZoom(), "what is open now has fewer frames"
+
+
+@pytest.mark.parametrize("first", [0.0, 7.3, 15.0])
+def test_a_zoomed_timeline_shows_its_part(first: float) -> None:
+    view = TimelinePlots(900, 160, 16.0, 20, (0, 10), first, 5.0)
+    timeline = view.timeline
+    seen = [timeline.frame_at(x) for x in range(timeline.width)]
+    for frame in range(20):
+        columns = [x for x, other in enumerate(seen) if other == frame]
+        left, right = timeline.span(frame)
+        assert (bool(columns), timeline.shows(frame)) == (right > left, right > left)
+        if columns:
+            assert (left, right) == pytest.approx((columns[0], columns[-1] + 1), abs=1)
+    plots = plots_of({"psnr_decoded": [20.0 + frame for frame in range(20)], "bytes": [1000.0] * 20})
+    inside, outside = round(first) + 2, (round(first) + 10) % 20
+    base = view.base(plots, (inside, outside), (inside, outside))
+    shown = view.with_head(base, inside, plots)
+    (marked,) = {view.frame_at(x) for x in np.nonzero((shown == BAD).all(axis=2))[1]}
+    (moved,) = {view.frame_at(x) for x in np.nonzero((shown == FAIR).all(axis=2))[1]}
+    assert (marked, moved) == (inside, inside)
+    assert view.with_head(base, outside, plots).shape == (160, 900, 3)
+
+
+def test_a_zoomed_waveform_is_that_of_its_part() -> None:
+    peaks = np.stack([-np.arange(200.0), np.arange(200.0)], axis=1)
+    waveform = Waveform("sound", (), TEXT, "", peaks=peaks)
+    part = waveform.columns(50, 0.25, 0.5)
+    assert (part[0, 1], part[-1, 1]) == (50, 99)
+    assert len(waveform.columns(50)) == 50

@@ -1,0 +1,143 @@
+"""What the toolkit does not offer on X: a least size of the window, and whether a mouse button is pressed."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+_MIN_SIZE = 1 << 4  # PMinSize
+_BUTTONS = 0x1F00  # Button1Mask to Button5Mask
+_CARDINAL = 6
+
+_Handler = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+
+
+class SizeHints(ctypes.Structure):
+    """XSizeHints."""
+
+    _fields_ = (
+        ("flags", ctypes.c_long),
+        *((name, ctypes.c_int) for name in ("x", "y", "width", "height", "min_width", "min_height")),
+        *((f"rest{number}", ctypes.c_int) for number in range(11)),
+    )
+
+
+class XDisplay:
+    """A connection to the X server of DISPLAY. Without X, nothing has an effect."""
+
+    def __init__(self) -> None:
+        self._x: Any = None
+        self._display: Any = None
+        name = ctypes.util.find_library("X11")
+        if name is None or not os.environ.get("DISPLAY"):
+            return
+        x = self._x = ctypes.CDLL(name)
+        handle, window, numbers = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(ctypes.c_int)
+        windows = ctypes.POINTER(window)
+        x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
+        x.XDefaultRootWindow.restype, x.XDefaultRootWindow.argtypes = window, [handle]
+        x.XInternAtom.restype, x.XInternAtom.argtypes = window, [handle, ctypes.c_char_p, ctypes.c_int]
+        x.XSetErrorHandler.restype, x.XSetErrorHandler.argtypes = handle, [handle]
+        x.XFree.argtypes = x.XCloseDisplay.argtypes = [handle]
+        x.XSync.argtypes = [handle, ctypes.c_int]
+        x.XQueryTree.argtypes = [handle, window, windows, windows, ctypes.POINTER(windows), numbers]
+        x.XGetWMNormalHints.argtypes = [handle, window, ctypes.POINTER(SizeHints), ctypes.POINTER(ctypes.c_long)]
+        x.XSetWMNormalHints.argtypes = [handle, window, ctypes.POINTER(SizeHints)]
+        x.XQueryPointer.argtypes = [handle, window, windows, windows, *[numbers] * 4, ctypes.POINTER(ctypes.c_uint)]
+        x.XGetWindowProperty.argtypes = [
+            handle, window, window, ctypes.c_long, ctypes.c_long, ctypes.c_int, window, windows, numbers, windows,
+            windows, ctypes.POINTER(windows),
+        ]  # fmt: skip
+        self._display = x.XOpenDisplay(None)
+
+    @property
+    def buttons(self) -> int:
+        """The mouse buttons that are pressed, a bit for each; 0 without X."""
+        if not self._display:
+            return 0
+        window, number, mask = ctypes.c_ulong(), ctypes.c_int(), ctypes.c_uint()
+        root, one = self._x.XDefaultRootWindow(self._display), ctypes.byref(number)
+        places = (ctypes.byref(window), ctypes.byref(window), one, one, one, one)
+        self._x.XQueryPointer(self._display, root, *places, ctypes.byref(mask))
+        return mask.value & _BUTTONS
+
+    def set_least_size(self, width: int, height: int) -> bool:
+        """Ask the window manager to keep this process's windows at least this large, pixels. Returns whether there is
+        a window."""
+        found = False
+        with self._errors_ignored():  # windows of other programs come and go
+            for window in self._own_windows():
+                hints = self._hints(window)
+                hints.flags |= _MIN_SIZE
+                hints.min_width, hints.min_height = width, height
+                self._x.XSetWMNormalHints(self._display, window, ctypes.byref(hints))
+                found = True
+        return found
+
+    def least_sizes(self, pid: int) -> list[tuple[int, int]]:
+        """(width, height) below which the windows of a process must not be made smaller, pixels."""
+        with self._errors_ignored():
+            hints = [self._hints(window) for window in self._own_windows(pid)]
+        return [(one.min_width, one.min_height) for one in hints if one.flags & _MIN_SIZE]
+
+    def _hints(self, window: int) -> SizeHints:
+        hints, supplied = SizeHints(), ctypes.c_long()
+        self._x.XGetWMNormalHints(self._display, window, ctypes.byref(hints), ctypes.byref(supplied))
+        return hints
+
+    def _own_windows(self, pid: int = 0) -> Iterator[int]:
+        """Windows of a process, this one unless it is given."""
+        if not self._display:
+            return
+        atom = self._x.XInternAtom(self._display, b"_NET_WM_PID", 0)
+        waiting = [self._x.XDefaultRootWindow(self._display)]
+        while waiting:
+            window = waiting.pop()
+            if self._number(window, atom) == (pid or os.getpid()):
+                yield window
+            waiting += self._children(window)
+
+    def _number(self, window: int, atom: int) -> int | None:
+        kind, size, count, rest = ctypes.c_ulong(), ctypes.c_int(), ctypes.c_ulong(), ctypes.c_ulong()
+        data = ctypes.POINTER(ctypes.c_ulong)()
+        places = [ctypes.byref(one) for one in (kind, size, count, rest, data)]
+        self._x.XGetWindowProperty(self._display, window, atom, 0, 1, 0, _CARDINAL, *places)
+        if not data:
+            return None
+        value = int(data[0]) if count.value else None
+        self._x.XFree(data)
+        return value
+
+    def _children(self, window: int) -> list[int]:
+        root, parent, count = ctypes.c_ulong(), ctypes.c_ulong(), ctypes.c_int()
+        found = ctypes.POINTER(ctypes.c_ulong)()
+        places = [ctypes.byref(one) for one in (root, parent, found, count)]
+        if not self._x.XQueryTree(self._display, window, *places) or not found:
+            return []
+        children = [int(found[number]) for number in range(count.value)]
+        self._x.XFree(found)
+        return children
+
+    @contextmanager
+    def _errors_ignored(self) -> Iterator[None]:
+        """Within the block, errors of the X server do not end the process."""
+        if not self._display:
+            yield
+            return
+        ignore = _Handler(lambda display, event: 0)
+        before = self._x.XSetErrorHandler(ctypes.cast(ignore, ctypes.c_void_p))
+        try:
+            yield
+            self._x.XSync(self._display, 0)
+        finally:
+            self._x.XSetErrorHandler(before)
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._display:
+            self._x.XCloseDisplay(self._display)
+            self._display = None
