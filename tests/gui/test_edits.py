@@ -27,7 +27,7 @@ def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, art
     window.wait_for("a selection", lambda s: s["selected"] > 0)
     window.screenshot(artifacts / "edits_brush.png")
     window.click("remove here")
-    window.wait_for("stale results", lambda s: "regions 1" in s["edits"] and s["stages"]["bake"][0] == "stale")
+    window.wait_for("one group to bake", lambda s: "regions 1" in s["edits"] and s["stages"]["bake"][0] == "partial")
     (region,) = read_edits(take_copy / "edits.json").regions
     assert region.radius is not None
     assert region.frames == (0, 0)
