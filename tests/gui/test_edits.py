@@ -35,7 +35,7 @@ def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, art
     window.wait_for("kinds", lambda s: s["dialog"] == "edit kinds")
     window.click("dialog choice1")
     window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"])
-    window.enter_text("dialog height", "-9")
+    window.enter_text("dialog height", "0.1")
     window.key("Return")
     window.wait_for("a ground", lambda s: s["dialog"] == "" and "ground" in s["edits"])
     window.chord("z")
