@@ -136,9 +136,10 @@ class Layout:
         bottom_height = round(9.6 * em + controls)
         bottom = y + height - bottom_height
         panels.stages.place(x, y, left, height, context)
-        panels.status.frame = gui.Rect(inner + pad, y + height - round(1.5 * em), padded, round(1.4 * em))
-        panels.controls.flow.place(inner + pad, y + height - controls - round(1.7 * em), padded, context)
-        plots = bottom_height - controls - 2.2 * em - pad
+        panels.status.frame = gui.Rect(inner + pad, y + height - round(1.4 * em), padded, round(1.35 * em))
+        # above the status line with a margin: a list that is opened brings the controls to the front
+        panels.controls.flow.place(inner + pad, y + height - controls - round(1.9 * em), padded, context)
+        plots = bottom_height - controls - 2.4 * em - pad
         panels.timeline.picture.place(inner + pad, bottom + pad, padded, plots)
         view_width = inner_width - right - (gap if figures else 0)
         modes = panels.modes.place(panels.views.row, inner + pad, y + 0.25 * em, view_width - pad, context)

@@ -50,7 +50,7 @@ render frames. The longer one applies while rendering falls behind playback."""
 LEAST_SIZE = (51, 40)
 """Width and height of the window in em below which controls would be cut off."""
 
-QUALITY = ("psnr_trained", "psnr_decoded", "bytes")
+QUALITY = ("psnr_trained", "psnr_decoded", "bytes", "flicker")
 """What the timeline shows of every frame."""
 
 Loaded = tuple[Opened, Gaussians | None] | str

@@ -511,16 +511,19 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
     words += ["--until", arguments.until] if arguments.until else []
     words += ["--force"] if arguments.stage and arguments.force else []
     words += ["--keep", arguments.keep] if getattr(arguments, "keep", None) else []
-    run = start_background(take, config, words)
+    stored = None if arguments.stored_run is None else arguments.stored_run.stored
+    run = start_background(take, config, words, stored)
+    place = str(arguments.take if stored is None else stored.address)
     if arguments.json:
-        found = {"take": str(take.root), "pid": run.pid, "host": run.host, "running": run.code is None}
+        where = str(take.root) if stored is None else stored.address
+        found = {"take": where, "pid": run.pid, "host": run.host, "running": run.code is None}
         print(json.dumps(found), file=arguments.output)
         return 0
     if run.code is not None:
         print(f"Everything is up to date (process {run.pid} on {run.host} has ended).", file=arguments.output)
         return 0
     print(f"The run goes on in the background (process {run.pid} on {run.host}).", file=arguments.output)
-    print(f"Show it: v3studio attach {shlex.quote(str(arguments.take))}", file=arguments.output)
+    print(f"Show it: v3studio attach {shlex.quote(place)}", file=arguments.output)
     return 0
 
 

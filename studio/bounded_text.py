@@ -66,14 +66,15 @@ def parse_json(text: str | bytes, bounds: Bounds = BOUNDS) -> Any:
         return _integer(digits, bounds)
 
     try:
-        value = json.loads(text, parse_int=integer)
+        # a call for each integer would take longer than all the rest
+        value = json.loads(text, parse_int=integer if _may_have_long_integers(text, bounds) else None)
     except json.JSONDecodeError as error:
         raise TextError(error.msg, error.lineno, error.colno) from None
     except UnicodeDecodeError as error:
         raise TextError(f"not {error.encoding.upper()} text (byte {error.start})") from None
     except RecursionError:
         raise _too_deep(bounds) from None
-    check_value(value, bounds)
+    _check_levels(value, bounds)
     return value
 
 
@@ -151,6 +152,30 @@ def check_value(value: Any, bounds: Bounds = BOUNDS) -> None:
         return known[id(item)]
 
     measure(value, 0)
+
+
+def _check_levels(value: Any, bounds: Bounds) -> None:
+    """Refuse a value that is nested too deeply: what `check_value` does, in a tenth of the time, for a value without
+    aliases whose number of values and digits are known to be within bounds."""
+    level = [value] if isinstance(value, (dict, list)) else []
+    for _ in range(bounds.depth):
+        if not level:
+            return
+        level = [
+            child
+            for item in level
+            for child in (item.values() if isinstance(item, dict) else item)
+            if isinstance(child, (dict, list))
+        ]
+    if level:
+        raise _too_deep(bounds)
+
+
+def _may_have_long_integers(text: str | bytes, bounds: Bounds) -> bool:
+    if isinstance(text, str):
+        return re.search(rf"[0-9]{{{bounds.digits + 1}}}", text) is not None
+    in_bytes_of_two_or_four = b"\0" in text
+    return in_bytes_of_two_or_four or re.search(rb"[0-9]{%d}" % (bounds.digits + 1), text) is not None
 
 
 def _integer(digits: str, bounds: Bounds) -> int:

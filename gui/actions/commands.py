@@ -26,7 +26,7 @@ from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import FORMATS
 from gui.presenters.run.new_take import NewTake
 from gui.presenters.run.setting_words import FOLDERS
-from gui.presenters.run.settings import SettingField
+from gui.presenters.run.settings import SettingField, place_of
 from gui.presenters.run.shares import FORMS
 from gui.presenters.stages.stage_rows import TITLES
 from gui.shell import Shell
@@ -174,15 +174,12 @@ class Actions:
         config = window.workspace.config
         if config is None:
             return
-        root = config.capture.root
         kind = "folder" if field.name in FOLDERS else "file"
-        now = root if kind == "folder" else root / field.shown(config)
-        start = now if now.exists() else root
 
         def done(chosen: str) -> None:
             window.stages.set_text(field, chosen)
 
-        ask_path(window.dialogs, field.label[:1].upper() + field.label[1:], start, kind, done)
+        ask_path(window.dialogs, field.label[:1].upper() + field.label[1:], place_of(field, config), kind, done)
 
     # Runs
 

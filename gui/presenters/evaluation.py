@@ -35,11 +35,13 @@ class FrameQuality:
         bytes: size of the frame: size of its group divided by the group's number of frames.
         means: mean over the evaluated cameras by metric of `pipelines.takes.evaluation.MEASURES`, where measured.
         cameras: the same by camera.
+        flicker: change of the residual from the frame before, in levels of 255; None if not measured.
     """
 
     bytes: float
     means: Mapping[str, float]
     cameras: Mapping[str, Mapping[str, float]]
+    flicker: float | None = None
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,12 @@ class Evaluation:
         except StudioError as error:
             return cls(error=str(error))
         frames = {
-            row.index: FrameQuality(row.bytes, row.measures, {name: one.measures for name, one in row.cameras.items()})
+            row.index: FrameQuality(
+                row.bytes,
+                row.measures,
+                {name: one.measures for name, one in row.cameras.items()},
+                row.flicker,
+            )
             for row in found.frames
         }
         return cls(frames, found.protocol.cameras, found.protocol.held_out)
@@ -98,11 +105,12 @@ class Evaluation:
         return (
             f"PSNR in dB, higher is better: mean over the {kind} cameras {', '.join(self.cameras)}.\n"
             "KB per frame (1 KB = 1000 bytes): size of the frame's group divided by its number of frames.\n"
+            "Flicker: change of the error from the frame before, in levels of 255; lower is better.\n"
             "The numbers on the left are for the current frame. Click or drag to seek."
         )
 
     def series(self, name: str, frame_count: int, camera: str = "") -> list[float | None]:
-        """A metric, or "bytes", for every frame; None where not measured.
+        """A metric, "bytes" or "flicker" (of all cameras), for every frame; None where not measured.
 
         Args:
             name: the metric.
@@ -116,6 +124,8 @@ class Evaluation:
                 found.append(None)
             elif name == "bytes":
                 found.append(quality.bytes)
+            elif name == "flicker":
+                found.append(quality.flicker)
             else:
                 found.append((quality.cameras.get(camera, {}) if camera else quality.means).get(name))
         return found

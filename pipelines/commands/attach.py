@@ -16,10 +16,10 @@ def register(commands: Any) -> None:
         description="Show the run in progress on a take, wherever it was started. Ctrl-C ends only the display.",
         allow_abbrev=False,
     )
-    parser.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
+    parser.add_argument("take", type=Path, metavar="DIR", help="folder or address of the take")
     parser.add_argument("--cancel", action="store_true", help="stop the run; finished work is kept")
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
-    parser.set_defaults(command=_attach)
+    parser.set_defaults(command=_attach, stored_take="attach")
 
 
 def _attach(arguments: argparse.Namespace) -> int:
@@ -31,7 +31,10 @@ def _attach(arguments: argparse.Namespace) -> int:
 
     take = Take.open(arguments.take)
     if arguments.cancel and take.running() is not None:
-        request_cancel(take)
+        if arguments.stored_run is not None and take.lock_holder() is None:
+            arguments.stored_run.request_cancel()
+        else:
+            request_cancel(take)
     with JsonLines(arguments.output) if arguments.json else Bars() as show:
         try:
             attach(take, show)

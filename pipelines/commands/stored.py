@@ -16,13 +16,16 @@ from studio.storage import is_address
 def working_copy(arguments: argparse.Namespace) -> Iterator[None]:
     """Replace a take's address in a command's arguments by the folder of its working copy.
 
+    `arguments.stored_run` becomes the `StoredRun` of the take, or None if it is a folder.
+
     Arguments:
-        stored_take: how a command uses the take: "run", "work" or "read"; commands without it need a folder.
+        stored_take: how a command uses the take: "run", "work", "read" or "attach"; commands without it need a folder.
 
     Raises:
         StudioError: the command needs a folder (`storage.take_needs_folder`), there is no take at the address
             (`take.not_found`), another machine runs it (`take.locked`), or `storage.*`.
     """
+    arguments.stored_run = None
     found = {
         name: value
         for name in ("take", "config", "source", "takes")
@@ -31,23 +34,32 @@ def working_copy(arguments: argparse.Namespace) -> Iterator[None]:
     if not found:
         yield
         return
-    from pipelines.takes.stored_take import StoredTake
+    from pipelines.takes.stored_run import StoredRun
+    from pipelines.takes.stored_take import NO_GROUP, StoredTake
 
     name, address = next(iter(found.items()))
     use = getattr(arguments, "stored_take", None)
-    if use is None or getattr(arguments, "detach", False):
+    if use is None:
         raise StudioError(
             "storage.take_needs_folder",
-            "is a take in object storage, which this command or --detach cannot use",
+            "is a take in object storage, which this command cannot use",
             file=StoredTake(address).address,
             fix="`v3studio status ADDRESS` brings the copy on this machine up to date and names its folder: use that.",
         )
     stored = StoredTake(address)
+    run = arguments.stored_run = StoredRun(stored)
+    detaches = getattr(arguments, "detach", False)
     with ExitStack() as stack:
-        if use == "run":
-            stack.enter_context(stored.held(f"v3studio {getattr(arguments, 'stage', None) or 'run'}"))
-        there = stored.pull(arguments.group if use == "work" and not _needs_all(arguments) else None)
-        if not there and (use != "run" or name == "config" or getattr(arguments, "config", None) is None):
+        group: int | None = None
+        if detaches:  # what is started holds the take
+            run.refuse_other()
+        elif use == "run":
+            stack.enter_context(run.held(f"v3studio {getattr(arguments, 'stage', None) or 'run'}"))
+        if detaches or use == "attach":
+            group = NO_GROUP
+        elif use == "work" and not _needs_all(arguments):
+            group = arguments.group
+        if not stored.pull(group) and (use != "run" or name == "config" or getattr(arguments, "config", None) is None):
             raise StudioError(
                 "take.not_found",
                 "there is no take at this address",
@@ -55,7 +67,11 @@ def working_copy(arguments: argparse.Namespace) -> Iterator[None]:
                 fix="Create one with `v3studio run CONFIG --take ADDRESS`.",
             )
         setattr(arguments, name, stored.folder)
-        if use != "read":
+        if use == "read":
+            run.refresh()
+        elif use == "attach":
+            stack.enter_context(run.followed())
+        else:
             stack.enter_context(stored.pushed())
         yield
 

@@ -57,6 +57,7 @@ ADDED: JsonObject = {
     "bake.view_range": "auto",  # written with the next bake; nothing is baked again for it
     "capture.audio": None,
     "capture.audio_offset": 0.0,
+    "capture.transfer": "auto",
 }
 """Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior. This
 need not be the default, as for `bake.stream_version`."""

@@ -17,7 +17,7 @@ MARK_COLOR = "tab:red"
 
 
 def plots(take: Take, groups: Sequence[Group], evaluation: Evaluation, marks: Mapping[int, str]) -> dict[str, str]:
-    """SVG by name: quality, size, train; "" if there is nothing to plot.
+    """SVG by name: quality, flicker, size, train; "" if there is nothing to plot.
 
     Args:
         take: the take.
@@ -29,6 +29,7 @@ def plots(take: Take, groups: Sequence[Group], evaluation: Evaluation, marks: Ma
     marked = [row.frame for row in rows if row.index in marks]
     return {
         "quality": _svg(_quality_plot, rows, marked),
+        "flicker": _svg(_flicker_plot, rows, marked),
         "size": _svg(_size_plot, rows, marked),
         "train": _svg(_train_plot, _train_seconds(take, groups), marked),
     }
@@ -78,6 +79,18 @@ def _quality_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
             axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
     axes.set(xlabel="frame (gray: keyframes; red ticks: marks)", ylabel="PSNR (dB)")
     axes.legend(frameon=False, loc="best" if len(rows) <= 1000 else "upper right")  # the best place takes long to find
+    return True
+
+
+def _flicker_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
+    known = [(row.frame, row.flicker) for row in rows if row.flicker is not None]
+    if not known:
+        return False
+    axes.plot([frame for frame, _ in known], [value for _, value in known], "o-", markersize=3)
+    for row in rows:
+        if row.keyframe:
+            axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
+    axes.set(xlabel="frame (gray: group borders)", ylabel="flicker (levels of 255)", ylim=(0, None))
     return True
 
 

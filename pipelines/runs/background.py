@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pipelines.config import Config
-from pipelines.runs.launch import Launched, launch, until_begun
+from pipelines.runs.launch import ERRORS, Launched, launch, until_begun
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.settings_file import save_config
+from pipelines.takes.stored_take import StoredTake
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
-_ERRORS = "background.log"
 
-
-def start_background(take: Take, config: Config, arguments: Sequence[str]) -> Launched:
+def start_background(
+    take: Take, config: Config, arguments: Sequence[str], stored: StoredTake | None = None
+) -> Launched:
     """Start a run that goes on when this process ends.
 
     With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine.
@@ -23,6 +24,7 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> La
         take: the take.
         config: its settings, which are written to the take.
         arguments: of `v3studio`, without the take: ("run", "--until", "train").
+        stored: the take in object storage of which `take` is the working copy.
 
     Returns:
         the run, which has begun, or found everything up to date and ended.
@@ -43,13 +45,16 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> La
     with disk_errors(take.root):
         take.private.mkdir(parents=True, exist_ok=True)
         save_config(take.config, config)
-    words = [*arguments, "--take", str(take.root), "--json"]
-    errors = take.private / _ERRORS
+    if stored is not None:
+        stored.push()
+    place = str(take.root) if stored is None else stored.address
+    words = [*arguments, "--take", place, "--json"]
     if config.run.executor == "ray" and config.run.address.startswith("ray://"):
         from pipelines.runs.cluster.detached import start_on_head
 
-        found = start_on_head(config.run.address, words, str(take.log), str(errors))
+        found = start_on_head(config.run.address, words, place)
     else:
+        errors = take.private / ERRORS
         found = until_begun(launch(words, errors), take.log, errors)
     if found.code:
         raise StudioError("run.failed", found.error.removeprefix("error: "), code_of_process=found.code)

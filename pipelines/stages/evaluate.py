@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.edited import edit_params
 from pipelines.stages.measured_groups import Measured, read_measured, write_measured
 from pipelines.stages.params import Params, key_of, settings_affecting
+from pipelines.stages.residuals import Residual, flicker_of
 from pipelines.takes.atomic_files import remove, write_model, write_text
 from pipelines.takes.edited import EditedGroup
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
@@ -25,8 +27,32 @@ from studio.comparison import HIGHEST_PSNR, padded_box
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
+    from studio.cameras import Camera
     from studio.gaussians import Gaussians
     from studio.stream import StreamReader
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A view of the footage.
+
+    Attributes:
+        camera: from which splats are drawn.
+        box: rows and columns that are measured.
+        truth: (h, w, 3) float32 footage in the box, 0 to 1.
+    """
+
+    camera: Camera
+    box: tuple[slice, slice]
+    truth: np.ndarray
+
+    def draw(self, context: Context, gaussians: Gaussians) -> np.ndarray:
+        """(h, w, 3) float32 in 0 to 1: splats in the box."""
+        return draw(gaussians, self.camera, context.config.capture.background, context.device)[self.box]
+
+    def residual(self, decoded: np.ndarray) -> Residual:
+        """Of what was drawn in the box."""
+        return Residual(self.box, (decoded - self.truth).astype(np.float16))
 
 
 class EvaluateStage:
@@ -115,6 +141,8 @@ class EvaluateStage:
             bytes_per_frame=round(manifest.bytes_per_frame, 1),
             psnr_trained_lowest_frame=min(row.psnr_trained for row in measured.frames),
             psnr_decoded_lowest_frame=min(row.psnr_decoded for row in measured.frames),
+            **_mean_flicker("flicker", measured.frames),
+            **_mean_flicker("flicker_at_group_borders", [row for row in measured.frames if row.keyframe]),
         )
         protocol = Protocol(
             cameras=tuple(cameras),
@@ -213,19 +241,24 @@ class EvaluateStage:
             for at in np.linspace(0, total - 1, min(context.config.evaluate.report_frames, total)).round().astype(int)
         }
         edited = EditedGroup(context.take, group.index, group.indices, context.edits)
+        before = self._residuals(context, group.first - 1, baked, reader)
         for position, (index, frame) in enumerate(zip(group.indices, group.frames, strict=True)):
             if index not in baked:
                 continue
             trained = edited.read(index)
             decoded = reader.gaussians(index - baked[0])
             views: dict[str, dict[str, float]] = {}
+            residuals: dict[str, Residual] = {}
             for number, camera in enumerate(cameras):
                 done = (position + number / len(cameras)) / len(group.frames)
                 reporter.progress(start + (stop - start) * done, f"frame {frame}", frame=frame, group=group.index)
-                sample = self._compare(context, camera, frame, trained, decoded)
-                if sample is None:
+                view = self._view(context, camera, frame)
+                if view is None:
                     measured.unseen.append((index, camera))
                     continue
+                drawn = [view.draw(context, one) for one in (trained, decoded)]
+                sample = Sample(frame, camera, view.truth, drawn[0], drawn[1])
+                residuals[camera] = view.residual(sample.decoded)
                 views[camera] = {}
                 for what in ("trained", "decoded"):
                     image, truth = _tensor(getattr(sample, what)), _tensor(sample.truth)
@@ -240,9 +273,24 @@ class EvaluateStage:
                     measured.samples.append(sample)
             if views:
                 row = self._row(group, index, frame, views, sizes[index - baked[0]], trained)
+                row = row.model_copy(update={"flicker": flicker_of(before, residuals)})
                 measured.frames.append(row)
                 reporter.metrics(row.measures, group=group.index, frame=frame)
+            before = residuals
         return measured
+
+    def _residuals(self, context: Context, index: int, baked: range, reader: StreamReader) -> dict[str, Residual]:
+        """Residuals of one frame by camera; empty if it is not in the stream."""
+        found: dict[str, Residual] = {}
+        if index not in baked:
+            return found
+        decoded = reader.gaussians(index - baked[0])
+        for camera in _cameras(context):
+            context.cancellation.check()
+            view = self._view(context, camera, context.footage.raw.frames[index])
+            if view is not None:
+                found[camera] = view.residual(view.draw(context, decoded))
+        return found
 
     def _row(
         self,
@@ -265,10 +313,8 @@ class EvaluateStage:
             cameras=cameras,
         )
 
-    def _compare(
-        self, context: Context, camera: str, frame: int, trained: Gaussians, decoded: Gaussians
-    ) -> Sample | None:
-        """Images of one view; None if the camera does not see the performer."""
+    def _view(self, context: Context, camera: str, frame: int) -> _View | None:
+        """One view; None if the camera does not see the performer."""
         from studio.edits import silhouette
 
         footage, settings, crop = context.footage.calibrated, context.config, context.edits.crop
@@ -279,17 +325,11 @@ class EvaluateStage:
         box = padded_box(matte, settings.evaluate.crop_padding)
         if box is None:
             return None
-        rows, columns = box
-        alpha = matte[rows, columns, None].astype(np.float32) / 255
+        alpha = matte[box][..., None].astype(np.float32) / 255
         background = np.array(settings.capture.background, dtype=np.float32)
-        truth = view.image[rows, columns].astype(np.float32) / 255 * alpha + background * (1 - alpha)
+        truth = view.image[box].astype(np.float32) / 255 * alpha + background * (1 - alpha)
         world = context.edits.similarity
-        seen_from = view.camera if world.is_identity else world.camera(view.camera)
-        drawn = [
-            draw(gaussians, seen_from, settings.capture.background, context.device)[rows, columns]
-            for gaussians in (trained, decoded)
-        ]
-        return Sample(frame, camera, truth, drawn[0], drawn[1])
+        return _View(view.camera if world.is_identity else world.camera(view.camera), box, truth)
 
 
 def baked_frames(context: Context) -> range:
@@ -314,3 +354,9 @@ def _means(rows: Iterable[Quality]) -> dict[str, float]:
     """Mean over rows of each metric that was measured."""
     taken = [row.measures for row in rows]
     return {name: round(sum(row[name] for row in taken) / len(taken), 4) for name in MEASURES if name in taken[0]}
+
+
+def _mean_flicker(name: str, rows: Iterable[FrameQuality]) -> dict[str, float]:
+    """Mean over rows, as a field of the summary; empty if there is none."""
+    values = [row.flicker for row in rows if row.flicker is not None]
+    return {name: round(sum(values) / len(values), 4)} if values else {}

@@ -109,8 +109,7 @@ def sweep_partial(folder: Path) -> int:
     Those of processes that still run stay: marks are written, and exports made, while a run goes on. So do those of
     other machines until nothing was written to them for an hour: groups may be worked on there.
     """
-    found = [path for path in folder.rglob(f".*{PARTIAL}*") if path.name.startswith(".") and not is_being_written(path)]
-    found += _empty_results(folder)
+    found = _leftovers(folder)
     for path in found:
         remove(path)
     return len(found)
@@ -119,18 +118,21 @@ def sweep_partial(folder: Path) -> int:
 _NEVER_EMPTY = (".json", ".safetensors", ".checkpoint", ".ply")
 
 
-def _empty_results(folder: Path) -> list[Path]:
-    """Empty files of kinds that this program never writes empty, but not what a person made, and no temporary ones:
-    those that are being written begin empty."""
+def _leftovers(folder: Path) -> list[Path]:
+    """What `sweep_partial` deletes. Empty files are those of kinds that this program never writes empty, but not what a
+    person made, and no temporary ones: those that are being written begin empty."""
     found = []
     for root, folders, names in os.walk(folder):
+        for name in [name for name in (*folders, *names) if PARTIAL in name]:
+            path = Path(root, name)
+            if name.startswith(".") and not is_being_written(path):
+                found.append(path)
         folders[:] = [name for name in folders if PARTIAL not in name]
         for name in names:
-            path = os.path.join(root, name)
             if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name not in ("marks.json", "edits.json"):
                 with contextlib.suppress(FileNotFoundError):
-                    if os.lstat(path).st_size == 0:
-                        found.append(Path(path))
+                    if os.lstat(file := os.path.join(root, name)).st_size == 0:
+                        found.append(Path(file))
     return found
 
 

@@ -43,6 +43,10 @@ class FrameQuality(Quality):
     bytes: float
     """Size of the group's files divided by its number of frames; manifest and sound are not part of it."""
 
+    flicker: float | None = None
+    """RMS change of the decoded residual from the frame before, in levels of 0 to 255, mean over cameras; None for the
+    first frame and in older evaluations."""
+
     cameras: dict[str, Quality]
     """By camera name; cameras that do not see the performer in this frame are left out."""
 
@@ -55,6 +59,11 @@ class EvaluationSummary(Quality):
 
     psnr_trained_lowest_frame: float
     psnr_decoded_lowest_frame: float
+    flicker: float | None = None
+    """Mean over frames."""
+
+    flicker_at_group_borders: float | None = None
+    """Mean over the first frames of groups."""
 
 
 class Protocol(Result):

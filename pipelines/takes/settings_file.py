@@ -75,7 +75,10 @@ def save_config(path: Path, config: Config) -> None:
     """
     if path.exists():
         with contextlib.suppress(StudioError):
-            _, old_names = renamed(read_yaml(path), str(path))
+            before = read_yaml(path)
+            if before == config.model_dump(mode="json"):
+                return
+            _, old_names = renamed(before, str(path))
             if not old_names:
                 set_settings(path, dict(_leaves(config)))
                 if load_config(path) == config:

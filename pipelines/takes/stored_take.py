@@ -2,7 +2,8 @@
 
 Stages read and write the working copy. `pull` brings it up to date, `push` sends what is new. Objects appear in a store
 whole or not at all; records of what is finished are sent last and deleted first, so that whoever finds a record finds
-what it tells of. Several machines may work on different groups of a take. Only one may run it (`held`).
+what it tells of. Several machines may work on different groups of a take. Only one may run it
+(`pipelines.takes.stored_run`).
 """
 
 from __future__ import annotations
@@ -10,10 +11,7 @@ from __future__ import annotations
 import json
 import os
 import re
-import secrets
-import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -29,16 +27,16 @@ from studio.storage.cache import cache_folder, locked
 PUSH_SECONDS = 2.0
 """Seconds between two looks for new results while a stage works."""
 
-_RENEWED = 30.0
-_HELD_SECONDS = 120.0
-"""A run that has not renewed its claim for so long has ended."""
+NO_GROUP = -1
+"""For `StoredTake.pull`: nothing of any group."""
 
 _PRIVATE = ".v3studio"
-_HOLDER = f"{_PRIVATE}/holder.json"
 _HERE_ONLY = re.compile(
-    rf"{re.escape(_PRIVATE)}/((lock|cancel|events\.jsonl|store\.json|sync\.lock|holder\.json)$|groups/|footage/|previews/)"
+    rf"{re.escape(_PRIVATE)}/"
+    r"((lock|cancel|events\.jsonl|store\.json|sync\.lock|holder\.json|(background|window_job)\.log)$"
+    r"|groups/|footage/|previews/|log/)"
 )
-"""Files of one machine: locks, logs, and what can be made again."""
+"""Files of one machine: locks, logs, and what can be made again. `stored_run` sends the log of a run itself."""
 
 _GROUP = re.compile(r"(?:^|/)group_(\d+)(?:[/._]|$)")
 _PARALLEL = 8
@@ -77,7 +75,7 @@ class StoredTake:
         """Bring the working copy up to date. What only the working copy has stays.
 
         Args:
-            group: fetch nothing of other groups; None: fetch everything.
+            group: fetch nothing of other groups; `NO_GROUP`: of any; None: fetch everything.
 
         Returns:
             whether there is a take, here or in the store.
@@ -164,61 +162,10 @@ class StoredTake:
             StudioError: at the end, if the store does not take it (`storage.*`); it stays in the working copy.
         """
         try:
-            with _repeating(self.push, PUSH_SECONDS, "push"):  # a failure is reported at the end, unless that succeeds
+            with repeating(self.push, PUSH_SECONDS, "push"):  # a failure is reported at the end, unless that succeeds
                 yield
         finally:
             self.push()
-
-    @contextmanager
-    def held(self, command: str) -> Iterator[None]:
-        """Claim the take for a run of this machine, renewed until the block ends.
-
-        Args:
-            command: what others are told.
-
-        Raises:
-            StudioError: a run on another machine has it (`take.locked`); or `storage.*`.
-        """
-        mine: dict[str, str | int] = {
-            "token": secrets.token_hex(8),
-            "host": socket.gethostname(),
-            "pid": os.getpid(),
-            "command": command,
-        }
-        self._refuse_other("")
-        self._claim(mine)
-        self._refuse_other(str(mine["token"]))  # two began at once: the later claim holds
-        try:
-            with _repeating(lambda: self._claim(mine), _RENEWED, "claim"):
-                yield
-        finally:
-            with suppress(StudioError):  # it expires
-                self.store.delete(_HOLDER)
-
-    def _claim(self, mine: dict[str, str | int]) -> None:
-        self.store.write(_HOLDER, json.dumps({**mine, "renewed": time.time()}).encode())
-
-    def _refuse_other(self, token: str) -> None:
-        entry = self.store.entry(_HOLDER)
-        if entry is None:
-            return
-        try:
-            holder = json.loads(self.store.read(_HOLDER, 0, entry.size))
-            age = time.time() - float(holder["renewed"])
-            host, pid, command = str(holder["host"]), int(holder["pid"]), str(holder["command"])
-        except (ValueError, KeyError, TypeError):
-            return
-        ended = host == socket.gethostname() and not Path(f"/proc/{pid}").exists()
-        if holder.get("token") == token or age > _HELD_SECONDS or ended:
-            return
-        raise StudioError(
-            "take.locked",
-            f"another run is in progress (process {pid} on {host}, {command})",
-            file=self.address,
-            fix=f"Wait for it to finish, or stop it. If it was killed, the take is free after {_HELD_SECONDS:.0f} s.",
-            pid=pid,
-            command=command,
-        )
 
     def _locked(self) -> AbstractContextManager[bool]:
         return locked(self.folder / _PRIVATE / "sync.lock")
@@ -278,13 +225,13 @@ def _in_parallel(work: Callable[[Given], Made], items: list[Given]) -> Iterator[
 
 
 @contextmanager
-def _repeating(action: Callable[[], object], seconds: float, name: str) -> Iterator[None]:
+def repeating(action: Callable[[], object], seconds: float, name: str) -> Iterator[None]:
     """Within the block, a thread of this name calls `action` every so many seconds; its failures are ignored."""
     over = threading.Event()
 
     def repeat() -> None:
         while not over.wait(seconds):
-            with suppress(StudioError):
+            with suppress(StudioError, OSError):
                 action()
 
     thread = threading.Thread(target=repeat, name=name, daemon=True)

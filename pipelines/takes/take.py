@@ -48,6 +48,9 @@ TAKE_FORMAT = 2
 """Version of this layout. Format 1 had other names (`pipelines.config.renamed`); it is read as is, and migrated when a
 run first locks the take (`pipelines.takes.migration`)."""
 
+HOLDER_SECONDS = 120.0
+"""A run on another machine, of a take in object storage, that has not renewed its claim for so long has ended."""
+
 READABLE = (1, TAKE_FORMAT)
 """Formats that this version reads."""
 
@@ -290,6 +293,11 @@ class Take:
         return self.private / "cancel"
 
     @property
+    def holder(self) -> Path:
+        """holder.json: the run on another machine, in the working copy of a take in object storage."""
+        return self.private / "holder.json"
+
+    @property
     def log(self) -> Path:
         """events.jsonl: events of the last run, one JSON object per line."""
         return self.private / "events.jsonl"
@@ -309,7 +317,7 @@ class Take:
         self.private.mkdir(parents=True, exist_ok=True)
         path = self.private / "lock"
         with path.open("a+") as file:
-            if not lock_soon(file):
+            if self._running_elsewhere() or not lock_soon(file):
                 holder = self.running() or {}
                 pid, held_by = holder.get("pid"), holder.get("command", "v3studio")
                 raise StudioError(
@@ -360,7 +368,11 @@ class Take:
             yield
 
     def running(self) -> dict[str, object] | None:
-        """`pid`, `command` and `host` of the run that holds the lock; None if there is none."""
+        """`pid`, `command` and `host` of the run in progress; None if there is none."""
+        return self.lock_holder() or self._running_elsewhere()
+
+    def lock_holder(self) -> dict[str, object] | None:
+        """The same of the run that holds the lock of this folder."""
         path = self.private / "lock"
         try:
             with path.open("r") as file:
@@ -375,6 +387,15 @@ class Take:
                 return None
         except FileNotFoundError:
             return None
+
+    def _running_elsewhere(self) -> dict[str, object] | None:
+        try:
+            found = parse_json(self.holder.read_bytes())
+            if time.time() - float(found["renewed"]) < HOLDER_SECONDS:
+                return {"pid": int(found["pid"]), "command": str(found["command"]), "host": str(found["host"])}
+        except (OSError, ValueError, TypeError, LookupError):
+            pass
+        return None
 
     def forget(self, stage: str) -> None:
         """Delete a stage's records, so that it runs again."""

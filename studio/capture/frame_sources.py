@@ -12,6 +12,7 @@ import numpy as np
 
 from studio.capture.images import has_alpha, image_size, read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
+from studio.capture.transfer import TransferFunction
 from studio.capture.video import VideoReader
 from studio.chroma import ChromaSampling
 from studio.errors import StudioError
@@ -62,13 +63,15 @@ class ImageSource:
     Args:
         camera: the camera's name.
         paths: frame number to image file; not empty.
+        transfer: what the values in the files are, see `read_image`.
 
     Raises:
         StudioError: the first image cannot be opened.
     """
 
-    def __init__(self, camera: str, paths: Mapping[int, Path]) -> None:
+    def __init__(self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction = "auto") -> None:
         self.camera = camera
+        self._transfer = transfer
         self._paths = dict(sorted(paths.items()))
         self.frames = tuple(self._paths)
         first = self._paths[self.frames[0]]
@@ -92,7 +95,7 @@ class ImageSource:
                 camera=self.camera,
                 frame=frame,
             )
-        image = read_image(path)
+        image = read_image(path, self._transfer)
         if image.shape[:2] != (self.height, self.width):
             raise StudioError(
                 "footage.size_changed",
@@ -188,10 +191,17 @@ class VideoSource:
         StudioError: the video cannot be opened, see `VideoReader`.
     """
 
-    def __init__(self, camera: str, path: Path, pool: DecoderPool, color_matrix: str = "auto") -> None:
+    def __init__(
+        self,
+        camera: str,
+        path: Path,
+        pool: DecoderPool,
+        color_matrix: str = "auto",
+        transfer: TransferFunction = "auto",
+    ) -> None:
         self.camera = camera
         self._pool = pool
-        self.reader = VideoReader(path, color_matrix)
+        self.reader = VideoReader(path, color_matrix, transfer)
         pool.touch(self.reader)
         self.frames = tuple(range(self.reader.frame_count))
         self.width, self.height = self.reader.width, self.reader.height
@@ -222,7 +232,11 @@ def decoder_limit(width: int, height: int) -> int:
 
 
 def make_sources(
-    matches: list[Match], pool: DecoderPool, color_matrix: str = "auto", offsets: Mapping[str, int] | None = None
+    matches: list[Match],
+    pool: DecoderPool,
+    color_matrix: str = "auto",
+    offsets: Mapping[str, int] | None = None,
+    transfer: TransferFunction = "auto",
 ) -> dict[str, FrameSource]:
     """One source per camera, from the files that match a pattern. Images without `{frame}` become frame 0.
 
@@ -231,6 +245,7 @@ def make_sources(
         pool: bounds the number of open decoders.
         color_matrix: see `VideoReader`.
         offsets: camera to sync offset in frames, as in `CaptureSettings`.
+        transfer: what the values in the files are, as in `CaptureSettings`.
 
     Returns:
         camera name to source, in the order of `matches`.
@@ -254,9 +269,9 @@ def make_sources(
                 camera=camera,
             )
         if videos:
-            sources[camera] = VideoSource(camera, videos[0].path, pool, color_matrix)
+            sources[camera] = VideoSource(camera, videos[0].path, pool, color_matrix, transfer)
         else:
-            sources[camera] = ImageSource(camera, {match.frame or 0: match.path for match in group})
+            sources[camera] = ImageSource(camera, {match.frame or 0: match.path for match in group}, transfer)
     if len({isinstance(source, VideoSource) for source in sources.values()}) > 1:
         kinds = {isinstance(source, VideoSource): camera for camera, source in sources.items()}
         raise StudioError(

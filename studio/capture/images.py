@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from studio.capture.deep_images import is_deep, read_deep_image
+from studio.capture.transfer import TransferFunction, eight_bit
 from studio.errors import StudioError
 from studio.storage import cached_object
 
@@ -19,30 +21,39 @@ _FIX = "Replace the file or exclude the frame."
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) in pixels, from the file's header, without decoding the image.
+    """(width, height) in pixels, from the file's header, without decoding the image; EXR and DPX are decoded.
 
     Raises:
         StudioError: `footage.image_missing` or `footage.image_unreadable`.
     """
+    if is_deep(path):
+        height, width = read_deep_image(path).shape[:2]
+        return width, height
     with _open(path) as image:
         return (int(image.size[0]), int(image.size[1]))
 
 
 def has_alpha(path: Path) -> bool:
-    """Whether the image has an alpha channel, from its header.
+    """Whether the image has an alpha channel, from its header; EXR and DPX are decoded.
 
     Raises:
         StudioError: as `image_size`.
     """
+    if is_deep(path):
+        return read_deep_image(path).shape[2] == 4
     with _open(path) as image:
         return _is_transparent(image)
 
 
-def read_image(path: Path) -> np.ndarray:
+def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
     """Decode an image.
 
     Pixels are returned as stored: an EXIF orientation is not applied, because calibrations (COLMAP's included) refer
     to stored pixels.
+
+    Args:
+        path: the file.
+        transfer: what its values are, see `CaptureSettings.transfer`.
 
     Returns:
         (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8. Gray images have three equal channels; 16-bit
@@ -51,6 +62,8 @@ def read_image(path: Path) -> np.ndarray:
     Raises:
         StudioError: `footage.image_missing`, or `footage.image_unreadable` if it is truncated or not an image.
     """
+    if is_deep(path, transfer):
+        return read_deep_image(path, transfer)
     with _open(path) as image:
         try:
             image.load()
@@ -60,7 +73,7 @@ def read_image(path: Path) -> np.ndarray:
                     values = values / 257.0
                 gray = np.clip(np.rint(values), 0, 255).astype(np.uint8)
                 return np.repeat(gray[:, :, None], 3, axis=2)
-            return np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
+            found = np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
         except (OSError, ValueError, SyntaxError) as error:
             raise StudioError(
                 "footage.image_unreadable",
@@ -68,6 +81,9 @@ def read_image(path: Path) -> np.ndarray:
                 file=path,
                 fix=_FIX,
             ) from None
+    if transfer not in ("auto", "srgb"):
+        found[:, :, :3] = eight_bit(found[:, :, :3].astype(np.uint16) * 257, transfer)
+    return found
 
 
 def _open(path: Path) -> Image:

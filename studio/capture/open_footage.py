@@ -69,7 +69,7 @@ def open_footage(
     matches = _chosen(spec, matches)
     pool = DecoderPool(4)
     try:
-        sources = make_sources(matches, pool, spec.color_matrix, spec.offsets)
+        sources = make_sources(matches, pool, spec.color_matrix, spec.offsets, spec.transfer)
     except BaseException:
         pool.close()
         raise

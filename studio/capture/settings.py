@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
+from studio.capture.transfer import TransferFunction
 from studio.settings import Affects, Color, Conflict, Heading, Settings, Unbounded
 from studio.storage import StoreAddress, is_address
 from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
@@ -174,6 +175,14 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
         Affects("cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results),
     ] = "auto"
     """YUV to RGB matrix of videos. auto: the file's tag; BT.601 if untagged, as in FFmpeg."""
+
+    transfer: Annotated[
+        TransferFunction,
+        Affects("cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results),
+    ] = "auto"
+    """What the values in the footage and the clean plates mean. srgb: as screens show them. linear: scene-linear light.
+    slog3: Sony S-Log3. logc3: ARRI LogC3 (EI 800). The last three are converted to sRGB; light above 1 is clipped, and
+    primaries are not converted. auto: EXR files are linear, everything else is srgb."""
 
     background: Annotated[Color, Affects("evaluation", "manifest")] = (0.0, 0.0, 0.0)
     """Background color behind the performer in evaluation and previews (red, green, blue; 0 to 1)."""

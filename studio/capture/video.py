@@ -13,6 +13,7 @@ import numpy as np
 from studio.capture.chroma_grid import chroma_grid
 from studio.capture.frame_clock import frame_clock
 from studio.capture.media import open_media, open_packets
+from studio.capture.transfer import TransferFunction, eight_bit
 from studio.chroma import ChromaSampling
 from studio.errors import StudioError
 
@@ -30,6 +31,7 @@ class VideoReader:
     Args:
         path: the file.
         color_matrix: YUV to RGB: "auto" (the file's tag, BT.601 if untagged), "bt601" or "bt709".
+        transfer: what the values are, see `CaptureSettings.transfer`.
 
     Attributes:
         path: the file.
@@ -46,9 +48,10 @@ class VideoReader:
             decoded (see `read`).
     """
 
-    def __init__(self, path: Path, color_matrix: str = "auto") -> None:
+    def __init__(self, path: Path, color_matrix: str = "auto", transfer: TransferFunction = "auto") -> None:
         self.path = Path(path)
         self._matrix = color_matrix
+        self._transfer: TransferFunction = transfer
         self._lock = threading.RLock()
         self._container: Any = None
         self._stream: Any = None
@@ -143,6 +146,8 @@ class VideoReader:
     @functools.cached_property
     def chroma(self) -> ChromaSampling | None:
         """Chroma grid of the frames that `read` returns; None: no subsampling, or see `chroma_grid`."""
+        if self._transfer not in ("auto", "srgb"):
+            return None  # the loss would have to subsample before the curve
         with open_media(self.path) as container:
             container.streams.video[0].codec_context.thread_count = 1
             frame = next(container.decode(video=0))
@@ -156,7 +161,10 @@ class VideoReader:
         options: dict[str, str | int] = {"interpolation": _SWS_FLAGS}
         if self._matrix != "auto" and not frame.format.is_rgb:
             options["src_colorspace"] = _MATRICES[self._matrix]
-        return frame.to_ndarray(format="rgba" if self.has_alpha else "rgb24", **options)
+        if self._transfer in ("auto", "srgb"):
+            return frame.to_ndarray(format="rgba" if self.has_alpha else "rgb24", **options)
+        deep = frame.to_ndarray(format="rgba64le" if self.has_alpha else "rgb48le", **options)
+        return np.concatenate([eight_bit(deep[:, :, :3], self._transfer), eight_bit(deep[:, :, 3:], "srgb")], axis=2)
 
     def _open(self) -> None:
         import av

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -15,8 +18,19 @@ import pytest
 from gui.presenters.run.jobs import Job, is_paused
 from gui.presenters.run.run_state import CURVE_POINTS, Curve, RunState
 from gui.presenters.run.workspace import Workspace
-from pipelines.events import Log, Metrics, Progress, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
+from pipelines.events import (
+    GroupState,
+    Log,
+    Metrics,
+    Progress,
+    RunFinished,
+    RunStarted,
+    StageFailed,
+    StageFinished,
+    StageStarted,
+)
 from pipelines.events.log_follower import LogFollower
+from pipelines.runs.runner import Logged
 from pipelines.takes.take import Take
 from tests.support.waiting import wait_until
 
@@ -202,6 +216,45 @@ def states(workspace: Workspace) -> dict[str, str]:
 
 
 ALL = ("capture", "calibrate", "initialize", "train", "bake", "review")
+
+
+def test_a_window_opened_later_shows_a_run_on_a_cluster(take_copy: Path) -> None:
+    take = Take.open(take_copy)
+    lost = "its worker was lost (NodeDiedError)"
+    groups = (
+        GroupState(stage="train", group=0, state="running", node="node1", gpu="0", frames_done=2, frames=3, psnr=31.5,
+                   seconds_per_frame=4.2),
+        GroupState(stage="train", group=1, state="retried", node="node2", frames=2, attempt=2, message=lost),
+        GroupState(stage="train", group=2, state="queued", frames=2),
+    )  # fmt: skip
+    with take.locked("v3studio run"):
+        log = Logged(lambda event: None, take)
+        log(RunStarted(take="t", stages=("train", "bake"), done=("calibrate",), pid=os.getpid(), version="1"))
+        log(StageStarted(stage="train", reason="never run"))
+        log(replace(groups[0], frames_done=0))
+        for group in groups:
+            log(group)
+        for _ in range(2):  # closed, and opened again
+            workspace = Workspace()
+            workspace.open(take)
+            assert workspace.busy
+            assert tuple(workspace.run.lanes["train"].values()) == groups
+            assert workspace.row("train").state == "running"
+            assert workspace.close()
+
+
+def test_a_run_on_another_machine_is_not_said_to_have_crashed(workspace: Workspace, take_copy: Path) -> None:
+    take = Take.open(take_copy)
+    holder = {"pid": 7, "command": "v3studio run", "host": "node1", "renewed": time.time()}
+    Logged(lambda event: None, take)(RunStarted(take="t", stages=("train",), done=(), pid=7, version="1"))
+    take.holder.write_text(json.dumps(holder))
+    workspace.open(take)
+    assert workspace.busy
+    take.holder.write_text(json.dumps({**holder, "renewed": time.time() - 1000}))  # as nobody follows it any longer
+    wait(workspace, "looked again", lambda: not workspace.busy)
+    assert not workspace.run.outcome
+    take.holder.unlink()
+    wait(workspace, "crashed", lambda: bool(workspace.run.outcome))
 
 
 def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace: Workspace, take_copy: Path) -> None:

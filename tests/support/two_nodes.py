@@ -7,7 +7,8 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO
 
 SETTINGS: Mapping[str, str] = {
     "RAY_AUTH_MODE": "token",
@@ -16,6 +17,8 @@ SETTINGS: Mapping[str, str] = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # loopback only
     "RAY_prestart_worker_first_driver": "0",
     "RAY_enable_worker_prestart": "0",
+    "RAY_gcs_server_port_wait_time_s": "600",  # by default half a minute, which a busy machine takes
+    "RAY_gcs_server_request_timeout_seconds": "600",
     "RAY_worker_niceness": "0",  # as a local run; by default, tasks have to wait for everything else
 }
 """Environment of the cluster and of its drivers."""
@@ -24,8 +27,9 @@ _PROGRAM = """
 import sys
 from ray.cluster_utils import Cluster
 cpus = int(sys.argv[1])
-cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": cpus, "include_dashboard": False})
-second = cluster.add_node(num_cpus=cpus)
+cluster = Cluster(initialize_head=True, head_node_args={"wait": False, "num_cpus": cpus, "include_dashboard": False})
+second = cluster.add_node(wait=False, num_cpus=cpus)
+cluster.wait_for_nodes(600)
 print("ready", cluster.address, flush=True)
 for line in sys.stdin:
     if line.strip() == "kill":
@@ -44,8 +48,8 @@ class TwoNodes:
         address: of the head node.
     """
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self._process = process
+    def __init__(self, process: subprocess.Popen[str], errors: IO[str]) -> None:
+        self._process, self._errors = process, errors
         self.address = self._answer("ready")
 
     def kill_second(self) -> None:
@@ -69,25 +73,27 @@ class TwoNodes:
         for line in self._process.stdout:
             if line.startswith(word):
                 return line.removeprefix(word).strip()
-        raise AssertionError("the cluster ended")
+        self._errors.seek(0)
+        raise AssertionError(f"the cluster ended: {self._errors.read()[-2000:]}")
 
 
 @contextmanager
 def two_nodes(cpus: int = 1) -> Iterator[TwoNodes]:
     """Start a cluster with `cpus` CPUs on each of its two nodes."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", _PROGRAM, str(cpus)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env={**os.environ, **SETTINGS},
-    )
-    try:
-        nodes: Any = TwoNodes(process)
-        yield nodes
-        nodes.close()
-    finally:
-        if process.poll() is None:
-            process.terminate()
-            process.communicate()
+    with TemporaryFile("w+") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-c", _PROGRAM, str(cpus)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+            env={**os.environ, **SETTINGS},
+        )
+        try:
+            nodes = TwoNodes(process, errors)
+            yield nodes
+            nodes.close()
+        finally:
+            if process.poll() is None:
+                process.terminate()
+                process.communicate()

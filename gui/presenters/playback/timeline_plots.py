@@ -1,4 +1,4 @@
-"""The plots above the timeline: PSNR trained, PSNR decoded, KB per frame, and the waveform of the sound."""
+"""The plots above the timeline: PSNR trained, PSNR decoded, KB per frame, flicker, and the waveform of the sound."""
 
 from __future__ import annotations
 
@@ -78,7 +78,8 @@ Series = dict[str, list[float | None]]
 
 
 def plots_of(evaluation_series: Series, mean: str = "mean", other: Series | None = None) -> tuple[Plot, ...]:
-    """The three plots of a take; plots without values stay empty, so that the layout does not change.
+    """The three plots of a take, and flicker if it was measured; plots without values stay empty, so that the layout
+    does not change.
 
     Args:
         evaluation_series: values by metric.
@@ -89,6 +90,9 @@ def plots_of(evaluation_series: Series, mean: str = "mean", other: Series | None
     kilobytes, others = (
         [None if value is None else value / 1000 for value in found.get("bytes", [])]
         for found in (evaluation_series, other)
+    )
+    flicker = Plot(
+        "flicker", evaluation_series.get("flicker", []), ACCENT, "/255", bars=True, other=other.get("flicker", [])
     )
     return (
         Plot(
@@ -106,6 +110,7 @@ def plots_of(evaluation_series: Series, mean: str = "mean", other: Series | None
             other=other.get("psnr_decoded", []),
         ),
         Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True, other=others),
+        *([flicker] if flicker.range is not None else []),
     )
 
 

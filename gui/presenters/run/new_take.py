@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,7 +53,7 @@ class NewTake:
         except StudioError as error:
             return str(error)
         cameras = (
-            f"Camera file: {rig.relative_to(footage.spec.root)}."
+            f"Camera file: {os.path.relpath(rig, footage.spec.root)}."  # it may be beside the footage's folder
             if rig
             else "No camera file: Calibrate estimates the cameras."
         )

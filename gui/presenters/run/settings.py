@@ -5,15 +5,18 @@ from __future__ import annotations
 import types
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from gui.presenters.run.setting_words import BASIC, EMPTY, UNITS
+from gui.presenters.run.setting_words import BASIC, EMPTY, FOLDERS, UNITS
 from pipelines.config import Config
 from pipelines.config.description import allowed_values, bounds
 from pipelines.config.loading import parse_override
+from pipelines.takes.path_here import path_here
 from studio.settings import Heading, Settings, marker, submodel
+from studio.storage import is_address
 from studio.yaml_text import inline_yaml
 
 SECTIONS = {
@@ -200,3 +203,12 @@ def _limits(field: FieldInfo, whole: bool) -> tuple[float, float] | None:
 
 def _all_text(part: Any) -> bool:
     return get_origin(part) is Literal and all(isinstance(choice, str) for choice in get_args(part))
+
+
+def place_of(field: SettingField, config: Config) -> Path:
+    """Where a dialog begins that chooses the file or folder of a setting: there, if it exists, else in the capture's
+    folder as it is mounted here, else in the working directory."""
+    root = Path.cwd() if is_address(config.capture.root) else path_here(config.capture.root, config.run.paths)
+    root = root if root.is_dir() else Path.cwd()
+    now = root if field.name in FOLDERS else root / field.shown(config)
+    return now if now.exists() else root

@@ -28,6 +28,10 @@ CURVES = (
 )
 
 
+_LANES = 0.6
+"""Share of the width that the groups of a run on several machines take."""
+
+
 class TrainView(StageView):
     """See the module. In mode "gaussians" the window shows the player instead."""
 
@@ -59,9 +63,8 @@ class TrainView(StageView):
             curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0%", "100%"), newest)
         lanes = list(run.lanes.get("train", {}).values())
         if lanes:
-            wide = 0.5 * (canvas.width - 3 * em)
-            draw_lanes(canvas, (em, share, wide, canvas.height - share - em), lanes, em)
-        self._pictures(canvas, share, 0.5 * canvas.width if lanes else 0.0)
+            draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)
+        self._pictures(canvas, share, _LANES * canvas.width if lanes else 0.0)
         return canvas.pixels
 
     def _pictures(self, canvas: Canvas, top: float, left: float) -> None:
@@ -69,7 +72,6 @@ class TrainView(StageView):
         em, small = self.em, round(0.85 * self.em)
         height = canvas.height - top - 1.2 * em - line_height(small)
         whole = canvas.width - left
-        width = (whole - 3 * em) / 2
         try:
             words, render, truth = self._newest()
         except StudioError as error:
@@ -77,8 +79,14 @@ class TrainView(StageView):
             return
         canvas.text(left + em, top, words, small, DIM, width=whole - 2 * em)
         y = top + line_height(small)
+        beside = ((whole - 3 * em) / 2, height)
+        stacked = (whole - 2 * em, (height - 0.5 * em) / 2)
+        width, height = max(
+            (beside, stacked), key=lambda size: min(size[0], size[1] * render.shape[1] / render.shape[0])
+        )
+        across, down = (width + em, 0.0) if (width, height) == beside else (0.0, height + 0.5 * em)
         for number, (name, picture) in enumerate((("footage", truth), ("trained", render))):
-            x = left + em + number * (width + em)
+            x, y = left + em + number * across, y + number * down
             if picture is None:
                 canvas.rect(x, y, width, height, RAISED)
                 canvas.text(x + em, y + em, "footage cannot be read", small, DIM)

@@ -9,21 +9,37 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipelines.runs.cluster.connection import ADDRESS_VARIABLE, connected
-from pipelines.runs.launch import Launched, launch, until_begun
+from pipelines.runs.launch import ERRORS, Launched, launch, until_begun
+from pipelines.takes.stored_take import StoredTake
+from pipelines.takes.take import Take
 from studio.errors import StudioError
+from studio.storage import is_address
 
 
 class Starter:
     """Actor that starts the process of a run on its node, and ends with it."""
 
-    def start(self, words: Sequence[str], log: str, errors: str) -> Launched:
-        """Start `v3studio WORDS`, and wait until it has begun or ended; see `until_begun`. Raises OSError."""
+    def start(self, words: Sequence[str], place: str) -> Launched:
+        """Start `v3studio WORDS`, and wait until it has begun or ended; see `until_begun`.
+
+        Args:
+            words: arguments of `v3studio`.
+            place: folder or address of the take.
+
+        Raises:
+            OSError: the take cannot be written here.
+            StudioError: the address cannot be used here (`storage.*`).
+        """
         import ray
 
+        take = Take(StoredTake(place).folder if is_address(place) else Path(place))
+        if is_address(place):  # a folder that is not here is not made, but reported
+            take.private.mkdir(parents=True, exist_ok=True)
+        errors = take.private / ERRORS
         # not as a setting: the run would write the address, which is for this node, to the take
         address = ray.get_runtime_context().gcs_address
-        process = launch(words, Path(errors), {ADDRESS_VARIABLE: address})
-        found = until_begun(process, Path(log), Path(errors))
+        process = launch(words, errors, {ADDRESS_VARIABLE: address})
+        found = until_begun(process, take.log, errors)
 
         def wait() -> None:
             process.wait()
@@ -34,14 +50,13 @@ class Starter:
         return found
 
 
-def start_on_head(address: str, words: Sequence[str], log: str, errors: str) -> Launched:
+def start_on_head(address: str, words: Sequence[str], place: str) -> Launched:
     """Start a run on the head node of a cluster, and wait until it has begun or ended.
 
     Args:
         address: ray://HOST:PORT.
         words: arguments of `v3studio`.
-        log: the take's log, under the same path on the head node.
-        errors: file for the standard error of the run, on the head node.
+        place: folder of the take, which is the same on the head node, or its address in object storage.
 
     Raises:
         StudioError: the cluster cannot be reached, or its head node cannot start the run, for example because it does
@@ -51,13 +66,14 @@ def start_on_head(address: str, words: Sequence[str], log: str, errors: str) -> 
         options = {"lifetime": "detached", "num_cpus": 0, "resources": {"node:__internal_head__": 0.001}}
         starter = ray.remote(Starter).options(**options).remote()
         try:
-            found: Launched = ray.get(starter.start.remote(list(words), log, errors))
+            found: Launched = ray.get(starter.start.remote(list(words), place))
         except (ray.exceptions.RayError, ConnectionError) as error:
             ray.kill(starter)
             lines = str(error).strip().splitlines() or [type(error).__name__]
             raise StudioError(
                 "cluster.not_visible",
                 f"the head node of {address} cannot start the run ({lines[-1]})",
-                fix="Mount the take under the same path there, and install the same version of V3 Studio.",
+                fix="Mount the take under the same path there, or give it access to the store, and install the same "
+                "version of V3 Studio.",
             ) from None
         return found

@@ -352,15 +352,13 @@ class _Run:
             self._lanes.failed(job.group, told)
             raise StudioError(
                 "cluster.worker_lost",
-                told
-                if job.lost == 1
-                else f"group {job.group.index} lost {job.lost} workers, the last{where} ({reason})",
+                told,
                 fix="See the logs of Ray on that node; run.retries allows more attempts.",
                 group=job.group.index,
                 setting="run.retries",
             )
         self._warn(Message("cluster.worker_lost", f"{told}; it is started again", fields={"group": job.group.index}))
-        self._again(job, told)
+        self._again(job, f"its worker was lost ({reason})")
 
     def _out_of_memory(self, job: _Job) -> None:
         beside = sum(one.node == job.node for one in self._running.values()) + 1

@@ -98,7 +98,7 @@ def mask_source(
                     camera=without[0],
                     setting="capture.clean_plates",
                 )
-            load = plates_from_files(matches, spec.color_matrix)
+            load = plates_from_files(matches, spec.color_matrix, spec.transfer)
             paths = [match.path for match in matches]
             matte_source = PlateMatteSource(load, paths, spec, garbage)
             return matte_source, _chosen(spec, names, f"difference from the clean plates '{pattern}'")
@@ -128,7 +128,8 @@ def mask_source(
             def read(frame: int) -> np.ndarray:
                 return source.read(frame)[:, :, :3]
 
-            key = f"{digest_files(spec.root, source.files())[:24]}_{spec.color_matrix}" if cache_folder else ""
+            meaning = spec.color_matrix + ("" if spec.transfer == "auto" else f"_{spec.transfer}")
+            key = f"{digest_files(spec.root, source.files())[:24]}_{meaning}" if cache_folder else ""
             return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
 
         paths = [path for source in sources.values() for path in source.files()]
@@ -288,7 +289,7 @@ def _file_matte_source(
     what: str,
     offsets: Mapping[str, int],
 ) -> FileMatteSource:
-    matte_source = FileMatteSource(make_sources(matches, pool, offsets=offsets))
+    matte_source = FileMatteSource(make_sources(matches, pool, offsets=offsets, transfer="srgb"))
     for name in names:
         missing = matte_source.missing(name, frames)
         if missing:

@@ -66,7 +66,7 @@ class GarbageImages:
             if match.frame is None and match.path.suffix.lower() not in VIDEO_EXTENSIONS
         }
         moving = {camera: offset for camera, offset in (offsets or {}).items() if camera not in self._still}
-        self._matte_source = FileMatteSource(make_sources(matches, pool, offsets=moving))
+        self._matte_source = FileMatteSource(make_sources(matches, pool, offsets=moving, transfer="srgb"))
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
         """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None: everywhere.

@@ -19,6 +19,7 @@ from studio.capture.mattes.median_background import Background, median_plate
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.per_camera_cache import PerCameraCache
 from studio.capture.settings import DifferenceSettings
+from studio.capture.transfer import TransferFunction
 from studio.errors import Message, StudioError
 
 _MOST_LABELS = 24  # more than any labeling of body parts, and invisible as a matte
@@ -247,12 +248,15 @@ class PlateMatteSource:
         return list(self._files)
 
 
-def plates_from_files(matches: list[Match], color_matrix: str) -> Callable[[str], Background]:
+def plates_from_files(
+    matches: list[Match], color_matrix: str, transfer: TransferFunction = "auto"
+) -> Callable[[str], Background]:
     """A loader of clean plates: one image per camera, or the median of several images or of a video.
 
     Args:
         matches: files of the clean plates.
         color_matrix: for videos, see `VideoReader`.
+        transfer: what the values in the files are, as in `CaptureSettings`.
 
     Returns:
         a function from a camera's name to its background. It raises StudioError `matte.plate_missing` for a camera
@@ -274,13 +278,13 @@ def plates_from_files(matches: list[Match], color_matrix: str) -> Callable[[str]
             )
         paths = [match.path for match in groups[camera]]
         if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
-            reader = VideoReader(paths[0], color_matrix)
+            reader = VideoReader(paths[0], color_matrix, transfer)
             try:
                 return Background(median_plate(lambda frame: reader.read(frame)[:, :, :3], reader.frame_count))
             finally:
                 reader.close()
         if len(paths) == 1:
-            return Background(np.ascontiguousarray(read_image(paths[0])[:, :, :3]))
-        return Background(median_plate(lambda index: read_image(paths[index])[:, :, :3], len(paths)))
+            return Background(np.ascontiguousarray(read_image(paths[0], transfer)[:, :, :3]))
+        return Background(median_plate(lambda index: read_image(paths[index], transfer)[:, :, :3], len(paths)))
 
     return load

@@ -49,6 +49,12 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
     # groups of three frames: one border
     assert [one["group_border"] for one in fine["flicker_by_frame"]] == [False, False, True, False]
     assert fine["flicker"] == pytest.approx(np.mean([one["flicker"] for one in fine["flicker_by_frame"]]), abs=1e-3)
+    # the evaluation has the pixels that are in the boxes of both frames, the comparison those of either
+    compared = [one["flicker"] for one in fine["flicker_by_frame"]]
+    assert evaluation.frames[0].flicker is None
+    assert [row.flicker for row in evaluation.frames[1:]] == pytest.approx(compared, rel=0.25)
+    assert evaluation.summary.flicker_at_group_borders == evaluation.frames[3].flicker
+    assert "flicker (levels of 255)" in Take.open(two[0]).report.read_text()
     assert "trained_on" not in fine or not fine["trained_on"]
     assert f"{fine['psnr']:.2f}" in done.stdout
     assert "own mattes" in " ".join(done.stdout.split())

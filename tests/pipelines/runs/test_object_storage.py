@@ -8,9 +8,10 @@ from pathlib import Path
 
 from safetensors.numpy import load_file
 
-from pipelines.events import Metrics, read_line
+from pipelines.events import Metrics, RunFinished, RunStarted, read_line
 from tests.support.object_store import SECRET, Faults, ObjectStore
 from tests.support.tiny_capture import SETTINGS
+from tests.support.waiting import wait_until
 
 
 def results(take: Path) -> dict[str, bytes]:
@@ -83,8 +84,41 @@ def test_machines_that_share_only_a_bucket_make_the_take_of_a_local_run(
     assert "s3://studio/day1" in (tmp_path / "result" / "config.yaml").read_text()
 
 
+def test_a_detached_run_is_found_and_cancelled_from_another_machine(
+    project, cli, here, object_store: ObjectStore, tmp_path, monkeypatch
+):
+    take = "s3://studio/takes/first"
+    monkeypatch.setenv("V3STUDIO_CACHE", str(tmp_path / "a"))
+    begun = cli(
+        "run", project / "ball.yaml", "--take", take, "--detach", "--until", "train",
+        "--train.keyframe_iterations", "20000",
+    )  # fmt: skip
+    assert begun.returncode == 0, begun.stderr
+    assert f"v3studio attach {take}" in begun.stdout
+
+    monkeypatch.setenv("V3STUDIO_CACHE", str(tmp_path / "b"))
+    assert "run in progress: process" in here("status", take).stdout
+    refused = here("run", take, "--detach")
+    assert refused.returncode == 1
+    assert "another run is in progress (process " in refused.stderr
+    wait_until("results are sent", lambda: "calibrate/rig.json" in object_store.contents("takes/first"), 600)
+    stopped = here("attach", take, "--cancel", "--json")
+    assert stopped.returncode == 0, stopped.stderr
+    events = [event for event, _ in map(read_line, stopped.stdout.splitlines())]
+    assert isinstance(events[0], RunStarted)
+    assert isinstance(events[-1], RunFinished)
+    assert events[-1].outcome == "cancelled"
+    wait_until("the claim is given back", lambda: ".v3studio/holder.json" not in object_store.contents("takes/first"))
+    stored = object_store.contents("takes/first")
+    assert {"calibrate/rig.json", "config.yaml", "take.json"} <= stored.keys()
+    assert "keyframe_iterations: 20000" in stored["config.yaml"].decode()
+    none = here("attach", take)
+    assert none.returncode == 1
+    assert "no run is in progress" in none.stderr
+
+
 def test_commands_that_need_a_folder_name_the_copy(here, object_store: ObjectStore):
-    done = here("attach", "s3://studio/takes/first")
+    done = here("estimate", "s3://studio/takes/first")
     assert done.returncode == 1
     assert "v3studio status ADDRESS" in done.stderr
     done = here("status", "s3://studio/takes/first")

@@ -126,7 +126,7 @@ def test_psnr_is_that_of_the_cropped_held_out_image(project):
 def test_report_holds_everything_in_one_file(project):
     text = project.take.report.read_text()
     assert text.count("data:image/jpeg;base64,") == 2 * 4
-    assert text.count("<svg") == 3
+    assert text.count("<svg") == 4
     assert 'src="http' not in text
     assert "href" not in text.replace('xlink:href="#', "")
 
@@ -146,7 +146,7 @@ def test_marks_come_into_the_report_without_measuring_again(project):
         f"<td>{row['psnr_trained']:.2f} dB</td><td>{row['psnr_decoded']:.2f} dB</td><td>{row['bytes'] / 1000:.1f}</td>"
     )
     assert figures in table
-    assert text.count('id="mark 3"') == 3, "a tick in each plot"
+    assert text.count('id="mark 3"') == 4, "a tick in each plot"
     assert text.count("data:image/jpeg;base64,") == pictures
     assert project.take.evaluation.read_bytes() == before
     assert project.states()["evaluate"] == "done"

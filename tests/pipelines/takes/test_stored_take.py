@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from pathlib import Path
 
@@ -12,7 +10,7 @@ import pytest
 from pipelines.takes.stored_take import StoredTake, stored_take
 from studio.errors import StudioError
 from studio.storage import store
-from tests.support.object_store import BUCKET, Faults, ObjectStore
+from tests.support.object_store import Faults, ObjectStore
 
 TAKE = "s3://studio/takes/first"
 
@@ -128,20 +126,3 @@ def test_results_are_sent_while_a_stage_works_and_when_it_fails(machine, object_
     with pytest.raises(RuntimeError), a.pushed():
         fail()
     assert FILES["frame0"] in object_store.contents("takes/first")
-
-
-def test_one_machine_runs_a_take_at_a_time(machine, object_store: ObjectStore):
-    a, b = machine("a"), machine("b")
-    key = "takes/first/.v3studio/holder.json"
-    with a.held("v3studio run"):
-        with pytest.raises(StudioError) as caught, b.held("v3studio bake"):
-            pass
-        assert caught.value.code == "take.locked"
-        assert f"process {os.getpid()}" in str(caught.value)
-        client = object_store.client
-        held = json.loads(client.get_object(Bucket=BUCKET, Key=key)["Body"].read())
-        for change in ({"renewed": time.time() - 1000, "host": "elsewhere"}, {"pid": 2**22 + 1}):
-            client.put_object(Bucket=BUCKET, Key=key, Body=json.dumps({**held, **change}))
-            b._refuse_other("")  # it was killed: no error
-    with b.held("v3studio bake"):
-        pass

@@ -41,6 +41,13 @@ def test_values_under_the_pointer() -> None:
     assert changed.max() < VIEW.left + VIEW.timeline.span(3)[1]
 
 
+def test_flicker_has_a_row_if_it_was_measured() -> None:
+    assert len(plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, None]})) == 3
+    *_, flicker = plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, 1.5]})
+    assert flicker.values == [None, 1.5]
+    assert flicker.range == (0, 1.5 * 1.05)
+
+
 def test_views_of_the_camera_path_are_found_where_they_are_drawn() -> None:
     keys = (0, 2, 3)
     base = VIEW.base((), (), keys)

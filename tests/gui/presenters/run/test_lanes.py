@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gui.presenters.drawing.canvas import Canvas
+from gui.presenters.drawing.canvas import Canvas, line_height
 from gui.presenters.drawing.lanes import draw_lanes
-from gui.presenters.drawing.palette import ACCENT, GOOD
+from gui.presenters.drawing.palette import ACCENT, BAD, FAIR, GOOD
 from gui.presenters.run.run_state import RunState
 from pipelines.events import GroupState, StageStarted
 
@@ -41,8 +41,17 @@ def test_lanes_show_progress_and_those_that_do_not_fit_are_counted():
         for done in (10, 20)
     )
     assert 1.5 < colored(whole, ACCENT) / colored(half, ACCENT) < 2.1
+    told, silent = (
+        drawn(lane(0, "retried", attempt=2, message=message), lane(1, "failed"))
+        for message in ("its worker was lost", "")
+    )
+    assert colored(told, FAIR) > 2 * colored(silent, FAIR)
+    assert colored(silent, BAD) > 0
     many = drawn(*(lane(group, "done", frames_done=20) for group in range(450)), lane(450, "running", frames_done=20))
     assert colored(many, ACCENT) > 0, "what runs is above what is done"
     assert colored(many, GOOD) > 0
+    first = 10 + 2 * (line_height(14) + 8)  # y of the first row
+    waiting = drawn(*(lane(group, "queued") for group in range(9)), lane(9, "done", frames_done=20))
+    assert colored(waiting[int(first) : int(first) + 20], GOOD) > 0, "what has figures is above what waits"
     fewer = drawn(*(lane(group, "done", frames_done=20) for group in range(300)), lane(450, "running", frames_done=20))
     assert not np.array_equal(many[100:], fewer[100:]), "the last row counts the others"

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from gui.presenters.run import setting_words
-from gui.presenters.run.settings import SECTIONS, SettingField, fields_of, matching, stage_of
+from gui.presenters.run.settings import SECTIONS, SettingField, fields_of, matching, place_of, stage_of
 from pipelines.config import Config, load_config
 
 
@@ -242,3 +242,20 @@ def test_every_setting_has_a_stage() -> None:
     assert stage_of("evaluate.lpips") == "review"
     assert stage_of("no.such") == ""
     assert stage_of("") == ""
+
+
+def test_a_dialog_begins_where_the_file_is_on_this_machine(tmp_path: Path) -> None:
+    here = tmp_path / "mounted" / "day1"
+    (here / "sound").mkdir(parents=True)
+    (here / "sound" / "a.wav").touch()
+    audio, root = (next(f for f in fields_of("capture") if f.name == f"capture.{name}") for name in ("audio", "root"))
+    there: list[tuple[str, Any]] = [
+        ("capture.root", "/studio/day1"),
+        ("run.paths", {"/studio": [str(tmp_path / "mounted")]}),
+    ]
+    mounted = load_config(None, there)
+    assert place_of(root, mounted) == here
+    assert place_of(audio, mounted) == here
+    assert place_of(audio, load_config(None, [*there, ("capture.audio", "sound/a.wav")])) == here / "sound" / "a.wav"
+    assert place_of(audio, load_config(None, [("capture.root", "s3://studio/day1")])) == Path.cwd()
+    assert place_of(root, load_config(None, [("capture.root", "/studio/day1")])) == Path.cwd()

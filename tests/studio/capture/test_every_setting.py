@@ -1,0 +1,220 @@
+"""Every setting of the footage and its masks changes something: none is read by nobody."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import sys
+import wave
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipelines.stages.camera_file import camera_file
+from pipelines.stages.footage import performer_over
+from studio.cameras import Rig
+from studio.capture import CaptureSettings, frame_sources, open_footage
+from studio.errors import StudioError
+from studio.settings import affected
+
+MODELS = Path(__file__).parent / "mattes" / "data"
+HEIGHT, WIDTH = 64, 96
+
+PLATES = {"masks": "clean_plate"}
+SCREEN = {"root": "screen", "masks": "chroma_key"}
+VIDEO = {"root": "video", "masks": "none"}
+MODEL = {
+    "masks": "model",
+    "mask_model": "free.onnx",
+    "mask_model_mean": (0.0, 0.0, 0.0),
+    "mask_model_std": (1.0, 1.0, 1.0),
+}
+
+CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "root": ("screen", {"masks": "none"}),
+    "images": ("other_images/{camera}/{frame}.png", {"masks": "none"}),
+    "masks": ("none", {}),
+    "mask_files": ("other_masks/{camera}.png", {"masks": "files", "stop": 1}),
+    "clean_plates": ("other_plates/{camera}.png", PLATES),
+    "evaluation_mattes": ("other_masks/{camera}.png", {"stop": 1}),
+    "audio": ("a.wav", {}),
+    "audio_offset": (0.5, {"audio": "a.wav"}),
+    "mask_sensitivity": (0.1, PLATES),
+    "mask_shadows": (False, PLATES),
+    "mask_components": (1, PLATES),
+    "key_color": ((0.9, 0.2, 0.1), SCREEN),
+    "despill": (False, SCREEN),
+    "garbage_mattes": ("garbage.yaml", {}),
+    "mask_model_size": (32, MODEL),
+    "mask_model_mean": ((0.2, 0.2, 0.2), MODEL),
+    "mask_model_std": ((2.0, 2.0, 2.0), MODEL),
+    "mask_model_sigmoid": (True, MODEL),
+    "fps": (24.0, {}),
+    "color_matrix": ("bt709", VIDEO),
+    "transfer": ("linear", {}),
+    "cameras": (("a", "b"), {}),
+    "held_out": (("b",), {}),
+    "held_out_every": (2, {}),
+    "scale": (0.5, {}),
+    "start": (1, {}),
+    "stop": (2, {}),
+    "step": (2, {}),
+    "offsets": ({"b": 1}, {"start": 1, "stop": 2, "masks": "none"}),
+    "size_rule": ("stretch", {"size_rule": "crop", "rig": "wide"}),
+}
+"""Another value of each setting, and what else has to be set for it to matter. What is seen: see `shown`."""
+
+OTHERWISE: dict[str, Callable[[Path, pytest.MonkeyPatch], bool]] = {}
+"""Settings with another observable: whether it changes."""
+
+
+def observed_by(name: str) -> Callable[..., Any]:
+    def add(check: Callable[[Path, pytest.MonkeyPatch], bool]) -> Callable[[Path, pytest.MonkeyPatch], bool]:
+        OTHERWISE[name] = check
+        return check
+
+    return add
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory: pytest.TempPathFactory, make: SimpleNamespace) -> Path:
+    """Three cameras: a performer with a shadow and a ball, cut out of a set; before a green screen; and as videos."""
+    folder = tmp_path_factory.mktemp("captures")
+    rng = np.random.default_rng(3)
+    plate = np.repeat(np.repeat(rng.integers(110, 150, (8, 12, 3)), 8, 0), 8, 1).astype(np.uint8)
+    root = folder / "plain"
+    for number, camera in enumerate("abc"):
+        make.image(root / "clean_plates" / f"{camera}.png", plate)
+        make.image(root / "other_plates" / f"{camera}.png", np.full_like(plate, 230))
+        make.image(root / "other_masks" / f"{camera}.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
+        for frame in range(4):
+            image = plate.copy()
+            image[44:56, 10:60] = plate[44:56, 10:60] * 0.6
+            image[10 + frame : 44, 30:50] = (200, 40 * number, 60)
+            image[20:30, 70:80] = (30, 60, 220)
+            inside = np.zeros((HEIGHT, WIDTH), np.uint8)
+            inside[10 + frame : 44, 30:50] = 255
+            make.image(root / "images" / camera / f"{frame}.png", image)
+            make.image(root / "other_images" / camera / f"{frame}.png", image[:, ::-1])
+            make.image(root / "masks" / camera / f"{frame}.png", inside)
+            green = np.full((HEIGHT, WIDTH, 3), (60, 190, 80), np.uint8)
+            green[10:50, 28:60] = (150, 190, 130)  # spill
+            green[12:48, 30:58] = (220, 180, 170)
+            green[30:40, 36:50] = (230, 50, 25)
+            make.image(folder / "screen" / "images" / camera / f"{frame}.png", green)
+        if number < 2:
+            make.video(folder / "video" / "videos" / f"{camera}.mp4", [image, image])
+    (root / "garbage.yaml").write_text("a: {remove: [[[0, 0], [40, 0], [40, 64], [0, 64]]]}")
+    for model in ("free.onnx", "fixed.onnx"):
+        shutil.copy(MODELS / model, root)
+    with wave.open(str(root / "a.wav"), "wb") as sound:
+        sound.setparams((1, 2, 8000, 0, "NONE", ""))
+        sound.writeframes(bytes(16000))
+    return folder
+
+
+def shown(captures: Path, make: SimpleNamespace, **values: Any) -> str:
+    """Digest of what the footage says and shows, or the code of its error."""
+    values = {"root": "plain", **values}
+    wide = values.pop("rig", "") == "wide"
+    spec = CaptureSettings(**{**values, "root": captures / values["root"]})
+    rig = Rig(tuple(make.camera(name, 128, HEIGHT) for name in "abc")) if wide else None
+    try:
+        footage = open_footage(spec, rig)
+        parts: list[Any] = [footage.camera_names, footage.held_out_cameras, footage.frames, footage.fps]
+        parts += [] if footage.sound is None else [footage.sound.path, footage.sound.start]
+        parts += [camera.K.tolist() for camera in footage.rig] if wide else []
+        found = hashlib.sha256(repr(parts).encode())
+        for camera in footage.camera_names:
+            for seen in (footage.image, footage.matte, footage.evaluation_matte):
+                found.update(seen(camera, footage.frames[0]).tobytes())
+            plate = footage.plate(camera)
+            found.update(b"" if plate is None else plate.tobytes())
+    except StudioError as error:
+        return error.code
+    return found.hexdigest()
+
+
+@observed_by("rig")
+def _rig(captures: Path, patch: pytest.MonkeyPatch) -> bool:
+    root = captures / "plain"
+    (root / "mine.json").touch()
+    files = [camera_file(CaptureSettings(root=root, rig=rig)) for rig in ("auto", "mine.json")]
+    return files == [None, root / "mine.json"]
+
+
+@observed_by("mask_model")
+def _model(captures: Path, patch: pytest.MonkeyPatch) -> bool:
+    """Both models give the same mattes."""
+    read = [
+        open_footage(CaptureSettings(**{**MODEL, "root": captures / "plain", "mask_model": name})).matte_source.files()
+        for name in ("free.onnx", "fixed.onnx")
+    ]
+    return read == [[captures / "plain" / "free.onnx"], [captures / "plain" / "fixed.onnx"]]
+
+
+@observed_by("background")
+def _background(captures: Path, patch: pytest.MonkeyPatch) -> bool:
+    both = [CaptureSettings(root=captures / "plain", background=color) for color in ((0, 0, 0), (1, 1, 1))]
+    seen = [performer_over(open_footage(one), "a", 0, one.background) for one in both]
+    return not np.array_equal(*seen)
+
+
+@observed_by("cache_megabytes")
+def _cache(captures: Path, patch: pytest.MonkeyPatch) -> bool:
+    """An image that does not fit is decoded again."""
+    reads: list[int] = []
+
+    def read(path: Path, transfer: str = "auto") -> np.ndarray:
+        reads.append(1)
+        return np.zeros((3000, 2000, 3), np.uint8)  # 17 MiB
+
+    patch.setattr(frame_sources, "read_image", read)
+    patch.setattr(frame_sources, "image_size", lambda path: (2000, 3000))
+    counts = []
+    for limit in (16, 64):
+        footage = open_footage(CaptureSettings(root=captures / "plain", masks="none", cache_megabytes=limit))
+        reads.clear()
+        footage.raw_image("a", 0)
+        footage.raw_image("a", 0)
+        counts.append(len(reads))
+    return counts == [2, 1]
+
+
+@observed_by("disk_cache_gigabytes")
+def _disk_cache(captures: Path, patch: pytest.MonkeyPatch) -> bool:
+    """What becomes of the limit: tests/studio/storage."""
+    limits: list[float] = []
+
+    def mirror(root: Path, limit: float) -> Path:
+        limits.append(limit)
+        return captures / "plain"
+
+    patch.setattr(sys.modules["studio.capture.open_footage"], "mirrored", mirror)
+    for limit in (1.0, 2.0):
+        open_footage(CaptureSettings(root=Path("s3://bucket/day"), disk_cache_gigabytes=limit))
+    return limits == [1.0, 2.0]
+
+
+def test_there_is_a_row_for_every_setting() -> None:
+    assert set(CHANGES) | set(OTHERWISE) == set(affected(CaptureSettings))
+    assert not set(CHANGES) & set(OTHERWISE)
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_the_setting_changes_the_footage(name: str, captures: Path, make: SimpleNamespace) -> None:
+    value, others = CHANGES[name]
+    before = shown(captures, make, **others)
+    assert len(before) == 64, f"{before}: the footage can be read before the change"
+    after = shown(captures, make, **{**others, name: value})
+    assert len(after) == 64, after
+    assert after != before
+
+
+@pytest.mark.parametrize("name", sorted(OTHERWISE))
+def test_the_setting_changes_something_else(name: str, captures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert OTHERWISE[name](captures, monkeypatch)

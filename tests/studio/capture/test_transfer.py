@@ -1,0 +1,131 @@
+"""Transfer functions against published points, and image files of more than 8 bits that are written by FFmpeg."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from studio.capture import CaptureSettings, open_footage
+from studio.capture.images import has_alpha, image_size, read_image
+from studio.capture.transfer import linear_from_logc3, linear_from_slog3, srgb_from_linear
+from tests.support.errors import refuses
+
+LIGHT = np.linspace(0, 1, 24 * 32 * 3).reshape(24, 32, 3)
+"""Linear light."""
+
+
+def test_published_points() -> None:
+    """Sony: 0%, 18% and 90% are at 95, 420 and 598 of 1023. ARRI: 0 and 18% are at 0.0928 and 0.391 for EI 800."""
+    np.testing.assert_allclose(linear_from_slog3(np.array([95, 420, 598]) / 1023), [0, 0.18, 0.9], atol=2e-3)
+    np.testing.assert_allclose(linear_from_logc3(np.array([0.092809, 0.391007])), [0, 0.18], atol=1e-5)
+    # IEC 61966-2-1: sRGB 0.5 is 0.2140 of the light
+    np.testing.assert_allclose(srgb_from_linear(np.array([0, 0.21404114, 1, 7, np.nan])), [0, 0.5, 1, 1, 0], atol=1e-6)
+    for curve in (linear_from_slog3, linear_from_logc3):  # both pieces meet
+        assert (np.diff(curve(np.linspace(0, 1, 5000))) > 0).all()
+
+
+def encoded(path: Path, codec: str, frame: Any, **options: str) -> Path:
+    encoder: Any = av.codec.CodecContext.create(codec, "w")
+    encoder.width, encoder.height, encoder.pix_fmt = frame.width, frame.height, frame.format.name
+    encoder.time_base, encoder.options = Fraction(1, 25), options
+    frame.pts = 0
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(b"".join(bytes(packet) for packet in [*encoder.encode(frame), *encoder.encode(None)]))
+    return path
+
+
+def exr(path: Path, light: np.ndarray, **options: str) -> Path:
+    """Colors are premultiplied if there is alpha."""
+    frame = av.VideoFrame(light.shape[1], light.shape[0], "gbrpf32le" if light.shape[2] == 3 else "gbrapf32le")
+    for plane, channel in zip(frame.planes, (1, 2, 0, 3)[: light.shape[2]], strict=True):
+        rows = np.zeros((plane.height, plane.line_size // 4), np.float32)
+        rows[:, : plane.width] = light[..., channel]
+        plane.update(rows.tobytes())
+    return encoded(path, "exr", frame, **options)
+
+
+def srgb(light: np.ndarray) -> np.ndarray:
+    """IEC 61966-2-1, written down once more."""
+    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+    return 255 * np.clip(curve, 0, 1)
+
+
+@pytest.mark.parametrize("kind", ["float", "half"])
+def test_exr_is_linear(tmp_path: Path, kind: str) -> None:
+    path = exr(tmp_path / "a.exr", LIGHT * 2, format=kind, compression="zip16")
+    found = read_image(path)
+    assert np.abs(found - srgb(LIGHT * 2)).max() < 0.75
+    assert image_size(path) == (32, 24)
+    assert not has_alpha(path)
+    assert np.abs(read_image(path, "srgb") - np.clip(510 * LIGHT, 0, 255)).max() < 0.75
+
+
+def test_exr_with_alpha_is_unpremultiplied(tmp_path: Path) -> None:
+    alpha = np.tile(np.linspace(0.25, 1, 32), (24, 1))[..., None]
+    path = exr(tmp_path / "a.exr", np.concatenate([LIGHT * alpha, alpha], -1))
+    found = read_image(path)
+    assert has_alpha(path)
+    assert np.abs(found[..., :3] - srgb(LIGHT)).max() < 0.75
+    assert np.abs(found[..., 3:] - 255 * alpha).max() < 0.75
+
+
+@pytest.mark.parametrize(("pixels", "white"), [("gbrp10le", 1023), ("gbrp12be", 4095), ("rgb48be", 65535)])
+def test_dpx(tmp_path: Path, pixels: str, white: int) -> None:
+    frame = av.VideoFrame.from_ndarray(np.rint(LIGHT * white).astype(np.uint16), format=pixels)
+    path = encoded(tmp_path / "a.dpx", "dpx", frame)
+    assert np.abs(read_image(path) - 255 * LIGHT).max() < 0.76
+    assert np.abs(read_image(path, "linear") - srgb(LIGHT)).max() < 255 * 12.92 * 0.5 / white + 0.51
+
+
+@pytest.mark.parametrize("suffix", ["tiff", "png"])
+def test_sixteen_bits_are_used(tmp_path: Path, suffix: str) -> None:
+    """Dark colors of 8 bits would be in steps of 13 levels."""
+    path = tmp_path / f"a.{suffix}"
+    dark = LIGHT / 20
+    cv2.imwrite(str(path), np.rint(dark * 65535).astype(np.uint16)[..., ::-1])
+    assert np.abs(read_image(path, "linear") - srgb(dark)).max() < 0.6
+    log = read_image(path, "logc3")
+    assert np.abs(log - srgb(np.clip(linear_from_logc3(dark), 0, 1))).max() < 0.6
+
+
+def test_a_capture_of_exr_files_with_plates(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    plate = 0.2 + 0.05 * rng.random((48, 64, 3))
+    image = plate.copy()
+    image[12:36, 20:40] = (0.9, 0.1, 0.1)
+    for camera in ("a", "b"):
+        exr(tmp_path / "images" / camera / "0001.exr", image)
+        exr(tmp_path / "clean_plates" / f"{camera}.exr", plate)
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert np.abs(footage.image("a", 1) - srgb(image)).max() < 0.75
+    matte = footage.matte("b", 1)
+    assert matte[14:34, 23:37].min() > 250
+    assert matte[:8].max() < 10
+
+
+def test_videos_have_a_transfer_function(tmp_path: Path, make: SimpleNamespace) -> None:
+    gray = np.full((32, 64, 3), round(0.391 * 255), np.uint8)
+    make.video(tmp_path / "a.mkv", [gray], codec="ffv1", pixels="bgr0", options={}, source="rgb24")
+    pattern = "{camera}.mkv"
+    plain = open_footage(CaptureSettings(root=tmp_path, images=pattern, masks="none"))
+    log = open_footage(CaptureSettings(root=tmp_path, images=pattern, masks="none", transfer="logc3"))
+    assert np.abs(plain.image("a", 0) - gray.astype(int)).max() <= 1
+    assert abs(float(log.image("a", 0).mean()) - srgb(np.array(0.18))) < 2.5
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.dpx"])
+def test_damaged_files_are_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    for data in (b"", b"not an image", b"v/1\x01" + bytes(200), b"SDPX" + bytes(2048)):
+        path.write_bytes(data)
+        with refuses("footage.image_unreadable", file=path):
+            read_image(path)
+    with refuses("footage.image_missing", file=tmp_path / ("none" + path.suffix)):
+        read_image(tmp_path / ("none" + path.suffix))
