@@ -1,7 +1,7 @@
 """Mutation testing: change one place of the code at a time and see whether a test fails.
 
     python scripts/mutation.py [--package studio/stream ...] [--count 30] [--seed 0] [--minutes 60] [--json FILE]
-                               [--all] [--again FILE]
+                               [--all] [--quick] [--again FILE]
 
 Mutants are drawn at random, the same ones for the same seed and code, in turn of each package. A mutant runs the tests
 of its package that are nearest to its file (`mirror_of`); with --all, all tests of its package.
@@ -235,7 +235,7 @@ def _mentions(path: Path, names: set[str]) -> int:
     return sum(words[name] for name in names)
 
 
-def judge(mutant: Mutant, package: str, seconds: float, every: bool = False) -> Mutant:
+def judge(mutant: Mutant, package: str, seconds: float, every: bool = False, quick: bool = False) -> Mutant:
     """Run the tests with a mutant until one fails that passes without it.
 
     Raises:
@@ -245,7 +245,7 @@ def judge(mutant: Mutant, package: str, seconds: float, every: bool = False) -> 
     if why is not None:
         return replace(mutant, outcome="equivalent", by=why)
     tests = mirror_of(package, mutant.file, every)
-    for marks in _MARKS if tests else ():
+    for marks in _MARKS[: 1 if quick else 2] if tests else ():
         outcome, output = run(mutant, tests, seconds, marks)
         if outcome == "timed out":
             return replace(mutant, outcome=outcome)
@@ -333,6 +333,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=60, help="no mutant is started after this time")
     parser.add_argument("--limit", type=float, default=1800, help="seconds for the tests of a mutant")
     parser.add_argument("--all", action="store_true", help="run all tests of the package for what else would survive")
+    parser.add_argument("--quick", action="store_true", help="leave out tests that are marked as slow")
     parser.add_argument("--json", type=Path, help="write the results to this file")
     parser.add_argument("--again", type=Path, help="run what survived in this file")
     chosen = parser.parse_args()
@@ -349,7 +350,7 @@ def main() -> int:
     for package, mutant in (one for turn in turns for one in turn if one is not None):
         if time.monotonic() > end:
             break
-        done = judge(mutant, package, chosen.limit, chosen.all)
+        done = judge(mutant, package, chosen.limit, chosen.all, chosen.quick)
         results[package].append(done)
         print(f"{done.outcome:10} {done.file}:{done.line}  {done.what}  {done.by}", flush=True)
         if chosen.json:

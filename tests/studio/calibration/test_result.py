@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -56,6 +57,12 @@ def test_geometry_names_the_nearest_camera() -> None:
     assert geometry.radius == pytest.approx(5 / 3, abs=1e-6)
     assert geometry.neighbors["west"] == Neighbor(name="north", distance=round(5**0.5, 6), angle=90.0)
     assert geometry.neighbors["east"].name == "north"
+
+
+def test_geometry_does_not_depend_on_where_the_world_begins() -> None:
+    away = np.array([5.0, -3.0, 2.0])
+    moved = Rig(tuple(replace(one, world_to_camera=pose(one.center + away, away)) for one in RIG))
+    assert rig_geometry(moved) == rig_geometry(RIG)
 
 
 def test_coverage() -> None:

@@ -62,14 +62,15 @@ def test_offsets_from_motion_and_their_correction(tmp_path: Path) -> None:
         open_footage(CaptureSettings(root=tmp_path, masks="none", offsets={"e": 1}))
 
 
-def clap(path: Path, seconds: float, offset: float, rate: int = 16000) -> None:
-    """A video of a static image with noise bursts that begin `offset` seconds late."""
+def clap(path: Path, seconds: float, offset: float, rate: int = 16000, gain: float = 1.0) -> None:
+    """A video of a static image with noise bursts that begin `offset` seconds late, recorded with a gain."""
     rng = np.random.default_rng(7)
     time = np.arange(int(seconds * rate)) / rate - offset
     sound = 0.003 * np.random.default_rng(int(1000 * offset) + 50).normal(size=len(time))
     for at in (0.41, 0.93, 1.38, 2.2):
         burst = (time >= at) & (time < at + 0.08)
         sound[burst] += rng.normal(0, 0.3, burst.sum()) * np.exp(-(time[burst] - at) / 0.03)
+    sound *= gain
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=FPS)
         video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
@@ -97,6 +98,18 @@ def test_offsets_from_sound(tmp_path: Path) -> None:
     signal = sound_signal(tmp_path / "videos" / "a.mp4")
     assert signal is not None
     assert abs(len(signal) / 500 - 3.0) < 0.15
+
+
+def test_the_gain_of_a_microphone_does_not_matter(tmp_path: Path) -> None:
+    signals = []
+    for gain in (1.0, 0.05):
+        clap(tmp_path / "a.mp4", 2.0, 0.0, gain=gain)
+        signal = sound_signal(tmp_path / "a.mp4")
+        assert signal is not None
+        signals.append(signal)
+    loud, quiet = signals
+    assert quiet.max() == pytest.approx(loud.max(), rel=0.1)
+    assert np.corrcoef(loud, quiet)[0, 1] > 0.95
 
 
 def test_uncorrelated_signals_have_no_offset() -> None:
