@@ -142,7 +142,7 @@ class Layout:
         plots = bottom_height - controls - 2.4 * em - pad
         panels.timeline.picture.place(inner + pad, bottom + pad, padded, plots)
         view_width = inner_width - right - (gap if figures else 0)
-        modes = panels.modes.place(panels.views.stage, inner + pad, y + 0.25 * em, view_width - pad, context)
+        modes = panels.modes.place(panels.views.row, inner + pad, y + 0.25 * em, view_width - pad, context)
         row = round(modes + 0.5 * em)
         panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
         if figures:

@@ -9,7 +9,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from gui.presenters.edits.session import edits_of
 from gui.shell import Shell
+from pipelines.takes.edit_words import describe
 
 if TYPE_CHECKING:
     from open3d.visualization import gui
@@ -26,6 +28,7 @@ class WindowState:
         typing: whether the dialog's text field has the keyboard focus.
         lines: what the dialog's list shows, where that changes by itself.
         stage, mode: the selected stage and the pressed buttons above the viewport.
+        edits, selected: the take's edits in words; number of splats that are selected for removal.
         fullscreen, figures: whether the panels are hidden; whether the right panel is visible.
         stages: [state, words, detail] by stage.
         busy, error: whether a run is in progress on the take; message in the left panel.
@@ -63,6 +66,8 @@ class WindowState:
     lines: list[str]
     stage: str
     mode: list[str]
+    edits: dict[str, str]
+    selected: int
     fullscreen: bool
     figures: bool
     stages: dict[str, list[str]]
@@ -112,6 +117,8 @@ class WindowState:
             lines=window.dialogs.lines,
             stage=window.views.stage,
             mode=sorted(window.views.chosen()),
+            edits=describe(edits_of(window.workspace)),
+            selected=window.views.editor.counts.get("selected", 0) if window.views.edits_take else 0,
             fullscreen=window.layout.fullscreen,
             figures=window.layout.shows_figures,
             stages={row.key: [row.state, row.words, row.detail] for row in window.workspace.rows()},
@@ -172,7 +179,7 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         **window.stages.buttons,
         "error setting": window.stages.link,
         **{f"camera {key}": button for key, button in window.camera_menu.buttons.items()},
-        **{key: button for (stage, key), button in window.modes.buttons.items() if stage == window.views.stage},
+        **{key: button for (row, key), button in window.modes.buttons.items() if row == window.views.row},
         **{f"dialog {key}": widget for key, widget in window.dialogs.widgets.items()},
         "settings filter": settings.filter,
         **settings.widgets,

@@ -39,12 +39,16 @@ class Gestures(Protocol):
         """Zoom."""
         ...
 
-    def grabs(self, x: float) -> bool:
-        """Whether a press here grabs the line of a wipe, which `pull` then moves."""
+    def grabs(self, x: float, y: float) -> bool:
+        """Whether a press here grabs something, such as the line of a wipe or a handle, which `pull` then moves."""
         ...
 
-    def pull(self, x: float) -> None:
-        """Move the grabbed line."""
+    def pull(self, x: float, y: float) -> None:
+        """Move what is grabbed."""
+        ...
+
+    def release(self) -> None:
+        """Let go of what is grabbed."""
         ...
 
     def click(self, x: float, y: float) -> None:
@@ -106,7 +110,7 @@ class Viewport:
             self._last = self._start = (x, y)
             self._clicking = event.is_button_down(gui.MouseButton.LEFT)
             self._right = event.is_button_down(gui.MouseButton.RIGHT)
-            self._pulling = self._clicking and gestures.grabs(x * scale)
+            self._pulling = self._clicking and gestures.grabs(x * scale, y * scale)
         elif event.type == kind.DRAG and self._last is not None:
             moved = max(abs(x - self._start[0]), abs(y - self._start[1]))
             if (self._clicking or self._right) and moved <= _STILL:
@@ -115,7 +119,7 @@ class Viewport:
             dx, dy = x - self._last[0], y - self._last[1]
             self._last = (x, y)
             if self._pulling:
-                gestures.pull(x * scale)
+                gestures.pull(x * scale, y * scale)
             else:
                 left = event.is_button_down(gui.MouseButton.LEFT)
                 turn = left and not event.is_modifier_down(gui.KeyModifier.SHIFT)
@@ -126,7 +130,10 @@ class Viewport:
             if self._right:
                 gestures.context(x * scale, y * scale)
                 self._changed()
-            elif self._clicking and not self._pulling:
+            elif self._pulling:
+                gestures.release()
+                self._changed()
+            elif self._clicking:
                 gestures.click(x * scale, y * scale)
                 self._changed()
             self._last = None

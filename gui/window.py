@@ -257,10 +257,13 @@ class MainWindow:
         self.actions.run(stage, again)
 
     def _chosen(self, stage: str, key: str) -> None:
+        row = self.views.row
         self.views.choose(key)
         if self.views.asked_bakes:
             self.views.asked_bakes = False
             self.actions.bakes.show()
+        if self.views.row != row:
+            self.window.set_needs_layout()
         self.changed()
 
     def _on_key(self, event: gui.KeyEvent) -> bool:
@@ -294,7 +297,7 @@ class MainWindow:
     def _escape(self) -> None:
         if self.dialogs.name:
             self.dialogs.escape()
-        elif self.camera_menu.close() or self.views.leave_camera():
+        elif self.camera_menu.close() or self.views.leave_camera() or self.views.leave_edits():
             pass
         elif self.layout.fullscreen:
             self.layout.set_fullscreen(False)
@@ -327,6 +330,7 @@ class MainWindow:
         changed |= self.actions.cameras.poll()
         changed |= self.actions.queue.poll()
         changed |= self.actions.bakes.poll()
+        changed |= self.actions.edits.poll()
         changed |= self.actions.path.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
@@ -378,7 +382,7 @@ class MainWindow:
         changed, layout = self.controls.update()
         if layout:
             self.window.set_needs_layout()
-        changed |= self.modes.update(self.views.stage, self.views.chosen())
+        changed |= self.modes.update(self.views.row, self.views.chosen())
         touched, layout = self.stages.update()
         changed |= touched
         if layout:

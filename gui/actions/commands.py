@@ -11,6 +11,7 @@ from open3d.visualization import gui
 
 from gui.actions.bakes import BakeActions
 from gui.actions.cameras import CameraActions
+from gui.actions.edits import EditActions
 from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
 from gui.actions.output import OutputActions
@@ -50,6 +51,7 @@ class Actions:
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
+        self.edits = EditActions(window)
         self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
 
     def menu(self) -> dict[str, Action]:
@@ -62,6 +64,7 @@ class Actions:
             "address": self._ask_address,
             "undo": self.undo,
             "redo": self.redo,
+            "edit": self.edits.show,
             "screenshot": self._outputs.screenshot,
             "report": self._outputs.report,
             "preferences": lambda: ask_preferences(window.dialogs, window.preferences, self._save_preferences),
@@ -104,6 +107,7 @@ class Actions:
             "fullscreen": (key.F,),
             "figures": (key.I,),
             "queue": (key.Q,),
+            "edit": (key.X,),
             "shortcuts": (key.QUESTION_MARK, key.SLASH),
             "previous_mark": (key.COMMA, key.LESS_THAN),
             "next_mark": (key.PERIOD, key.GREATER_THAN),
@@ -140,7 +144,7 @@ class Actions:
         return self.undo if event.key == key.Z else None
 
     def undo(self) -> None:
-        """Reverse the last change of settings or marks."""
+        """Reverse the last change of settings, marks or edits."""
         self._step(self._window.workspace.history.undo)
 
     def redo(self) -> None:
@@ -154,6 +158,7 @@ class Actions:
             words = str(error)
         self._window.notices.tell(words)
         self._window.marks_changed()
+        self.edits.changed()
 
     def _review(self, choice: str) -> None:
         views = self._window.views

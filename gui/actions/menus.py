@@ -23,7 +23,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("quit", "Quit"),
         ),
     ),
-    ("Edit", (("undo", "Undo (Ctrl+Z)"), ("redo", "Redo (Ctrl+Shift+Z)"))),
+    ("Edit", (("undo", "Undo (Ctrl+Z)"), ("redo", "Redo (Ctrl+Shift+Z)"), ("", ""), ("edit", "Trim, crop, clean (X)"))),
     (
         "View",
         (

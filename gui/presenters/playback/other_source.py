@@ -65,7 +65,8 @@ class OtherSource:
         if not isinstance(self._source, StreamSource):
             return [None] * self._source.frame_count
         groups = self._source.manifest.groups
-        return [group.bytes / group.frame_count for group in groups for _ in range(group.frame_count)]
+        sizes = [group.bytes / group.frame_count for group in groups for _ in range(group.frame_count)]
+        return [*[None] * self._source.first, *sizes]
 
     def close(self) -> None:
         """See `FrameSource`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,8 @@ import numpy as np
 
 from gui.presenters.playback.frame_cache import FrameCache
 from gui.presenters.playback.stream_source import StreamSource
+from pipelines.takes.edited import EditedGroup
+from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from pipelines.takes.videos import FALLBACK_FPS
@@ -78,10 +81,10 @@ class Opened:
 
 
 class TrainedSource:
-    """A take's trained frames, from frame 0 up to the first gap.
+    """A take's trained frames, from frame 0 up to the first gap, without the splats that its edits remove.
 
     Raises:
-        StudioError: `take.not_trained`.
+        StudioError: `take.not_trained`, or the edits cannot be read (`take.edits_*`).
     """
 
     name = "trained"
@@ -93,6 +96,11 @@ class TrainedSource:
         if not self._files:
             raise StudioError("take.not_trained", "no trained frames yet", file=take.root / "train", fix="Run Train.")
         self.frame_count = len(self._files)
+        edits, ends = read_edits(take.edits), (*starts[1:], self.frame_count)
+        self._groups = [
+            EditedGroup(take, number, range(start, end), edits)
+            for number, (start, end) in enumerate(zip(starts, ends, strict=True))
+        ]
         self._cache = FrameCache()
         self._load_ms: dict[int, float] = {}
 
@@ -107,7 +115,7 @@ class TrainedSource:
         held = self._cache.get(frame)
         if held is None:
             start = time.perf_counter()
-            held = read_frame(self._files[frame])
+            held = self._groups[bisect_right(self.group_starts, frame) - 1].cut(read_frame(self._files[frame]))
             self._load_ms[frame] = 1000 * (time.perf_counter() - start)
             self._cache.put(frame, held)
         return held
@@ -195,13 +203,16 @@ def _open_take(path: Path) -> Opened:
         problems.append(str(error))
     if (take.stream / "manifest.json").exists():
         try:
-            decoded = StreamSource(take.stream)
+            decoded = StreamSource(take.stream, in_take=True)
             opened.sources[decoded.name] = decoded
         except StudioError as error:  # trained frames can still be shown
             problems.append(str(error))
     if take.trained_files()[0]:
-        trained = TrainedSource(take, _fps(take, opened))
-        opened.sources[trained.name] = trained
+        try:
+            trained = TrainedSource(take, _fps(take, opened))
+            opened.sources[trained.name] = trained
+        except StudioError as error:
+            problems.append(str(error))
     opened.message = "\n".join(problems)
     return opened
 
@@ -232,5 +243,5 @@ def _fps(take: Take, opened: Opened) -> float:
 def take_contents(take: Take) -> tuple[object, ...]:
     """A cheap fingerprint that changes when frames are trained or a stream is baked."""
     files, _ = take.trained_files()
-    paths = [take.stream / "manifest.json", take.rig, *files[:1], *files[-1:]]
+    paths = [take.stream / "manifest.json", take.rig, take.edits, *files[:1], *files[-1:]]
     return len(files), *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)

@@ -13,10 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gui.presenters.playback.frame_cache import AHEAD, FrameCache
+from pipelines.takes.videos import capture_place
 from studio.cameras import Camera
 from studio.coverage import ViewRange
+from studio.edits.moving import moved
 from studio.errors import Message, StudioError
 from studio.gaussians import Gaussians
+from studio.similarity import Similarity
 
 if TYPE_CHECKING:
     from studio.playback import SkippedGroup
@@ -27,7 +30,8 @@ RETRY_SECONDS = 10.0
 
 
 class LeftOut(StudioError):
-    """`playback.group_skipped`: the frame's group is damaged or missing; other groups can be played."""
+    """A frame that playback passes over: its group is damaged or missing (`playback.group_skipped`), or the take is
+    trimmed (`playback.trimmed`). Others can be played."""
 
 
 class StreamSource:
@@ -36,6 +40,8 @@ class StreamSource:
 
     Args:
         place: the stream's folder or URL.
+        in_take: whether frames are counted, and splats placed, as in the take that the stream was baked from, whose
+            edits may have trimmed and moved it.
 
     Raises:
         StudioError: not a stream, or a damaged manifest.
@@ -45,15 +51,20 @@ class StreamSource:
     fades = False
     """Whether views from where nothing was filmed are faded, as in other players."""
 
-    def __init__(self, place: Path | str) -> None:
+    def __init__(self, place: Path | str, in_take: bool = False) -> None:
         from studio.playback import Shared
         from studio.stream import StreamReader
 
         self._reader = StreamReader.open(place)
         self._shared = Shared(self._reader)
         self.fps = float(self._reader.fps)
-        self.frame_count = self._reader.frame_count
-        self.group_starts: Sequence[int] = self._reader.group_starts
+        self._count = self._reader.frame_count
+        self.first, self._back = 0, Similarity()
+        if in_take:
+            found = capture_place(self._reader)
+            self.first, self._back = found.first_frame, found.world.inverse
+        self.frame_count = self.first + self._count
+        self.group_starts: Sequence[int] = [self.first + start for start in self._reader.group_starts]
         self._cache = FrameCache()
         self._changed = threading.Condition()
         self._wanted: int | None = None
@@ -71,6 +82,9 @@ class StreamSource:
             LeftOut: the frame's group is damaged; other groups can be played.
             StudioError: `playback.nothing_playable`, `playback.closed`, or the server does not respond.
         """
+        if frame < self.first:
+            raise LeftOut("playback.trimmed", f"the stream begins with frame {self.first} of the take", frame=frame)
+        frame -= self.first
         with self._changed:
             self._wanted = frame
             self._changed.notify_all()
@@ -104,7 +118,7 @@ class StreamSource:
         if self._wanted is None:
             return None
         for ahead in range(AHEAD + 1):
-            frame = (self._wanted + ahead) % self.frame_count
+            frame = (self._wanted + ahead) % self._count
             if not self._cache.has(frame) and self._error(frame) is None:
                 return frame
         return None
@@ -119,7 +133,7 @@ class StreamSource:
                 assert frame is not None
             start = time.perf_counter()
             try:
-                decoded = self._decoded(frame)
+                decoded = moved(self._decoded(frame), self._back)
             except Exception as error:  # raised when the frame is requested
                 with self._changed:
                     self._note(frame, error)
@@ -162,7 +176,7 @@ class StreamSource:
         failure: Exception
         if self._unavailable > 1:
             failure = error  # twice in a row: the problem is the server, not the group
-        elif lost >= self.frame_count:
+        elif lost >= self._count:
             failure = nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
         else:
             skipped = next(one for one in self._shared.skipped if one.group == group.index)
@@ -179,7 +193,7 @@ class StreamSource:
 
     def load_ms(self, frame: int) -> float | None:
         """See `FrameSource`."""
-        return self._load_ms.get(frame)
+        return self._load_ms.get(frame - self.first)
 
     def sound(self) -> StreamSound | None:
         """The stream's sound, fetched now; the caller closes it. None for a silent stream. Raises StudioError."""

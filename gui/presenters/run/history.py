@@ -1,4 +1,4 @@
-"""Undo and redo of changes of settings and marks."""
+"""Undo and redo of changes of settings, marks and edits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from studio.errors import Message
 MOST = 200
 """Changes that are remembered."""
 
-_LASTING = ("take.mark_changed",)
+_LASTING = ("take.mark_changed", "take.edits_changed")
 """Refusals that will be repeated."""
 
 

@@ -167,7 +167,7 @@ class Workspace:
                 self.run.crashed("The last run was killed or crashed. Run again to continue.")
         fingerprint = self._take_fingerprint()
         if fingerprint != self._fingerprint or self._now() >= self._next_assess:
-            inputs_changed = self._fingerprint[:2] != fingerprint[:2]
+            inputs_changed = self._fingerprint[:3] != fingerprint[:3]
             self._fingerprint = fingerprint
             self._next_assess = self._now() + ASSESS_EVERY
             if inputs_changed or self.context is None:
@@ -178,7 +178,8 @@ class Workspace:
     def _take_fingerprint(self) -> tuple[object, ...]:
         """A cheap fingerprint that changes with everything that a stage's status depends on."""
         assert self.take is not None
-        paths = [self.take.config, self.take.rig, self.take.private / "stages", self.take.stream, self.take.evaluation]
+        take = self.take
+        paths = [take.config, take.rig, take.edits, take.private / "stages", take.stream, take.evaluation]
         return (*(_changed(path) for path in paths), self.run.outcome, len(self.run.finished))
 
     # The list of stages
@@ -354,6 +355,12 @@ class Workspace:
             self.context = Context(self.take, config)
         self._next_look = 0.0
         return None
+
+    def inputs_changed(self) -> None:
+        """Read the take's edits again, and assess the stages soon."""
+        if self.take is not None and self.context is not None:
+            self.context = Context(self.take, self.context.config)
+            self._next_look = 0.0
 
     def take_results(self) -> bool:
         """True once each time the take has new results."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gui.presenters.edits.view import EDIT_CHOICES, EditView
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.points.view import PointsView
 from gui.presenters.run.workspace import Workspace
@@ -29,7 +30,10 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     ("side by side", "Side by side", "Show sources side by side (S)"),
     ("wipe", "Wipe", "Wipe against footage or trained; drag the line (W)"),
     ("difference", "Difference", "Difference heat map against footage or trained (D)"),
+    ("", "", ""),
+    ("edit", "Edit", "Trim, crop, remove floaters, place the world; can be undone (X)"),
 )
+EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 
 DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
 """Seconds after which a picture of something else, or of another frame, is dimmed: not at every quick change."""
@@ -63,6 +67,8 @@ class StageViews:
     Attributes:
         asked: ("look" or "menu", camera) after a click on a camera; the window takes it.
         asked_bakes: whether another bake is wanted, but none is open; the window asks for it.
+        asked_edit: button of the edits that needs a dialog; the window takes it.
+        editing: whether Review shows the edits.
         pressed: whether there was a click since the window last looked.
     """
 
@@ -83,6 +89,8 @@ class StageViews:
             "bake": BakeView(workspace),
         }
         self.points = PointsView(workspace)
+        self.editor = EditView(workspace)
+        self.editing = False
         self.stage = "review"
         self._now = now
         self._shown: object = None
@@ -91,6 +99,7 @@ class StageViews:
         self._waits = ""
         self.asked: tuple[str, str] | None = None
         self.asked_bakes = False
+        self.asked_edit = ""
         self.pressed = False
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
@@ -99,10 +108,47 @@ class StageViews:
             stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
             for stage, stage_view in self.stage_views.items()
         }
-        return {**found, "review": REVIEW_CHOICES}
+        return {**found, "review": REVIEW_CHOICES, "edit": EDIT_CHOICES}
+
+    @property
+    def row(self) -> str:
+        """Which of `choices` are offered."""
+        return "edit" if self.edits_take else self.stage
+
+    @property
+    def edits_take(self) -> bool:
+        """Whether the edits are on screen."""
+        return self.editing and self.stage == "review"
+
+    def edit(self) -> None:
+        """Show the edits of the take."""
+        player = self.player
+        if player.opened is None or self.workspace.take is None:
+            player.message = "Only a take can be edited. Open one, or create one from footage."
+            return
+        player.transport.pause()
+        self.stage, self.editing = "review", True
+        self.editor.background = player.background
+        self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
+        self.shown_anew()
+
+    def leave_edits(self) -> bool:
+        """Show the take again; returns whether the edits were on screen. A selection is let go first."""
+        if not self.edits_take:
+            return False
+        if self.editor.pending is not None or self.editor.clicks:
+            self.editor.choose_tool("look")
+            return True
+        self.editing = False
+        if self.editor.orbit is not None:
+            self.player.orbit = self.editor.orbit
+        self.shown_anew()
+        return True
 
     def chosen(self) -> set[str]:
         """The pressed buttons."""
+        if self.edits_take:
+            return self.editor.pressed_buttons
         if self.stage != "review":
             return {self.stage_views[self.stage].mode}
         return {self.player.what, self.player.mode}
@@ -110,9 +156,13 @@ class StageViews:
     def choose(self, key: str) -> None:
         """Press a button; pressing an active comparison turns it off."""
         player = self.player
-        if self.stage != "review":
+        if self.edits_take and key in EDIT_KEYS:
+            self._choose_edit(key)
+        elif self.stage != "review":
             self.stage_views[self.stage].mode = key
             self.shown_anew()
+        elif key == "edit":
+            self.edit()
         elif key == "other" and player.why_not(key):
             self.asked_bakes = True
         elif key in ("truth", "trained", "decoded", "other"):
@@ -121,6 +171,15 @@ class StageViews:
             player.choose(key)
         else:
             player.choose_mode("single" if player.mode == key else key)
+
+    def _choose_edit(self, key: str) -> None:
+        if key == "done":
+            self.editor.choose_tool("look")
+            self.leave_edits()
+        elif key in ("numbers", "list"):
+            self.asked_edit = key
+        else:
+            self.editor.press(key)
 
     def select(self, stage: str) -> None:
         """Show a stage."""
@@ -131,12 +190,14 @@ class StageViews:
     def shown_anew(self) -> None:
         """Redraw, because something else was on screen."""
         self.player.show_again()
-        for stage_view in (*self.stage_views.values(), self.points):
+        for stage_view in (*self.stage_views.values(), self.points, self.editor):
             stage_view.show_again()
 
     @property
     def shows_player(self) -> bool:
         """Whether the viewport shows the player."""
+        if self.edits_take:
+            return False
         return self.stage == "review" or (self.stage == "train" and self.stage_views["train"].mode == "gaussians")
 
     @property
@@ -144,6 +205,8 @@ class StageViews:
         """The stage view on screen; None if it is the player."""
         if self.shows_player:
             return None
+        if self.edits_take:
+            return self.editor
         return self.points if self.edits_points else self.stage_views[self.stage]
 
     @property
@@ -154,7 +217,7 @@ class StageViews:
     def fit_transport(self) -> bool:
         """Set the transport's range to the frames of the selected stage; returns whether it changed."""
         found = self.workspace.assessment
-        over_footage = not (self.shows_player or self.stage == "bake") or self.player.source is None
+        over_footage = not (self.shows_player or self.stage in ("bake", "review")) or self.player.source is None
         if over_footage and found.numbers:
             return self.player.span(len(found.numbers), found.group_starts, found.fps)
         return self.player.span_source()
@@ -190,7 +253,7 @@ class StageViews:
     @property
     def _wanted(self) -> object:
         """What the chosen picture is a picture of."""
-        return self.player.label if self.shows_player else (self.stage, self.stage_view and self.stage_view.mode)
+        return self.player.label if self.shows_player else (self.row, self.stage_view and self.stage_view.mode)
 
     @property
     def _frame_shown(self) -> bool:
@@ -279,13 +342,23 @@ class StageViews:
         if self.stage_view is not None:
             self.stage_view.hover(x, y)
 
-    def grabs(self, x: float) -> bool:
-        """Whether a press at a column grabs the wipe's line."""
+    def grabs(self, x: float, y: float) -> bool:
+        """Whether a press at a pixel grabs the wipe's line, or a handle of an edit, or begins a lasso."""
+        if self.edits_take:
+            return self.editor.grabs(x, y)
         return self.stage_view is None and self.player.wipe_at(x)
 
-    def pull(self, x: float) -> None:
-        """Move the wipe's line."""
-        self.player.move_wipe(x)
+    def pull(self, x: float, y: float) -> None:
+        """Move what is grabbed."""
+        if self.edits_take:
+            self.editor.pull(x, y)
+        else:
+            self.player.move_wipe(x)
+
+    def release(self) -> None:
+        """Let go of what is grabbed."""
+        if self.edits_take:
+            self.editor.release()
 
     def reset(self) -> None:
         """Return to the initial view."""
@@ -298,5 +371,6 @@ class StageViews:
     def close(self) -> bool:
         """End all threads. Returns whether they ended in time."""
         return all(
-            [stage_view.close() for stage_view in (*self.stage_views.values(), self.points)] + [self.player.close()]
+            [stage_view.close() for stage_view in (*self.stage_views.values(), self.points, self.editor)]
+            + [self.player.close()]
         )

@@ -1,0 +1,447 @@
+"""EditView: the trained frame with its edits; draws, drags handles, lassoes and picks points."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas
+from gui.presenters.drawing.palette import FAIR, TEXT
+from gui.presenters.drawing.splats import draw
+from gui.presenters.edits import picture
+from gui.presenters.edits.handles import (
+    Handle,
+    crop_handles,
+    default_crop,
+    default_ground,
+    grabbed,
+    ground_handle,
+    moved_crop,
+    picked,
+    up_of,
+)
+from gui.presenters.edits.picture import Stroke
+from gui.presenters.edits.session import change, edits_of
+from gui.presenters.playback import compare
+from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.playback.viewpoint import BACKGROUNDS
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.stage_view import OrbitView, Size
+from pipelines.takes.edit_words import describe
+from pipelines.takes.edited import edits_of_group, read_paths
+from pipelines.takes.frame_files import read_frame
+from studio.cameras import Camera
+from studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
+from studio.edits.selection import Paths, Selection, select
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+Choice = tuple[str, str, str]
+
+EDIT_CHOICES: tuple[Choice, ...] = (
+    ("done", "Done", "Leave the edits and show the take again"),
+    ("", "", ""),
+    ("in", "In", "In point: the first frame to keep is this one"),
+    ("out", "Out", "Out point: the last frame to keep is this one"),
+    ("", "", ""),
+    ("look", "Orbit", "Drags turn the view"),
+    ("crop", "Crop", "Drag the faces of a box; splats outside are removed"),
+    ("ground", "Ground", "Drag a plane up or down; splats below are removed"),
+    ("floaters", "Floaters", "Select small clusters and faint splats; Numbers sets the limits"),
+    ("lasso", "Lasso", "Draw around splats to select them; right drags pan"),
+    ("brush", "Brush", "Paint over splats to select them; right drags pan"),
+    ("remove", "Remove", "Remove what is selected, in all frames"),
+    ("remove here", "Remove in group", "Remove what is selected in this group of frames only"),
+    ("", "", ""),
+    ("origin", "Origin", "Click the point that becomes the origin"),
+    ("up", "Up", "Click a point, then one straight above it: up becomes +y"),
+    ("scale", "Scale", "Click two points, and say how far apart they are"),
+    ("", "", ""),
+    ("numbers", "Numbers", "Set the crop box, the ground, the floaters or the world in numbers"),
+    ("list", "List", "List the edits, and remove some"),
+    ("removed", "Removed", "Draw what is removed in red"),
+)
+TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale")
+BRUSH = 0.03
+"""Radius of the brush, relative to the height of the picture."""
+
+FLOATERS = Floaters(opacity=0.02, share=0.005)
+"""Limits that are suggested."""
+
+SEEN = 0.1
+"""Opacity of splats that are clicked, and that a new box surrounds."""
+
+HINTS = {
+    "crop": "Drag the dots on the faces.",
+    "ground": "Drag the dot up or down.",
+    "lasso": "Draw around what should go.",
+    "brush": "Paint over what should go.",
+    "origin": "Click the new origin.",
+    "up": "Click a point, then one straight above it.",
+    "scale": "Click two points whose distance you know.",
+}
+
+
+@dataclass(frozen=True)
+class _State:
+    """What the picture depends on."""
+
+    frame: int
+    view: tuple[float, ...]
+    tool: str
+    show_removed: bool
+    edits: EditList
+    pending: EditList | None
+    stroke: Stroke | None
+    clicks: tuple[tuple[float, ...], ...]
+    held: str
+    background: str
+    trained: int
+    em: float
+
+
+class EditView(OrbitView):
+    """See the module.
+
+    Args:
+        workspace: the take.
+
+    Attributes:
+        tool: one of `TOOLS`.
+        show_removed: whether removed splats are drawn, in red.
+        pending: the edits with what is selected or being dragged; None if nothing is.
+        clicks: picked points, world.
+        distance_asked: two points whose distance is to be asked for; the window takes them.
+        refused: why the last change was refused, or what to do; the window takes it.
+        background: name of the background.
+        captured_up: (3,) up of the capture.
+    """
+
+    modes: ClassVar[tuple[str, ...]] = ("edit",)
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self.tool, self.show_removed = "look", False
+        self.pending: EditList | None = None
+        self.clicks: tuple[tuple[float, ...], ...] = ()
+        self.distance_asked: tuple[np.ndarray, np.ndarray] | None = None
+        self.refused, self.background = "", "dark"
+        self.captured_up = np.array([0.0, 0.0, 1.0])
+        self._stroke: Stroke | None = None
+        self._handle: Handle | None = None
+        self._from = (0.0, 0.0)
+        self._dragged: EditList | None = None
+        self._size: Size = (960, 540)
+        self._paths: tuple[object, Paths] | None = None
+        self._frame: tuple[object, Gaussians] | None = None
+        self._selected: dict[EditList, Selection] = {}
+        self._seen = self._reach = np.zeros((0, 3))
+        self.counts: dict[str, int] = {}
+
+    # What is edited
+
+    @property
+    def edits(self) -> EditList:
+        """The take's edits."""
+        return edits_of(self.workspace)
+
+    @property
+    def up(self) -> np.ndarray:
+        """(3,) up in the world of the capture."""
+        return up_of(self.edits, self.captured_up)
+
+    def begin(self, orbit: OrbitCamera, up: np.ndarray, reach: np.ndarray) -> None:
+        """Begin to edit.
+
+        Args:
+            orbit: the view on screen.
+            up: (3,) direction that points up in the capture.
+            reach: (N, 3) points of the performer in frames spread over the take.
+        """
+        self.captured_up, self.orbit, self._reach = up, orbit, reach
+        self.choose_tool("look")
+
+    def choose_tool(self, tool: str) -> None:
+        """Take another tool; what was selected but not removed is let go."""
+        self.tool, self.clicks, self._stroke, self._handle, self.pending = tool, (), None, None, None
+        self._suggest()
+
+    def _suggest(self) -> None:
+        """Begin with a box around the performer, a plane under the feet, limits of floaters."""
+        edits, points = self.edits, np.concatenate([self._seen, self._reach])
+        if self.pending is not None:
+            return
+        if self.tool == "crop" and edits.crop is None and len(points):
+            self.pending = edits.with_(crop=default_crop(points, edits, self.up))
+        elif self.tool == "ground" and edits.ground is None and len(points):
+            self.pending = edits.with_(ground=default_ground(points, self.up))
+        elif self.tool == "floaters":
+            self.pending = edits.with_(floaters=edits.floaters or FLOATERS)
+
+    def press(self, key: str) -> None:
+        """Press a button that needs no dialog."""
+        if key in TOOLS:
+            self.choose_tool(key)
+        elif key == "removed":
+            self.show_removed = not self.show_removed
+        elif key in ("in", "out"):
+            self._trim(key)
+        elif key in ("remove", "remove here"):
+            self.remove_selected(key == "remove here")
+
+    @property
+    def pressed_buttons(self) -> set[str]:
+        """The pressed buttons."""
+        return {self.tool, *(["removed"] if self.show_removed else [])}
+
+    def remove_selected(self, here: bool = False) -> None:
+        """Remove what is selected.
+
+        Args:
+            here: a lasso or brush holds in the group on screen only.
+        """
+        edits = self.pending
+        if edits is None:
+            self.refused = "Nothing is selected. Draw with the lasso or the brush, or choose Floaters."
+            return
+        if self.tool in ("lasso", "brush") and edits.regions:
+            frames = (self.frame, self.frame) if here else None
+            last = edits.regions[-1].model_copy(update={"frames": frames})
+            edits = edits.with_(regions=(*edits.regions[:-1], last))
+        elif here:
+            self.refused = "Only a lasso or a brush can hold in one group; the others hold in all frames."
+            return
+        self.commit(edits, f"{self.tool} removal" if self.tool in ("lasso", "brush") else self.tool)
+
+    def commit(self, edits: EditList, words: str) -> bool:
+        """Write the edits as one change; returns whether that was possible, and sets `refused` if not."""
+        self.refused = change(self.workspace, edits, words)
+        self.pending = None
+        if self.tool == "floaters":
+            self.tool = "look"
+        return not self.refused
+
+    def _trim(self, key: str) -> None:
+        edits, last = self.edits, max(self._trained_count() - 1, 0)
+        now = edits.trim or Trim(first=0, last=last)
+        first, end = (self.frame, now.last) if key == "in" else (now.first, self.frame)
+        if first > end:
+            first, end = (first, last) if key == "in" else (0, end)
+        whole = (first, end) == (0, last)
+        self.commit(
+            edits.with_(trim=None if whole else Trim(first=first, last=end)), f"trim to frames {first} to {end}"
+        )
+
+    def set_scale(self, start: np.ndarray, end: np.ndarray, distance: float) -> bool:
+        """Scale the world so that two points are `distance` apart; returns whether that was possible."""
+        apart = float(np.linalg.norm(end - start))
+        if not (apart > 0 and distance > 0):
+            self.refused = "The points must differ, and the distance must be above 0."
+            return False
+        world = self.edits.world or World()
+        try:
+            scaled = World.model_validate(world.model_dump() | {"scale": distance / apart})
+        except ValueError:
+            self.refused = "The scale must be from 0.000001 to 1000000."
+            return False
+        self.clicks = ()
+        return self.commit(self.edits.with_(world=scaled), f"scale {scaled.scale:.4g}")
+
+    # Gestures
+
+    def grabs(self, x: float, y: float) -> bool:
+        """Whether a press at a pixel grabs a handle or begins to draw."""
+        view = self._view()
+        if self.tool in ("lasso", "brush"):
+            self.pending = None
+            self._stroke = Stroke(((x, y),), None if self.tool == "lasso" else BRUSH * view.height)
+            return True
+        self._dragged = self.pending or self.edits
+        self._handle, self._from = grabbed(self._handles(self._dragged), view, x, y), (x, y)
+        return self._handle is not None
+
+    def pull(self, x: float, y: float) -> None:
+        """Drag what was grabbed to a pixel."""
+        if self._stroke is not None:
+            last = self._stroke.points[-1]
+            if abs(x - last[0]) + abs(y - last[1]) >= 2:
+                self._stroke = Stroke((*self._stroke.points, (x, y)), self._stroke.radius)
+            return
+        handle, edits = self._handle, self._dragged
+        if handle is None or edits is None:
+            return
+        distance = handle.distance(self._view(), self._from, (x, y))
+        if handle.name == "ground" and edits.ground is not None:
+            ground = edits.ground.model_copy(update={"height": edits.ground.height + distance})
+            self.pending = edits.with_(ground=ground)
+        elif edits.crop is not None:
+            self.pending = edits.with_(crop=moved_crop(edits.crop, handle, distance))
+
+    def release(self) -> None:
+        """Let go: a drag is written, a drawing selects."""
+        stroke, self._stroke = self._stroke, None
+        if stroke is not None:
+            self._select(stroke)
+        elif self._handle is not None:
+            self._handle = None
+            if self.pending is not None and self.pending != self.edits:
+                self.commit(self.pending, "crop box" if self.tool == "crop" else "ground plane")
+
+    def _select(self, stroke: Stroke) -> None:
+        edits, points = self.edits, stroke.points
+        if len(points) < (3 if stroke.radius is None else 1):
+            return
+        points = points[:: -(-len(points) // MOST_POINTS)]
+        try:
+            region = Region(
+                view=RegionView.of(self._view()), outline=points, radius=stroke.radius, frames=(self.frame,) * 2
+            )
+            self.pending = edits.with_(regions=(*edits.regions, region))
+        except ValueError:
+            self.refused = "There are too many regions already. Remove some with List."
+
+    def click(self, x: float, y: float) -> None:
+        """See `StageView`."""
+        if self.tool not in ("origin", "up", "scale"):
+            return
+        point = picked(self._view(), self._seen, x, y)
+        if point is None:
+            self.refused = "There are no splats under the pointer. Click on the performer."
+            return
+        edits = self.edits
+        world = edits.world or World()
+        if self.tool == "origin":
+            self.commit(edits.with_(world=world.model_copy(update={"origin": tuple(point.tolist())})), "origin")
+            return
+        self.clicks = (*self.clicks[-1:], tuple(point.tolist())) if len(self.clicks) < 2 else (tuple(point.tolist()),)
+        if len(self.clicks) < 2:
+            return
+        start, end = (np.array(one) for one in self.clicks)
+        if np.linalg.norm(end - start) < 1e-9:
+            self.clicks = self.clicks[:1]
+        elif self.tool == "scale":
+            self.distance_asked = (start, end)
+        else:
+            up = (end - start) / np.linalg.norm(end - start)
+            if self.commit(edits.with_(world=world.model_copy(update={"up": tuple(up.tolist())})), "up"):
+                self.clicks = ()
+                orbit = self.orbit or OrbitCamera()
+                self.orbit = OrbitCamera.from_to(orbit.eye, orbit.target, up, orbit.fov)
+
+    # The picture
+
+    def _view(self) -> Camera:
+        return (self.orbit or OrbitCamera()).camera(*self._size)
+
+    def _handles(self, edits: EditList) -> list[Handle]:
+        if self.tool == "crop" and edits.crop is not None:
+            return [handle for handle in crop_handles(edits.crop) if handle.movable(self._view())]
+        if self.tool == "ground" and edits.ground is not None and len(self._seen):
+            return [ground_handle(edits.ground, np.median(self._seen, axis=0))]
+        return []
+
+    def _trained_count(self) -> int:
+        return len(self.workspace.take.trained_files()[0]) if self.workspace.take is not None else 0
+
+    def poll(self, size: Size) -> np.ndarray | None:
+        """See `StageView`."""
+        self._size = size
+        self._suggest()
+        return super().poll(size)
+
+    def state(self) -> Hashable:
+        """See `StageView`."""
+        orbit = self.orbit or OrbitCamera()
+        return _State(
+            self.frame, orbit.key, self.tool, self.show_removed, self.edits, self.pending, self._stroke, self.clicks,
+            self._handle.name if self._handle is not None else "", self.background, self._trained_count(), self.em,
+        )  # fmt: skip
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        assert isinstance(state, _State)
+        take = self.workspace.take
+        files, starts = take.trained_files() if take is not None else ([], ())
+        if take is None or not files:
+            raise StudioError("take.not_trained", "there is nothing to edit yet", fix="Run Train.")
+        frame = min(state.frame, len(files) - 1)
+        group = bisect_right(starts, frame) - 1
+        indices = range(starts[group], (*starts[1:], len(files))[group])
+        key = (take.root, group, indices, files[indices[0]].stat().st_mtime_ns)
+        if self._paths is None or self._paths[0] != key:
+            self._paths, self._selected = (key, read_paths(take, group, indices)), {}
+        if self._frame is None or self._frame[0] != (key, frame):
+            self._frame = ((key, frame), read_frame(files[frame]))
+        gaussians, paths = self._frame[1], self._paths[1]
+        found = self._selection(edits_of_group(state.edits, indices), paths)
+        removed = found.removed
+        selected = np.zeros_like(removed)
+        if state.pending is not None:
+            selected = self._selection(edits_of_group(state.pending, indices), paths).removed & ~removed
+        at = indices.index(frame)
+        visible = ~removed & (paths.opacities[at] > SEEN)
+        if not visible.any():
+            visible = ~removed
+        self._seen = paths.means[at][visible].astype(np.float64)
+        self.counts = found.counts | {"removed": int(removed.sum()), "selected": int(selected.sum())}
+        view = OrbitCamera(*_orbit_of(state.view)).camera(*size)
+        canvas = Canvas(1, 1)
+        shown = picture.colored(gaussians, removed, selected, state.show_removed)
+        canvas.pixels = draw(shown, view, BACKGROUNDS[state.background]).copy()
+        picture.draw_selected(canvas, view, paths.means[at][selected])
+        self._draw_over(canvas, view, state)
+        trim = state.edits.trim
+        outside = "   trimmed off" if trim is not None and frame not in trim.range else ""
+        words = f"group {group}: {len(removed) - int(removed.sum()):,} of {len(removed):,} splats kept{outside}"
+        compare.label(canvas, 0.6 * state.em, 0.6 * state.em, words, size=round(0.9 * state.em))
+        pending = state.pending is not None and (int(selected.sum()) or state.tool in ("floaters", "lasso", "brush"))
+        hint = HINTS.get(state.tool, "")
+        if pending:
+            count = f"{int(selected.sum()):,} splats selected."
+            hint = count if state.tool in ("lasso", "brush") else f"{count} {hint}"
+        if hint:
+            color = FAIR if pending else TEXT
+            compare.label(canvas, 0.6 * state.em, 2.5 * state.em, hint, color=color, size=round(0.9 * state.em))
+        return canvas.pixels
+
+    def _draw_over(self, canvas: Canvas, view: Camera, state: _State) -> None:
+        edits = state.pending or state.edits
+        seen = self._seen if len(self._seen) else np.zeros((1, 3))
+        middle, reach = np.median(seen, axis=0), float(np.linalg.norm(np.ptp(seen, axis=0))) or 1.0
+        if edits.ground is not None:
+            picture.draw_ground(canvas, view, edits.ground, middle, 0.6 * reach, state.tool == "ground")
+        if edits.crop is not None:
+            picture.draw_box(canvas, view, edits.crop, state.tool == "crop")
+        if edits.world is not None or state.tool in ("origin", "up", "scale"):
+            picture.draw_world(canvas, view, edits, 0.25 * reach)
+        picture.draw_clicks(canvas, view, state.clicks)
+        picture.draw_handles(canvas, view, self._handles(edits), state.held)
+        if state.stroke is not None:
+            picture.draw_stroke(canvas, state.stroke)
+
+    def _selection(self, edits: EditList, paths: Paths) -> Selection:
+        """What edits remove of the group; the last few are kept."""
+        if edits not in self._selected:
+            while len(self._selected) > 3:
+                self._selected.pop(next(iter(self._selected)))
+            self._selected[edits] = select(edits, paths)
+        return self._selected[edits]
+
+    @property
+    def status(self) -> str:
+        """See `StageView`."""
+        found = describe(self.edits)
+        if not found:
+            return "No edits. They change what is baked and exported."
+        # in a narrow window, more would not fit; List shows all
+        return f"Edits: {', '.join(f'trim to {text}' if name == 'trim' else name for name, text in found.items())}"
+
+
+def _orbit_of(key: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, float, float, float, float]:
+    """`OrbitCamera`'s arguments from its key."""
+    distance, yaw, pitch, fov = key[6:]
+    return np.array(key[:3]), np.array(key[3:6]), distance, yaw, pitch, fov

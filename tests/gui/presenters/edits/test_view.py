@@ -1,0 +1,247 @@
+"""Edits in the window without a window: handles, lassos, picked points, trims, undo, and numbers in fields."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.presenters.edits.handles import crop_handles, default_crop, grabbed, moved_crop, picked
+from gui.presenters.edits.numbers import fields_of, with_numbers
+from gui.presenters.edits.session import edits_of
+from gui.presenters.edits.view import EditView
+from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.playback.sources import TrainedSource, open_path
+from gui.presenters.playback.stream_source import LeftOut, StreamSource
+from gui.presenters.run.workspace import Workspace
+from pipelines.takes.edits import change_edits, read_edits
+from pipelines.takes.take import Take
+from studio.camera_files import read_rig
+from studio.edits import CropBox, EditList, Floaters, Ground, Trim, World
+from studio.stream import CapturePlace
+from tests.support.rigs import camera_at
+from tests.support.waiting import wait_until
+
+SIZE = (320, 240)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture
+def view(take_copy: Path):
+    workspace = Workspace()
+    workspace.open(Take.open(take_copy))
+    view = EditView(workspace)
+    rig = read_rig(take_copy / "calibrate" / "rig.json")
+    view.begin(OrbitCamera.looking_through(rig["cam0"], np.zeros(3), UP), UP, np.zeros((0, 3)))
+    yield view
+    view.close()
+    workspace.close()
+
+
+def drawn(view: EditView) -> np.ndarray:
+    found: list[np.ndarray] = []
+
+    def arrived() -> bool:
+        picture = view.poll(SIZE)
+        if picture is not None:
+            found.append(picture)
+        return bool(found) and view.settled
+
+    wait_until("a picture", arrived)
+    return found[-1]
+
+
+def test_a_lasso_selects_and_removes_in_the_group_and_undo_brings_back(view: EditView) -> None:
+    before = drawn(view)
+    splats = view.counts["removed"], view.counts["selected"]
+    assert splats == (0, 0)
+    view.press("lasso")
+    assert view.grabs(100, 60)
+    for x, y in ((220, 60), (220, 120), (100, 120)):
+        view.pull(x, y)
+    view.release()
+    selected_picture = drawn(view)
+    selected = view.counts["selected"]
+    assert selected > 20
+    assert (selected_picture != before).any()
+    assert edits_of(view.workspace) == EditList()  # nothing is removed yet
+    view.press("remove here")
+    drawn(view)
+    assert (view.counts["removed"], view.counts["selected"], view.refused) == (selected, 0, "")
+    (region,) = view.edits.regions
+    assert region.frames == (0, 0)
+    view.frame = 3  # of the other group
+    drawn(view)
+    assert view.counts["removed"] == 0
+    view.frame = 0
+    assert view.workspace.history.undo() == "Undone: lasso removal."
+    assert edits_of(view.workspace) == EditList()
+    assert view.workspace.history.redo() == "Redone: lasso removal."
+    assert len(read_edits(view.workspace.context.take.edits).regions) == 1
+
+
+def test_faces_of_the_box_are_dragged(view: EditView) -> None:
+    drawn(view)
+    view.press("crop")
+    drawn(view)
+    box = view.pending.crop
+    assert view.counts["selected"] < 30  # the new box holds the performer
+    camera = view.orbit.camera(*SIZE)
+    top = next(one for one in crop_handles(box) if one.direction @ UP > 0.9)
+    x, y = camera.project(top.place[None])[0][0]
+    assert view.grabs(x + 3, y)
+    view.pull(x + 3, y + 25)
+    drawn(view)
+    assert view.counts["selected"] > 10
+    view.release()
+    new = view.edits.crop
+    assert new is not None
+    moved = next(one for one in crop_handles(new) if one.direction @ UP > 0.9)
+    assert camera.project(moved.place[None])[0][0] == pytest.approx([x, y + 25], abs=1.5)
+    opposite = [next(one.place for one in crop_handles(each) if one.direction @ UP < -0.9) for each in (box, new)]
+    assert np.allclose(*opposite)
+    assert not view.grabs(1, 1)
+
+
+def test_a_ground_plane_and_floaters_and_trims(view: EditView) -> None:
+    drawn(view)
+    view.press("floaters")
+    drawn(view)
+    assert view.pending.floaters is not None
+    view.press("remove")
+    assert view.edits.floaters is not None
+    view.press("ground")
+    drawn(view)
+    handle = view._handles(view.pending)[0]
+    x, y = view.orbit.camera(*SIZE).project(handle.place[None])[0][0]
+    assert view.grabs(x, y)
+    view.pull(x, y - 40)
+    view.release()
+    assert view.edits.ground.height > -0.5
+    view.frame = 1
+    view.press("in")
+    assert view.edits.trim == Trim(first=1, last=4)
+    view.frame = 3
+    view.press("out")
+    assert view.edits.trim == Trim(first=1, last=3)
+    assert "trim to frames 1 to 3" in view.status
+    view.frame = 4
+    view.press("in")
+    assert view.edits.trim == Trim(first=4, last=4)
+    view.press("remove")
+    assert "Nothing is selected" in view.refused
+
+
+def test_points_are_picked_for_the_world(view: EditView) -> None:
+    drawn(view)
+    camera = view.orbit.camera(*SIZE)
+    view.press("origin")
+    view.click(5, 5)
+    assert "no splats" in view.refused
+    view.refused = ""
+    view.click(160, 120)
+    origin = np.array(view.edits.world.origin)
+    assert camera.project(origin[None])[0][0] == pytest.approx([160, 120], abs=1e-6)
+    assert 0.3 < np.linalg.norm(origin) < 0.8  # on the ball's surface
+    view.press("scale")
+    view.click(160, 160)
+    view.click(160, 90)
+    start, end = view.distance_asked
+    assert not view.set_scale(start, end, 0)
+    assert view.set_scale(start, end, 7.0)
+    placed = view.edits.similarity.points(np.stack([start, end]))
+    assert np.linalg.norm(placed[1] - placed[0]) == pytest.approx(7)
+    view.press("up")
+    view.click(160, 160)
+    view.click(160, 90)
+    up = np.array(view.edits.world.up)
+    assert up @ UP > 0.7
+    assert np.allclose(view.orbit.up, up)
+
+
+def test_a_trimmed_and_placed_stream_is_shown_as_in_its_take(take_copy: Path, monkeypatch) -> None:
+    take = Take.open(take_copy)
+    plain = StreamSource(take.stream, in_take=True)
+    world = World(up=(0, 0, 1), origin=(0.1, 0, 0), scale=50)
+    # the same stream, read as one that begins with frame 2 of another world
+    monkeypatch.setattr(
+        "gui.presenters.playback.stream_source.capture_place", lambda _: CapturePlace(2, world.similarity)
+    )
+    placed = StreamSource(take.stream, in_take=True)
+    try:
+        assert (placed.frame_count, list(placed.group_starts)) == (7, [2, 5])
+        with pytest.raises(LeftOut):
+            placed.gaussians(1)
+        there, here = placed.gaussians(3).means.double(), plain.gaussians(1).means.double()
+        back = world.similarity.points(there.numpy())
+        assert np.allclose(back, here.numpy(), atol=1e-3)
+        assert placed.load_ms(3) is not None
+    finally:
+        plain.close()
+        placed.close()
+
+
+def test_trained_frames_are_shown_without_what_is_removed(take_copy: Path) -> None:
+    take = Take.open(take_copy)
+    whole = len(TrainedSource(take, 25.0).gaussians(4))
+    change_edits(take.edits, EditList(ground=Ground(normal=(0, 0, 1), height=0)), "ground")
+    opened = open_path(take_copy)
+    left = opened.sources["trained"].gaussians(4)
+    for source in opened.sources.values():
+        source.close()
+    assert 0 < len(left) < whole
+    take.edits.write_text("{")
+    opened = open_path(take_copy)
+    assert "edits cannot be read" in opened.message
+    for source in opened.sources.values():
+        source.close()
+    shutil.rmtree(take_copy)
+
+
+def test_handles_and_points_under_the_pointer() -> None:
+    view = camera_at("a", (4.0, 0.0, 0.0))
+    box = CropBox(center=(0, 0, 0), size=(1, 1, 1))
+    handles = crop_handles(box)
+    near, far = (view.project(handles[number].place[None])[0][0] for number in (1, 0))
+    assert np.allclose(near, far)  # one behind the other
+    assert grabbed(handles, view, *near).name == "crop 0 1"
+    assert grabbed(handles, view, near[0] + 40, near[1] + 40) is None
+    thin = moved_crop(box, handles[3], -5)
+    assert thin.size[1] == pytest.approx(0.01)
+    points = np.random.default_rng(1).normal(size=(500, 3)) * (0.5, 0.3, 1)
+    held = default_crop(points, EditList(), UP)
+    assert held.holds(points).mean() > 0.98
+    assert np.abs(held.axes @ UP).max() == pytest.approx(1)
+    assert picked(view, np.zeros((0, 3)), 80, 60) is None
+
+
+def test_numbers_in_fields_say_what_is_there_and_set_it() -> None:
+    up = np.array([0.0, 0.0, 1.0])
+    edits = EditList(world=World(up=(0, 0, 1), origin=(0, 0, 1), scale=2))
+    for kind, texts in (
+        ("crop", {"low": "-1 0 -1", "high": "1 3.5 1"}),
+        ("ground", {"height": "0.25"}),
+        ("floaters", {"opacity": "0.05", "share": "", "splats": "20", "distance": "0.1"}),
+        ("trim", {"first": "2", "last": "7"}),
+        ("world", {"up": "0 0 1", "origin": "0 1 0", "scale": "3"}),
+    ):
+        new = with_numbers(edits, kind, texts, up)
+        assert isinstance(new, EditList)
+        assert {key: text for key, _, text in fields_of(new, kind, up)} == texts
+        assert with_numbers(new, kind, dict.fromkeys(texts, ""), up).model_dump()[kind] is None
+    box = with_numbers(edits, "crop", {"low": "-1 0 -1", "high": "1 3.5 1"}, up).crop
+    assert box.holds(np.array([[0, 0, 1.1], [0, 0, 2.7], [0, 0, 2.8]])).tolist() == [True, True, False]
+    assert with_numbers(edits, "floaters", {"splats": "20"}, up).floaters == Floaters(splats=20)
+    for kind, texts in (
+        ("crop", {"low": "1 2", "high": "1 2 3"}),
+        ("crop", {"low": "1 2 3", "high": "0 0 0"}),
+        ("ground", {"height": "x"}),
+        ("floaters", {"share": "2"}),
+        ("trim", {"first": "5", "last": "2"}),
+        ("world", {"up": "", "origin": "", "scale": "-1"}),
+    ):
+        words = with_numbers(edits, kind, texts, up)
+        assert isinstance(words, str)
+        assert words.endswith(".")

@@ -1,0 +1,46 @@
+"""Edits in the real window: a lasso and a crop box by mouse, then undo with the keyboard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pipelines.takes.edits import read_edits
+from studio.edits import EditList
+
+
+def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
+    window = open_window(str(take_copy))
+    window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"])
+    window.key("Home")
+    window.key("x")
+    window.wait_for("the edits", lambda s: "look" in s["mode"] and "lasso" in s["widgets"] and s["settled"])
+    window.click("lasso")
+    window.wait_for("the lasso", lambda s: "lasso" in s["mode"])
+    window.drag("viewport", (0.3, 0.3), (0.7, 0.4))  # a line: nothing is inside
+    window.wait_for("no selection", lambda s: s["settled"] and s["selected"] == 0)
+    window.click("brush")
+    window.wait_for("the brush", lambda s: "brush" in s["mode"])
+    window.drag("viewport", (0.45, 0.5), (0.55, 0.5))
+    window.wait_for("a selection", lambda s: s["selected"] > 0)
+    window.screenshot(artifacts / "edits_brush.png")
+    window.click("remove here")
+    window.wait_for("one group to bake", lambda s: "regions 1" in s["edits"] and s["stages"]["bake"][0] == "partial")
+    (region,) = read_edits(take_copy / "edits.json").regions
+    assert region.radius is not None
+    assert region.frames == (0, 0)
+    window.click("numbers")
+    window.wait_for("kinds", lambda s: s["dialog"] == "edit kinds")
+    window.click("dialog choice1")
+    window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"])
+    window.enter_text("dialog height", "0.1")
+    window.key("Return")
+    window.wait_for("a ground", lambda s: s["dialog"] == "" and "ground" in s["edits"])
+    window.chord("z")
+    window.chord("z")
+    window.wait_for("no edits", lambda s: s["edits"] == {} and s["stages"]["bake"][0] == "done")
+    assert read_edits(take_copy / "edits.json") == EditList()
+    window.key("Escape")
+    window.wait_for("the take", lambda s: "decoded" in s["mode"])
