@@ -489,14 +489,10 @@ def _run(arguments: argparse.Namespace) -> int:
                 stages=stages,
                 force=bool(arguments.stage and arguments.force),
                 command=f"v3studio {arguments.stage or 'run'}",
+                keep=keep,
             )
         finally:
             arguments.reported = isinstance(show, JsonLines) and show.finished
-    if keep is not None:
-        from pipelines.takes.kept_bakes import keep_bake
-
-        with take.locked("v3studio bake --keep"), disk_errors(take.root):
-            keep_bake(take, keep)
     if not arguments.json and "evaluate" in stages:
         from pipelines.reports.tables import print_evaluation
 

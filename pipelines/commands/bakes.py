@@ -78,7 +78,13 @@ def _list(arguments: argparse.Namespace) -> int:
             "-" if psnr is None else f"{psnr:.2f}",
             kept.note.kept[:16].replace("T", " "),
             ", ".join(
-                words for words, holds in (("chosen", kept.chosen), ("older training", not kept.current)) if holds
+                words
+                for words, holds in (
+                    ("chosen", kept.chosen),
+                    ("older training", not kept.current),
+                    ("other edits", not kept.same_edits),
+                )
+                if holds
             ),
         )
     console().print(shown)
@@ -96,6 +102,9 @@ class KeptBakeRow(BaseModel):
 
     current: bool
     """Whether it was baked from the take's present training."""
+
+    same_edits: bool
+    """Whether it was baked with the take's present edits."""
 
     kept: str
     """When, UTC, ISO 8601."""
@@ -122,6 +131,7 @@ class KeptBakeRow(BaseModel):
             name=kept.name,
             chosen=kept.chosen,
             current=kept.current,
+            same_edits=kept.same_edits,
             kept=kept.note.kept,
             bytes=kept.bytes,
             frees=kept.frees,
@@ -147,15 +157,15 @@ def _keep(arguments: argparse.Namespace) -> int:
 
 def _choose(arguments: argparse.Namespace) -> int:
     from pipelines.takes.atomic_files import disk_errors
-    from pipelines.takes.kept_bakes import choose_bake
+    from pipelines.takes.chosen_bake import choose_bake, remarks
     from pipelines.takes.take import Take
 
     take = Take.open(arguments.take)
     with take.locked("v3studio bakes choose"), disk_errors(take.root):
         kept = choose_bake(take, arguments.name, discard=arguments.discard)
     print(f"'{kept.name}' is the take's stream now, and its settings are those of the take")
-    if not kept.current:
-        print("The take has been trained anew since it was baked; `v3studio run` would bake the new training.")
+    for remark in remarks(kept):
+        print(remark)
     return 0
 
 

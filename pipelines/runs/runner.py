@@ -19,6 +19,7 @@ from pipelines.events import (
     StageFailed,
     StageFinished,
     StageStarted,
+    Warned,
     as_message,
 )
 from pipelines.events.cancellation import Cancellation, stop_on_signals
@@ -32,13 +33,13 @@ from pipelines.stages.time_left import Countdown
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
-from pipelines.takes.kept_bakes import note_evaluation
+from pipelines.takes.kept_bakes import keep_bake, note_evaluation, refuse_taken
 from pipelines.takes.migration import migrate
 from pipelines.takes.records import write_failure
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from pipelines.version import program_version
-from studio.errors import Cancelled, Message, StudioError
+from studio.errors import Cancelled, Message, StudioError, reason_of
 
 _KEPT = Message("run.cancelled", "finished work is kept", fix="Run again to resume.")
 _INTERRUPTED = Message(
@@ -63,6 +64,7 @@ def run(
     force: bool = False,
     cancellation: Cancellation | None = None,
     command: str = "v3studio run",
+    keep: str | None = None,
 ) -> None:
     """Run the stages of a take that are not up to date.
 
@@ -74,10 +76,11 @@ def run(
         force: run them from scratch even if they are up to date.
         cancellation: set it from another thread to cancel; SIGINT and SIGTERM set it too.
         command: recorded in the lock, for the error that a second run gets.
+        keep: name under which the stream is kept at the end, before anything else can change it; None: it is not.
 
     Raises:
         StudioError: bad input, a second run (`take.locked`), a full disk (`take.disk_full`), a stage that is not up to
-            date and not among `stages` (`stage.dependency`).
+            date and not among `stages` (`stage.dependency`), the stream cannot be kept (`bakes.*`).
         Cancelled: the run was cancelled.
     """
     cancellation = cancellation or Cancellation()
@@ -101,7 +104,12 @@ def run(
             ):
                 migrate(take)
                 report = Logged(emit, take)
+                if keep is not None:
+                    refuse_taken(take, keep)
                 _run_locked(Context(take, config, report, cancellation, clock), names, force, started)
+                if keep is not None:
+                    kept = keep_bake(take, keep)
+                    report(Log(stage="bake", message=f"kept as '{kept.name}'"))
         except Cancelled:
             finish("cancelled", _KEPT)
             raise
@@ -159,6 +167,8 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
             _run_stages(context, todo, force, run_started)
     if "evaluate" in names and "evaluate" not in todo:
         _update_marks(context)
+    if "evaluate" in names:
+        _note_evaluation(context)
 
 
 @contextlib.contextmanager
@@ -201,6 +211,21 @@ def _update_marks(context: Context) -> None:
             context.emit(Log(stage="evaluate", message="updated the marks in the report"))
 
 
+def _note_evaluation(context: Context) -> None:
+    """Give the kept bake that was evaluated its evaluation, also if an earlier run was killed before it did."""
+    try:
+        note_evaluation(context.take)
+    except (StudioError, OSError) as error:
+        problem = error.message.problem if isinstance(error, StudioError) else reason_of(error)
+        message = Message(
+            "bakes.evaluation_not_noted",
+            f"the kept bake of this stream could not be given the evaluation ({problem})",
+            context.take.bakes,
+            fix="Run `v3studio evaluate` again; nothing is measured anew.",
+        )
+        context.emit(Warned.of(message, stage="evaluate"))
+
+
 def _refuse_gaps(todo: list[str], found: dict[str, StageStatus]) -> None:
     for name in todo:
         for dependency in stage_named(name).dependencies:
@@ -235,8 +260,6 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
             context.cancellation.check()
             seconds = context.clock() - started
             write_record(stage, context, seconds, summary)
-            if stage.name == "evaluate":
-                note_evaluation(context.take)
     except Cancelled:
         raise
     except Exception as error:

@@ -14,7 +14,7 @@ from pydantic import JsonValue
 
 from pipelines.config.renamed import ADDED
 from pipelines.stages.base import Context, Stage
-from pipelines.stages.edited import PREFIX, change_words
+from pipelines.stages.edited import change_words
 from pipelines.stages.params import Params
 from pipelines.takes.atomic_files import (
     Result,
@@ -25,6 +25,7 @@ from pipelines.takes.atomic_files import (
     remove,
     write_model,
 )
+from pipelines.takes.edit_params import PREFIX
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
 from pipelines.takes.take import Take
 from studio.errors import StudioError

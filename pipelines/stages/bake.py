@@ -14,11 +14,11 @@ import numpy as np
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.contribution import DrawnContribution
-from pipelines.stages.edited import edit_params
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.rungs import FinetunedFrames, RungTraining, finetuned_rungs, finetuning_params
 from pipelines.stages.summaries import BakeSummary
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy, read_model, remove, write_model
+from pipelines.takes.edit_params import edit_params
 from pipelines.takes.edited import EditedFrames, EditedGroup, edits_of_group
 from pipelines.takes.groups import Group
 from pipelines.takes.records import digests_on_record

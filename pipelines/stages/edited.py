@@ -1,4 +1,4 @@
-"""The take's edits as parameters of stages, in words, and applied to what training and evaluation see."""
+"""The take's edits in words, and applied to what training and evaluation see."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipelines.stages.params import Params
+from pipelines.takes.edit_params import PREFIX, edit_params
 from studio.edits.edit_list import EditList
 
 if TYPE_CHECKING:
     from studio.capture import FootageView
     from studio.edits import CropBox
-
-PREFIX = "edits."
-"""Of the names of parameters that are edits."""
 
 WORDS = {
     "trim": "the trim",
@@ -26,20 +24,6 @@ WORDS = {
     "world": "the placement of the world",
 }
 """What the edits are called, by their name."""
-
-
-def edit_params(edits: EditList, *names: str) -> Params:
-    """What is edited, by name, as parameters of a stage: nothing without edits, so that results without them stay as
-    they are.
-
-    Args:
-        edits: of the take.
-        names: of the edits; none: all.
-    """
-    values = edits.model_dump(mode="json")
-    if values["crop"] is not None:
-        del values["crop"]["training"]  # whether training sees the box, too, changes nothing here
-    return {f"{PREFIX}{name}": values[name] for name in names or values if values[name] not in (None, [])}
 
 
 def trained_edits(edits: EditList) -> Params:

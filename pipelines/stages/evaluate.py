@@ -14,11 +14,11 @@ from pipelines.reports.evaluation import Sample, render_report
 from pipelines.reports.pictures import draw
 from pipelines.stages.bake import BakeStage
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.edited import edit_params
 from pipelines.stages.measured_groups import Measured, read_measured, write_measured
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.residuals import Residual, flicker_of
 from pipelines.takes.atomic_files import remove, write_model, write_text
+from pipelines.takes.edit_params import edit_params
 from pipelines.takes.edited import EditedGroup
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
 from pipelines.takes.groups import Group

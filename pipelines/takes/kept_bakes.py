@@ -12,20 +12,29 @@ import contextlib
 import datetime
 import os
 import re
-import shutil
-from collections.abc import Iterator, Sequence
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, JsonValue, field_validator
 
-from pipelines.takes.atomic_files import Result, digest_of_file, link_or_copy, read_model, remove, write_model
+from pipelines.takes.atomic_files import (
+    Result,
+    digest_of_file,
+    digest_of_files,
+    link_or_copy,
+    read_model,
+    remove,
+    write_model,
+)
+from pipelines.takes.edit_params import PREFIX, edit_params
+from pipelines.takes.edits import read_edits
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.records import StageRecord, current_record, read_record, result_of
-from pipelines.takes.settings_file import set_settings
 from pipelines.takes.take import Take
-from studio.atomic_files import atomic_path, exchange, temporary_path
+from studio.atomic_files import PARTIAL, atomic_path, sync, temporary_path
 from studio.errors import StudioError
 
 NOTE = "bake.json"
@@ -34,6 +43,8 @@ NOTE = "bake.json"
 Problem = Literal["changed", "missing"]
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,59}")
+_DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNORECASE)
+"""Names that Windows keeps for devices, with any ending."""
 
 
 class KeptBakeNote(Result):
@@ -76,6 +87,7 @@ class KeptBake:
         frees: bytes that are free again after it is removed: of files that nothing else in the take shares.
         chosen: whether it is the take's stream now.
         current: whether it was baked from the take's present training.
+        same_edits: whether it was baked with the take's present edits; False also if those cannot be read.
     """
 
     name: str
@@ -85,6 +97,7 @@ class KeptBake:
     frees: int
     chosen: bool
     current: bool
+    same_edits: bool
 
     @property
     def stream(self) -> Path:
@@ -130,11 +143,12 @@ def _number(value: object) -> float | None:
 def kept_bakes(take: Take) -> list[KeptBake]:
     """The kept bakes of a take, oldest first; folders that are not one, or whose note is damaged, are left out."""
     folder = take.bakes
+    edits = _present_edits(take)
     found = []
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         if _NAME.fullmatch(path.name) and (path / NOTE).is_file():
             with contextlib.suppress(StudioError):
-                found.append(_kept(take, path))
+                found.append(_kept(take, path, edits))
     return sorted(found, key=lambda kept: (kept.note.kept, kept.name))
 
 
@@ -145,7 +159,7 @@ def kept_bake(take: Take, name: str) -> KeptBake:
         StudioError: there is none (`bakes.not_found`), the name cannot be one (`bakes.invalid_name`), or its note is
             damaged (`take.damaged`).
     """
-    check_name(name)
+    name = check_name(name)
     path = take.bakes / name
     if not (path / NOTE).is_file():
         known = ", ".join(kept.name for kept in kept_bakes(take))
@@ -156,10 +170,18 @@ def kept_bake(take: Take, name: str) -> KeptBake:
             value=name,
             fix=f"There are: {known}." if known else "Keep the present one with `v3studio bakes keep`.",
         )
-    return _kept(take, path)
+    return _kept(take, path, _present_edits(take))
 
 
-def _kept(take: Take, path: Path) -> KeptBake:
+def _present_edits(take: Take) -> dict[str, Any] | None:
+    """The take's edits as parameters of a bake; None if they cannot be read, which commands that need them tell."""
+    try:
+        return edit_params(read_edits(take.edits))
+    except StudioError:
+        return None
+
+
+def _kept(take: Take, path: Path, edits: dict[str, Any] | None) -> KeptBake:
     note = read_model(path / NOTE, KeptBakeNote)
     sizes = list(_states(path / "stream"))
     return KeptBake(
@@ -170,6 +192,7 @@ def _kept(take: Take, path: Path) -> KeptBake:
         frees=sum(state.st_size for state in _states(path) if state.st_nlink == 1),
         chosen=result_of(take, "bake") == note.bake.result,
         current=note.bake.params.get("result of train") == result_of(take, "train"),
+        same_edits={name: value for name, value in note.bake.params.items() if name.startswith(PREFIX)} == edits,
     )
 
 
@@ -179,28 +202,34 @@ def _states(folder: Path) -> Iterator[os.stat_result]:
             yield path.stat()
 
 
-def check_name(name: str) -> None:
-    """Check a name for a kept bake.
+def check_name(name: str) -> str:
+    """Check a name of a kept bake; returns it as the folder is named: accented letters in composed form (NFC).
 
     Raises:
-        StudioError: it cannot be the name of a folder on every system (`bakes.invalid_name`).
+        StudioError: no bake can have it (`bakes.invalid_name`).
     """
+    name = unicodedata.normalize("NFC", name)
     if not _NAME.fullmatch(name) or name[-1] in " ." or len(name.encode()) > 120:
-        raise StudioError(
-            "bakes.invalid_name",
-            f"'{name}' cannot be the name of a bake",
-            value=name,
-            fix="Use up to 60 letters, digits, spaces and . - _, beginning with a letter or a digit.",
-        )
+        raise _invalid(name, "Use up to 60 letters, digits, spaces and . - _, beginning with a letter or a digit.")
+    return name
 
 
-def refuse_taken(take: Take, name: str) -> None:
-    """Check, before a long run, that a bake can be kept under a name.
+def _invalid(name: str, fix: str) -> StudioError:
+    return StudioError("bakes.invalid_name", f"'{name}' cannot be the name of a bake", value=name, fix=fix)
+
+
+def refuse_taken(take: Take, name: str) -> str:
+    """Check, before a long run, that a bake can be kept under a name; returns it as `check_name`.
 
     Raises:
-        StudioError: `bakes.invalid_name`, or another bake has it (`bakes.name_taken`).
+        StudioError: it cannot be the name of a folder on every system, or is one of temporary files
+            (`bakes.invalid_name`), or another bake has it (`bakes.name_taken`).
     """
-    check_name(name)
+    name = check_name(name)
+    if PARTIAL in name:
+        raise _invalid(name, f"Leave out '{PARTIAL}', which marks temporary files.")
+    if _DEVICE.fullmatch(name):
+        raise _invalid(name, "Choose another name: Windows keeps this one for a device.")
     if (take.bakes / name).exists():
         raise StudioError(
             "bakes.name_taken",
@@ -209,16 +238,18 @@ def refuse_taken(take: Take, name: str) -> None:
             value=name,
             fix=f"Choose another name, or remove it with `v3studio bakes remove TAKE {name}`.",
         )
+    return name
 
 
 def keep_bake(take: Take, name: str) -> KeptBake:
     """Keep the take's stream under a name. The caller holds the take's lock.
 
     Raises:
-        StudioError: `bakes.invalid_name`, `bakes.name_taken`, or there is no finished stream (`bakes.not_baked`).
+        StudioError: `bakes.invalid_name`, `bakes.name_taken`, there is no finished stream (`bakes.not_baked`), or files
+            are not what the last finished bake or evaluation wrote (`take.damaged`).
         OSError: the disk is full, for example; nothing is left behind.
     """
-    refuse_taken(take, name)
+    name = refuse_taken(take, name)
     record = read_record(take, "bake")
     if record is None or not (take.stream / "manifest.json").is_file():
         raise StudioError(
@@ -230,86 +261,40 @@ def keep_bake(take: Take, name: str) -> KeptBake:
         )
     work = take.work("bake")
     notes = sorted(work.glob("group_*.json"))
-    with atomic_path(take.bakes / name) as folder:
-        _link_files(take.root, folder, record)
+    with atomic_path(take.bakes / name, durable=True) as folder:
+        _link_files(take, folder, record)
         for path in notes:
-            _link(path, folder / "notes" / path.name)
+            link(path, folder / "notes" / path.name, durable=True)
         evaluate = _evaluation_of(take, record)
         if evaluate is not None:
-            _link_files(take.root, folder, evaluate)
+            _link_files(take, folder, evaluate)
         note = KeptBakeNote(
             kept=datetime.datetime.now(datetime.UTC).isoformat(),
             bake=record,
             evaluate=evaluate,
             notes=tuple(path.name for path in notes),
         )
-        write_model(folder / NOTE, note)
+        for path in [path for path in folder.rglob("*") if path.is_dir()]:
+            sync(path)
+        write_model(folder / NOTE, note, durable=True)
     return kept_bake(take, name)
 
 
 def note_evaluation(take: Take) -> list[str]:
-    """Give kept bakes that are the take's stream its new evaluation; returns their names. The caller holds the lock."""
+    """Give kept bakes that are the take's stream its new evaluation; returns their names. The caller holds the lock.
+
+    Raises:
+        StudioError: the evaluation is not what was recorded (`take.damaged`).
+        OSError: a file cannot be written.
+    """
     told = []
     for kept in kept_bakes(take):
         evaluate = _evaluation_of(take, kept.note.bake)
         if evaluate is not None and (kept.note.evaluate is None or kept.note.evaluate.result != evaluate.result):
-            _link_files(take.root, kept.folder, evaluate)
-            write_model(kept.folder / NOTE, kept.note.model_copy(update={"evaluate": evaluate}))
+            _link_files(take, kept.folder, evaluate)
+            write_model(kept.folder / NOTE, kept.note.model_copy(update={"evaluate": evaluate}), durable=True)
             told.append(kept.name)
     return told
-
-
-def choose_bake(take: Take, name: str, *, discard: bool = False) -> KeptBake:
-    """Make a kept bake the take's stream, with its settings and its evaluation. The caller holds the lock.
-
-    The bake stays kept. If this is interrupted, the take has no finished bake until it is repeated; the kept bakes are
-    whole at every moment.
-
-    Args:
-        take: the take.
-        name: of the kept bake.
-        discard: the present stream may be lost although it is not kept under any name.
-
-    Raises:
-        StudioError: `bakes.not_found`, `bakes.invalid_name`, files of the kept bake are damaged (`take.damaged`), or
-            the present stream is not kept (`bakes.would_be_lost`).
-        OSError: a file cannot be written.
-    """
-    kept = kept_bake(take, name)
-    refuse_damaged(take, kept)
-    if not discard and not _stream_is_kept(take):
-        raise StudioError(
-            "bakes.would_be_lost",
-            "the present stream is not kept under a name and would be lost",
-            file=take.stream,
-            fix="Keep it with `v3studio bakes keep TAKE NAME`, or add --discard.",
-        )
-    for stage in ("evaluate", "bake"):
-        take.forget(stage)
-    set_settings(take.config, kept.settings)
-    _put_stream(take, kept)
-    notes = take.work("bake")
-    remove(notes)
-    for file in kept.note.notes:
-        _link(kept.folder / "notes" / file, notes / file)
-    for path in (take.evaluation, take.report):
-        if kept.note.evaluate is not None:
-            _link(kept.folder / path.name, path)
-        else:
-            remove(path)
-    write_model(take.record("bake"), kept.note.bake)
-    if kept.note.evaluate is not None:
-        write_model(take.record("evaluate"), kept.note.evaluate)
-    return kept_bake(take, name)
-
-
-def _stream_is_kept(take: Take) -> bool:
-    """Whether nothing is lost with the present stream. Its record does not tell after an interrupted `choose_bake`."""
-    manifest = take.stream / "manifest.json"
-    if not manifest.is_file():
-        return True
-    digest = digest_of_file(manifest)
-    return any(dict(recorded_files(kept)).get("stream/manifest.json") == digest for kept in kept_bakes(take))
 
 
 def check_removable(take: Take, names: Sequence[str]) -> None:
@@ -319,8 +304,7 @@ def check_removable(take: Take, names: Sequence[str]) -> None:
         StudioError: `bakes.not_found` or `bakes.invalid_name`.
     """
     for name in names:
-        check_name(name)
-        if not (take.bakes / name).is_dir():
+        if not (take.bakes / check_name(name)).is_dir():
             kept_bake(take, name)
 
 
@@ -332,7 +316,7 @@ def remove_bake(take: Take, name: str) -> int:
         OSError: it cannot be deleted.
     """
     check_removable(take, [name])
-    path = take.bakes / name
+    path = take.bakes / check_name(name)
     frees = sum(state.st_size for state in _states(path) if state.st_nlink == 1)
     gone = temporary_path(path)
     os.rename(path, gone)  # in one step: a killed removal leaves no half of it
@@ -350,12 +334,23 @@ def refuse_damaged(take: Take, kept: KeptBake) -> None:
     """
     for name, problem in changed_files(kept):
         if problem:
-            raise StudioError(
-                "take.damaged",
-                f"the file is {problem}: it is not what was kept as '{kept.name}'",
-                file=kept.folder / name,
-                fix=f"Remove it with `v3studio bakes remove {take.root} '{kept.name}'`, and bake again.",
-            )
+            raise _damaged(take, kept, kept.folder / name, problem)
+
+
+def refuse_missing(take: Take, kept: KeptBake, files: Iterable[Path]) -> None:
+    """Check that files of a kept bake are there. Raises StudioError if one is not (`take.damaged`)."""
+    for path in files:
+        if not path.is_file():
+            raise _damaged(take, kept, path, "missing")
+
+
+def _damaged(take: Take, kept: KeptBake, path: Path, problem: Problem) -> StudioError:
+    return StudioError(
+        "take.damaged",
+        f"the file is {problem}: it is not what was kept as '{kept.name}'",
+        file=path,
+        fix=f"Remove it with `v3studio bakes remove {take.root} '{kept.name}'`, and bake again.",
+    )
 
 
 def recorded_files(kept: KeptBake) -> list[tuple[str, str]]:
@@ -380,27 +375,37 @@ def _evaluation_of(take: Take, bake: StageRecord) -> StageRecord | None:
     return record if record is not None and record.params.get("result of bake") == bake.result else None
 
 
-def _link_files(root: Path, folder: Path, record: StageRecord) -> None:
-    for name in record.files:
-        _link(root / name, folder / name)
+def _link_files(take: Take, folder: Path, record: StageRecord) -> None:
+    """Link the files that a stage wrote.
+
+    Raises:
+        StudioError: one is not as it was recorded, as after an interrupted run (`take.damaged`).
+    """
+    files = [take.root / name for name in record.files]
+    changed = next((path for path in files if _is_changed(take, path, record)), None)
+    if changed is None and not record.digests and digest_of_files(take.root, files) != record.result:
+        changed = take.root
+    if changed is not None:
+        raise StudioError(
+            "take.damaged",
+            f"it is not what the stage {record.stage} wrote when it last finished",
+            file=changed,
+            fix=f"Run `v3studio {record.stage}` again, with --force if it finds nothing to do.",
+            stage=record.stage,
+        )
+    for path, name in zip(files, record.files, strict=True):
+        link(path, folder / name, durable=True)
 
 
-def _link(source: Path, target: Path) -> None:
-    with atomic_path(target) as temporary:
+def _is_changed(take: Take, path: Path, record: StageRecord) -> bool:
+    name = path.relative_to(take.root).as_posix()
+    if not path.is_file() or path.stat().st_size != record.files[name]:
+        return True
+    digest = record.digests.get(name)  # none in takes of earlier versions
+    return digest is not None and digest_of_file(path) != digest
+
+
+def link(source: Path, target: Path, durable: bool = False) -> None:
+    """Hard-link or copy a file; `durable` as for `atomic_path`. Raises OSError."""
+    with atomic_path(target, durable) as temporary:
         link_or_copy(str(source), str(temporary))
-
-
-def _put_stream(take: Take, kept: KeptBake) -> None:
-    """Replace the take's stream, in one step where the system can."""
-    new = temporary_path(take.stream)
-    try:
-        shutil.copytree(kept.stream, new, copy_function=link_or_copy)
-        if not take.stream.exists():
-            os.rename(new, take.stream)
-        elif not exchange(new, take.stream):
-            old = temporary_path(take.stream)
-            os.rename(take.stream, old)
-            os.rename(new, take.stream)
-            remove(old)
-    finally:
-        remove(new)

@@ -47,6 +47,13 @@ def set_settings(path: Path, values: Mapping[str, Any], *, defaults: str = "") -
             (`settings.unreadable`).
         OSError: the file cannot be written.
     """
+    text = changed_text(path, values, defaults=defaults)
+    if text is not None:
+        write_text(path, text)
+
+
+def changed_text(path: Path, values: Mapping[str, Any], *, defaults: str = "") -> str | None:
+    """What `set_settings` writes; None if all values are there already. See there."""
     before = _read(path) if path.exists() else defaults
     tree = _parse(before, path)
     changed = not path.exists()
@@ -61,8 +68,7 @@ def set_settings(path: Path, values: Mapping[str, Any], *, defaults: str = "") -
         if last not in target or _plain(target[last]) != value:
             target[last] = value
             changed = True
-    if changed:
-        write_text(path, dump_with_comments(tree))
+    return dump_with_comments(tree) if changed else None
 
 
 def save_config(path: Path, config: Config) -> None:

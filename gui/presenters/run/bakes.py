@@ -8,7 +8,8 @@ from pathlib import Path
 
 from gui.presenters.worker import LatestWorker
 from pipelines.takes.atomic_files import disk_errors
-from pipelines.takes.kept_bakes import KeptBake, choose_bake, keep_bake, kept_bakes, remove_bake
+from pipelines.takes.chosen_bake import choose_bake, remarks
+from pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes, remove_bake
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -46,6 +47,7 @@ class BakeRow:
             "not evaluated" if psnr is None else f"{psnr:.2f} dB",
             "the take's stream" if kept.chosen else "",
             "" if kept.current else "older training",
+            "" if kept.same_edits else "other edits",
         ]
         words = "    ".join(filter(None, parts))
         return cls(kept.name, kept.stream, kept.evaluation, kept.frees, kept.chosen, words)
@@ -98,8 +100,8 @@ class Bakes:
         """Make a kept bake the take's stream; `discard` the present one if it is not kept."""
 
         def change() -> str:
-            choose_bake(take, name, discard=discard)
-            return f"'{name}' is the take's stream now, with its settings."
+            kept = choose_bake(take, name, discard=discard)
+            return " ".join([f"'{kept.name}' is the take's stream now, with its settings.", *remarks(kept)])
 
         self._change(take, change)
 

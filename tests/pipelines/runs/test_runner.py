@@ -12,13 +12,14 @@ import pytest
 from PIL import Image
 
 from pipelines.config import load_config, parse_override
-from pipelines.events import Event, Metrics, Progress, RunFinished, RunStarted, StageFinished, StageStarted
+from pipelines.events import Event, Metrics, Progress, RunFinished, RunStarted, StageFinished, StageStarted, Warned
 from pipelines.runs.runner import ALL_STAGES, run, status
 from pipelines.runs.work import work
 from pipelines.stages import stage_named
 from pipelines.stages.base import Context
 from pipelines.stages.evaluate import EvaluateStage
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.kept_bakes import keep_bake, kept_bake
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
@@ -174,6 +175,40 @@ def test_running_again_does_nothing(project):
     assert project.bytes_of("train", "stream", "initialize", "calibrate") == before
     assert project.written("train") == times
     assert set(project.states().values()) == {"done"}
+
+
+def test_a_bake_is_kept_within_the_run(project, monkeypatch):
+    holders = []
+
+    def keep(take, name):
+        holders.append(take.lock_holder())
+        return keep_bake(take, name)
+
+    monkeypatch.setattr("pipelines.runs.runner.keep_bake", keep)
+    events = project.run(stages=("bake",), command="v3studio bake", keep="fine")
+    assert [holder["command"] for holder in holders] == ["v3studio bake"]
+    assert (events[-2].stage, events[-1].outcome) == ("bake", "done")
+    assert kept_bake(project.take, "fine").chosen
+    with refuses("bakes.name_taken"):
+        project.run(stages=("bake",), keep="fine")
+    assert project.events[-1].outcome == "failed"
+
+
+def test_a_kept_bake_gets_the_evaluation_of_a_killed_run(project):
+    """Killed after the evaluation was recorded. If it cannot get it, the evaluation is still finished."""
+    note = keep_bake(project.take, "fine").folder / "bake.json"
+    found = json.loads(note.read_text())
+    del found["evaluate"]
+    note.write_text(json.dumps(found))
+    blocked = note.parent / "evaluation.json"
+    blocked.unlink()
+    (blocked / "folder").mkdir(parents=True)
+    events = project.run(stages=("evaluate",))
+    (warning,) = [event for event in events if isinstance(event, Warned)]
+    assert (warning.code, events[-1].outcome) == ("bakes.evaluation_not_noted", "done")
+    shutil.rmtree(blocked)
+    project.run(stages=("evaluate",))
+    assert kept_bake(project.take, "fine").psnr is not None
 
 
 def test_a_baking_setting_reruns_baking_and_evaluation_only(project):

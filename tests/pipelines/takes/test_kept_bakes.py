@@ -10,11 +10,15 @@ from pathlib import Path
 
 import pytest
 
+from pipelines.cli import execute
 from pipelines.config import load_config
 from pipelines.runs.runner import ALL_STAGES
+from pipelines.takes.chosen_bake import choose_bake, remarks
+from pipelines.takes.edits import change_edits
 from pipelines.takes.integrity import check_take
-from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bake, kept_bakes, note_evaluation, remove_bake
+from pipelines.takes.kept_bakes import keep_bake, kept_bake, kept_bakes, note_evaluation, remove_bake
 from pipelines.takes.take import Take
+from studio.edits.edit_list import EditList, Trim
 from studio.stream import StreamReader
 from tests.support.errors import refuses
 
@@ -73,39 +77,66 @@ def test_two_bakes_are_kept_and_either_is_chosen(finished: Path, take: Take, her
     assert (contents(take.stream), take.bakes.exists()) == (second, False)
 
 
-def test_a_stream_that_is_not_kept_is_not_lost(take: Take, here: Callable) -> None:
-    keep_bake(take, "fine")
-    (take.stream / "manifest.json").unlink()
-    (take.stream / "manifest.json").write_text("{}")
-    with refuses("bakes.would_be_lost"):
-        choose_bake(take, "fine")
-    assert (take.stream / "manifest.json").read_text() == "{}"
-    choose_bake(take, "fine", discard=True)
-    assert contents(take.stream) == contents(take.bakes / "fine" / "stream")
-
-
-def test_an_interrupted_choice_is_repeated(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
-    keep_bake(take, "fine")
-    before, kept = contents(take.stream), contents(take.bakes)
-
-    def killed(*arguments: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr("pipelines.takes.kept_bakes._put_stream", killed)
-        with pytest.raises(KeyboardInterrupt):
-            choose_bake(take, "fine")
-    assert contents(take.bakes) == kept
-    assert choose_bake(take, "fine").chosen
-    assert contents(take.stream) == before
-
-
 @pytest.mark.parametrize("name", ["", "..", "a/b", ".hidden", "a\\b", "end.", "x" * 61, "new\nline"])
 def test_names_that_are_no_folders_are_refused(take: Take, name: str) -> None:
     for action in (keep_bake, choose_bake, remove_bake):
         with refuses("bakes.invalid_name"):
             action(take, name)
     assert not take.bakes.exists()
+
+
+@pytest.mark.parametrize("name", ["CON", "com1.old", "a.partial", "aux .b"])
+def test_names_of_devices_and_temporary_files_are_not_kept(take: Take, name: str) -> None:
+    with refuses("bakes.invalid_name"):
+        keep_bake(take, name)
+    assert not take.bakes.exists()
+
+
+def test_a_name_is_the_same_in_each_form_of_its_letters(take: Take) -> None:
+    """macOS types "é" as two characters."""
+    assert keep_bake(take, "cafe\u0301").name == "caf\u00e9"
+    assert kept_bake(take, "cafe\u0301").folder == take.bakes / "caf\u00e9"
+    with refuses("bakes.name_taken"):
+        keep_bake(take, "caf\u00e9")
+    remove_bake(take, "cafe\u0301")
+
+
+def test_a_stream_that_is_not_the_recorded_one_is_not_kept(take: Take) -> None:
+    """As after an interrupted `train --live`, which replaces the manifest, and the record stays."""
+    manifest = take.stream / "manifest.json"
+    text = manifest.read_text()
+    manifest.write_text(text.replace("1", "2", 1))
+    with refuses("take.damaged", file=manifest):
+        keep_bake(take, "fine")
+    manifest.unlink()
+    manifest.write_text(text)
+    next((take.stream / "files").iterdir()).unlink()
+    with refuses("take.damaged"):
+        keep_bake(take, "fine")
+    assert list(take.bakes.iterdir()) == []
+
+
+def test_a_kept_bake_is_on_the_disk_before_its_note(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[int] = []
+    monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor).st_ino))
+    kept = keep_bake(take, "fine")
+    order = {path: synced.index(path.stat().st_ino) for path in [kept.folder, *kept.folder.rglob("*")]}
+    assert (
+        max(order[path] for path in order if path.name != "bake.json" and path != kept.folder)
+        < order[kept.folder / "bake.json"]
+    )
+
+
+def test_a_bake_of_other_edits_is_told(take: Take, capsys: pytest.CaptureFixture[str]) -> None:
+    keep_bake(take, "whole")
+    assert kept_bake(take, "whole").same_edits
+    change_edits(take.edits, EditList(trim=Trim(first=1, last=3)), "trim")
+    assert not kept_bake(take, "whole").same_edits
+    assert execute(["bakes", "list", str(take.root)]) == 0
+    assert "other edits" in capsys.readouterr().out
+    assert "other edits" in remarks(choose_bake(take, "whole"))[0]
+    take.edits.write_text("{")
+    assert [kept.same_edits for kept in kept_bakes(take)] == [False]
 
 
 def test_refusals_change_nothing(take: Take, here: Callable) -> None:

@@ -1,0 +1,24 @@
+"""The take's edits as parameters of stages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from studio.edits.edit_list import EditList
+
+PREFIX = "edits."
+"""Of the names of parameters that are edits."""
+
+
+def edit_params(edits: EditList, *names: str) -> dict[str, Any]:
+    """What is edited, by name, as parameters of a stage: nothing without edits, so that results without them stay as
+    they are.
+
+    Args:
+        edits: of the take.
+        names: of the edits; none: all.
+    """
+    values = edits.model_dump(mode="json")
+    if values["crop"] is not None:
+        del values["crop"]["training"]  # whether training sees the box, too, changes nothing here
+    return {f"{PREFIX}{name}": values[name] for name in names or values if values[name] not in (None, [])}
