@@ -193,7 +193,7 @@ def _here(path: Path, what: str, task: GroupTask) -> Path:
     return found
 
 
-def _not_visible(what: str, file: Path | str, how: str) -> StudioError:
+def _not_visible(what: str, file: str | os.PathLike[str], how: str) -> StudioError:
     return StudioError(
         NOT_VISIBLE,
         f"{socket.gethostname()} cannot see the {what} there{how}",
