@@ -51,7 +51,8 @@ def _unavailable(backend: str) -> tuple[str, str] | None:
 def _gsplat_is_built() -> bool:
     """Whether the installed gsplat contains its compiled kernels: the module gsplat.csrc. Does not import gsplat."""
     package = importlib.util.find_spec("gsplat")
-    found = importlib.machinery.PathFinder.find_spec("gsplat.csrc", package and package.submodule_search_locations)
+    folders = package.submodule_search_locations if package is not None else None
+    found = importlib.machinery.PathFinder.find_spec("gsplat.csrc", folders) if folders is not None else None
     return found is not None and found.loader is not None
 
 
