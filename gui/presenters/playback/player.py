@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gui.presenters.drawing.splats import draw
-from gui.presenters.loading import load
+from gui.presenters.loading import first_whole, load
 from gui.presenters.playback.compare import LABELS, MODES, WHATS
 from gui.presenters.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from gui.presenters.playback.image_zoom import ImageZoom
@@ -133,7 +133,7 @@ class PlayerPresenter(Viewpoint):
             return False
         try:
             opened = open_path(self.opened.path)
-            first = opened.default.gaussians(0) if opened.default is not None and not self.opened.sources else None
+            first = first_whole(opened.default) if opened.default is not None and not self.opened.sources else None
         except StudioError as error:  # being written; the next refresh will succeed
             self.message = str(error)
             return False
