@@ -159,6 +159,7 @@ class PlayerPresenter(Viewpoint):
 
     def _look_home(self, first: Gaussians | None) -> None:
         assert self.opened is not None
+        self.transport.seek(max(self.transport.frame, self.transport.group_starts[0]))  # the first that there is
         self.home = OrbitCamera(up=self.opened.up)
         self._points = np.zeros((0, 3))
         if first is not None:
