@@ -4,6 +4,9 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 
+# Where it is set, each process would compile PyTorch and all the rest anew: seconds for every command.
+unexport PYTHONDONTWRITEBYTECODE
+
 PY := .venv/bin/python
 DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=

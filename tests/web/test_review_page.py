@@ -217,6 +217,8 @@ def test_a_comment_is_written_in_one_glance_on_a_phone(page):
     page.handle.set_viewport_size({"width": 360, "height": 740})
     page.handle.get_by_role("button", name="Mark this frame").click()
     page.handle.set_viewport_size({"width": 360, "height": 400})
+    # The page scrolls to the form in its own time.
+    page.wait("[...document.querySelectorAll('.v3-review form button')].at(-1).getBoundingClientRect().bottom <= 400")
     parts = [page.handle.get_by_placeholder("Note"), page.handle.get_by_placeholder("Your name")]
     parts += [page.handle.get_by_role("button", name=name, exact=True) for name in ("Save", "Cancel")]
     boxes = [part.bounding_box() for part in (*parts, page.handle.locator("v3-player canvas").first)]

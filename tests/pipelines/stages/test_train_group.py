@@ -27,7 +27,11 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
     config = Config()
     config = config.model_copy(update={"train": config.train.model_copy(update={"use_plates": use_plates})})
     context = SimpleNamespace(
-        config=config, footage=SimpleNamespace(calibrated=footage), device="cpu", cancellation=Cancellation()
+        config=config,
+        footage=SimpleNamespace(calibrated=footage),
+        training_box=None,
+        device="cpu",
+        cancellation=Cancellation(),
     )
     trainer = GroupWork(cast(Any, context), cast(Any, None), cast(TrainClock, None))
     (found,) = trainer._views(0)

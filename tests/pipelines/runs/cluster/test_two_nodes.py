@@ -25,9 +25,8 @@ def results(take) -> dict[str, bytes]:
     return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}
 
 
-@pytest.mark.timeout(1200)
-def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(finished, project):
-    take = project / "take"
+def run_and_kill(project, take):
+    """The events of a run whose second node is killed as soon as both train, and the nodes that then trained."""
     with two_nodes() as cluster:
         command = [sys.executable, "-m", "pipelines.cli", "run", project / "ball.yaml", "--take", take, "--json"]
         command += ["--run.executor", "ray", "--run.address", cluster.address]
@@ -52,6 +51,16 @@ def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(finished, project)
                 break
         events += [event for event, _ in map(read_line, process.stdout) if event is not None]
         assert process.wait() == 0, (project / "errors").read_text()
+    return events, running
+
+
+@pytest.mark.timeout(1200)
+def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(finished, project):
+    for attempt in range(4):
+        take = project / f"take{attempt}"
+        events, running = run_and_kill(project, take)
+        if any(isinstance(event, Warned) for event in events):
+            break  # on a busy machine the tiny group may be trained before its node is dead
     assert len(set(running)) == 2, "the two groups were trained on both nodes"
     lost = [event for event in events if isinstance(event, Warned)]
     assert [event.code for event in lost] == ["cluster.worker_lost"]
