@@ -1,6 +1,7 @@
 """Fixtures for all tests."""
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +28,9 @@ def _few_threads() -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Register markers; `pytest_collection_modifyitems` applies them."""
+    # Shells start background commands with Ctrl-C ignored, which programs that the tests start would inherit.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     for line in (
         "gpu: needs a CUDA device; skipped if there is none",
         "slow: takes more than a few seconds: runs of the pipeline, training, windows, COLMAP",
