@@ -4,8 +4,8 @@
     python benchmarks/gpu_check.py --dry-run       # the same code on the CPU, tiny: seconds, figures mean nothing
 
 Needs no network, only the repository, its sample capture, and Triton (part of PyTorch's CUDA builds for Linux) or
-gsplat (`pip install 'v3studio[cuda]'`, whose kernels are compiled with nvcc when they are first used). What is
-installed is measured; training uses gsplat where it is installed, as `v3studio` does. The parts:
+gsplat (`pip install 'v3studio[cuda]'`, whose kernels are compiled with nvcc when they are first used). What can
+be used is measured; training uses gsplat where it can be used, as `v3studio` does. The parts:
 
     kernels cuda, kernels triton
                  time until the backend has drawn its first picture, including compilation; at most four minutes
@@ -243,7 +243,7 @@ class Check:
 
 def none_installed() -> Report:
     """Raises the error of a machine without any backend for a GPU."""
-    raise RuntimeError("no CUDA device that torch can use, or neither gsplat nor Triton is installed")
+    raise RuntimeError("no CUDA device that torch can use, or neither gsplat nor Triton can be used")
 
 
 class Steps:

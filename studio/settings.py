@@ -103,8 +103,9 @@ class Settings(BaseModel):
         if not isinstance(values, dict):
             return values
         return {
-            name: as_list(value) if isinstance(value, str) and _is_list(cls.model_fields.get(name)) else value
+            name: as_list(value, plain=is_list_of_text(field)) if isinstance(value, str) and _is_list(field) else value
             for name, value in values.items()
+            for field in [cls.model_fields.get(name)]
         }
 
     affects: ClassVar[Affects | None] = None
@@ -122,14 +123,19 @@ class Settings(BaseModel):
 _Marker = TypeVar("_Marker", Affects, Heading, Unbounded)
 
 
-def as_list(text: str) -> Any:
-    """The items of a list that was written without brackets; text that cannot be one is returned as it is."""
+def as_list(text: str, *, plain: bool = False) -> Any:
+    """The items of a list that was written without brackets; text that cannot be one is returned as it is.
+
+    Args:
+        text: such as "cam05, cam99".
+        plain: leave every item as the text that it is, so that camera 01 does not become 1.
+    """
     from studio.yaml_text import YamlError, parse_yaml
 
     if not text.strip() or not set(text).isdisjoint("[]{}&*!:"):  # nothing nested
         return text
     try:
-        return parse_yaml(f"[{text}]")
+        return parse_yaml(f"[{text}]", plain=plain)
     except YamlError:
         return text
 
@@ -140,6 +146,18 @@ def _is_list(field: FieldInfo | None) -> bool:
     if get_origin(field.annotation if field is not None else None) in (Union, UnionType):
         kinds = [part for part in get_args(kinds[0]) if part is not type(None)]
     return bool(kinds) and all(get_origin(part) in (tuple, list) for part in kinds)
+
+
+def is_list_of_text(field: FieldInfo | None) -> bool:
+    """Whether a field is a list or a tuple (or nested ones) of text, or that or null: names of cameras, for example."""
+
+    def texts(kind: Any) -> bool:
+        if get_origin(kind) in (Union, UnionType):
+            return all(texts(part) for part in get_args(kind) if part is not type(None))
+        items = [part for part in get_args(kind) if part is not Ellipsis]
+        return get_origin(kind) in (tuple, list) and all(item is str or texts(item) for item in items)
+
+    return field is not None and texts(field.annotation)
 
 
 def marker(field: FieldInfo, kind: type[_Marker]) -> _Marker | None:

@@ -267,7 +267,10 @@ def _region(arguments: argparse.Namespace) -> int:
         values = parse_json(read_bounded(arguments.file))
     except (OSError, TextError) as error:
         raise StudioError(
-            "edits.region_unreadable", f"cannot be read ({reason_of(error)})", file=arguments.file
+            "edits.region_unreadable",
+            f"cannot be read ({reason_of(error)})",
+            file=arguments.file,
+            fix="Specify a JSON file with one of the `regions` that `v3studio edit list TAKE --json` prints.",
         ) from None
     take = _take(arguments)
     return _change(take, "regions", [*read_edits(take.edits).model_dump(mode="json")["regions"], values])

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 
 from pipelines.config.config import Config
 from pipelines.config.renamed import complete_older_take, first_tree, note_renames, renamed, renamed_override
@@ -17,7 +18,7 @@ from studio.bounded_files import read_bounded_text
 from studio.errors import Message, StudioError, reason_of
 from studio.json_types import JsonObject
 from studio.paths import need_utf8
-from studio.settings import Conflict, Settings, submodel
+from studio.settings import Conflict, Settings, is_list_of_text, submodel
 from studio.storage import is_address
 from studio.violations import violation
 from studio.yaml_text import YamlError, dump_yaml, parse_yaml
@@ -29,7 +30,8 @@ COMMAND_LINE = "command line"
 def parse_override(text: str) -> tuple[str, Any]:
     """`train.max-splats=20000` to ("train.max_splats", 20000); the value is parsed as YAML.
 
-    The value of a setting that is text needs no quotes: `capture.images={camera}/video.avi`.
+    The value of a setting that is text needs no quotes: `capture.images={camera}/video.avi`. Nor do the items of a list
+    of text: `capture.held_out=01,02` names the cameras 01 and 02.
 
     Raises:
         StudioError: no '=', no section, or the value is not YAML (`settings.override_syntax`).
@@ -43,9 +45,12 @@ def parse_override(text: str) -> tuple[str, Any]:
             value=text,
             fix="Example: train.max_splats=20000.",
         )
-    text_only = _is_text(renamed_override(name, None)[0])
+    field = _field(renamed_override(name, None)[0])
+    text_only = _is_text(field)
     try:
         parsed = parse_yaml(value)
+        if parsed is not None and is_list_of_text(field):
+            return name, parse_yaml(value, plain=True)
         return name, parsed if not text_only or parsed is None or isinstance(parsed, str) else value.strip()
     except YamlError:
         if text_only:
@@ -59,14 +64,19 @@ def parse_override(text: str) -> tuple[str, Any]:
         ) from None
 
 
-def _is_text(name: str) -> bool:
-    """Whether a setting can only be text (or null)."""
+def _field(name: str) -> FieldInfo | None:
+    """The field of a setting; None if there is no such setting."""
     field, model = None, Config
     for part in name.split("."):
         field = model.model_fields.get(part) if model is not None else None
         if field is None:
-            return False
+            return None
         model = submodel(field)  # type: ignore[assignment]
+    return field
+
+
+def _is_text(field: FieldInfo | None) -> bool:
+    """Whether a setting can only be text (or null)."""
     annotation = field.annotation if field is not None else None
     return annotation in (str, Path) or set(get_args(annotation)) == {str, type(None)}
 

@@ -28,6 +28,7 @@ MAX_FILE_BYTES = 16_000_000
 """Larger files are refused; the oldest changes are forgotten before a file gets this large."""
 
 _KEPT_BYTES = 4_000_000
+_SHOW = "See the edits that there are with `v3studio edit list TAKE`."
 
 
 class Step(BaseModel):
@@ -131,7 +132,7 @@ def undo_edit(path: Path) -> tuple[EditsFile, str]:
     with _changing(path):
         found = read_edits_file(path)
         if not found.undo:
-            raise StudioError("take.nothing_to_undo", "there is no edit to undo", file=path)
+            raise StudioError("take.nothing_to_undo", "there is no edit to undo", file=path, fix=_SHOW)
         step = found.undo[-1]
         redo = (*found.redo, Step(words=step.words, edits=found.edits))[-MOST_STEPS:]
         return _write(path, EditsFile(edits=step.edits, undo=found.undo[:-1], redo=redo)), step.words
@@ -146,7 +147,7 @@ def redo_edit(path: Path) -> tuple[EditsFile, str]:
     with _changing(path):
         found = read_edits_file(path)
         if not found.redo:
-            raise StudioError("take.nothing_to_redo", "there is no edit to redo", file=path)
+            raise StudioError("take.nothing_to_redo", "there is no edit to redo", file=path, fix=_SHOW)
         step = found.redo[-1]
         undo = (*found.undo, Step(words=step.words, edits=found.edits))[-MOST_STEPS:]
         return _write(path, EditsFile(edits=step.edits, undo=undo, redo=found.redo[:-1])), step.words

@@ -1,8 +1,8 @@
 """The CUDA backend: gsplat's kernels (Ye et al. 2024, "gsplat") behind `rasterize`.
 
-gsplat compiles its kernels on first use, which takes minutes and needs nvcc; the build is cached. It is imported only
-here, and only if torch finds a GPU. Its alpha clamp is a compile-time constant, 0.999 up to release 1.5.3; any other
-`alpha_max` raises an error.
+gsplat compiles its kernels on first use, which takes minutes; the build is cached. It needs nvcc, even to use a cached
+build. It is imported only here, and only if torch finds a GPU. Its alpha clamp is a compile-time constant, 0.999 up to
+release 1.5.3; any other `alpha_max` raises an error.
 """
 
 from __future__ import annotations

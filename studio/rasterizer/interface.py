@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import functools
+import importlib.machinery
 import importlib.util
 import os
+import shutil
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -32,12 +35,32 @@ def _unavailable(backend: str) -> tuple[str, str] | None:
             return "the cuda backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
         if importlib.util.find_spec("gsplat") is None:
             return "the cuda backend needs gsplat", "Install it with `pip install 'v3studio[cuda]'`"
+        if not _gsplat_is_built() and not _finds_nvcc():
+            return (
+                "gsplat needs nvcc to build its kernels, and it was not found",
+                "Install NVIDIA's CUDA toolkit and set CUDA_HOME to its folder, or use backend='triton'",
+            )
     elif backend == "triton":
         if not torch.cuda.is_available() and not _interpreted():
             return "the triton backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
         if importlib.util.find_spec("triton") is None:
             return "the triton backend needs Triton", f"{_TRITON}, or use backend='cuda'"
     return None
+
+
+def _gsplat_is_built() -> bool:
+    """Whether the installed gsplat contains its compiled kernels: the module gsplat.csrc. Does not import gsplat."""
+    package = importlib.util.find_spec("gsplat")
+    folders = package.submodule_search_locations if package is not None else None
+    found = importlib.machinery.PathFinder.find_spec("gsplat.csrc", folders) if folders is not None else None
+    return found is not None and found.loader is not None
+
+
+def _finds_nvcc() -> bool:
+    """Whether gsplat will find nvcc: its own test, without which it has no kernels, not even those that it built."""
+    from torch.utils.cpp_extension import CUDA_HOME
+
+    return CUDA_HOME is not None and (Path(CUDA_HOME, "bin", "nvcc").is_file() or shutil.which("nvcc") is not None)
 
 
 _TRITON = "Install a CUDA build of PyTorch for Linux, which brings it"
@@ -49,7 +72,7 @@ def _interpreted() -> bool:
 
 
 def _on_gpu() -> str | None:
-    """The backend for splats on a GPU: gsplat where it is installed, else Triton; None if neither is."""
+    """The backend for splats on a GPU: gsplat where it can be used, else Triton; None if neither can."""
     return next((backend for backend in ("cuda", "triton") if _unavailable(backend) is None), None)
 
 
@@ -59,7 +82,7 @@ def available_backends() -> tuple[str, ...]:
 
 
 def preferred_device() -> torch.device:
-    """The fastest device for splats: the GPU if torch finds one and gsplat or Triton is installed, else the CPU."""
+    """The fastest device for splats: the GPU if torch finds one and gsplat or Triton can be used, else the CPU."""
     return torch.device("cuda" if torch.cuda.is_available() and _on_gpu() is not None else "cpu")
 
 
@@ -96,9 +119,10 @@ def _choose(backend: str, device: torch.device) -> str:
         else:
             chosen = _on_gpu()
             if chosen is None:
+                reasons = [reason[0] for reason in map(_unavailable, ("cuda", "triton")) if reason is not None]
                 raise StudioError(
                     "rasterizer.backend_unavailable",
-                    "rendering on a GPU needs gsplat or Triton, and neither is installed",
+                    f"rendering on a GPU needs gsplat or Triton, and neither can be used: {'; '.join(reasons)}",
                     value="auto",
                     fix=f"{_TRITON}, or install gsplat with `pip install 'v3studio[cuda]'`, which needs nvcc",
                 )
@@ -155,7 +179,7 @@ def rasterize(
             `camera.cropped(...)` renders a part of the image at the cost of that part.
         background: (3,) RGB, or an (H, W, 3) picture; None: black.
         backend: "reference", "cpu", "cuda" (gsplat), "triton", or "auto": for splats on a GPU, cuda where gsplat is
-            installed, else triton; for others, cpu. cuda and triton take float32 only.
+            installed with its kernels or with nvcc, else triton; for others, cpu. cuda and triton take float32 only.
         screen_offsets: (N, 2) offsets in pixels, added to the 2D means. Pass zeros that require a gradient to get the
             screen-space gradient (loss per pixel), which densification uses.
         near: near plane, world units, above 0. Splats whose mean is closer along the viewing axis are not drawn.

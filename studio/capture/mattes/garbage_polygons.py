@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -90,6 +91,8 @@ def _camera(path: Path, camera: str, value: Any) -> GarbagePolygons:
         if min(width, height) < 1:
             _refuse(path, f"camera '{camera}': the size must be positive", (width, height))
         size = (width, height)
+    if "keep" not in value and "remove" not in value:
+        _refuse(path, f"camera '{camera}' has a size but no polygons", camera)
     found = {key: _polygons(path, camera, value[key]) if key in value else () for key in ("keep", "remove")}
     return GarbagePolygons(found["keep"], found["remove"], size)
 
@@ -104,10 +107,10 @@ def _polygons(path: Path, camera: str, value: Any) -> tuple[np.ndarray, ...]:
 
 
 def _pair(path: Path, camera: str, value: Any) -> tuple[float, float]:
-    try:
-        first, second = (float(part) for part in value)
-    except (TypeError, ValueError):
-        first = second = math.nan
+    first = second = math.nan
+    if isinstance(value, list) and len(value) == 2:  # 16 is the text "16", which would unpack into 1 and 6
+        with suppress(TypeError, ValueError):
+            first, second = float(value[0]), float(value[1])
     if not max(abs(first), abs(second)) < 1e6:  # also NaN; OpenCV takes 32-bit integers
         _refuse(path, f"camera '{camera}': expected two numbers in pixels, found {str(value)[:60]}", str(value)[:60])
     return first, second

@@ -133,8 +133,9 @@ def read_points_of(take: Path) -> np.ndarray:
         (("world", "--scale", 0), "world.scale"),
         (("remove", "box"), "there is no edit named 'box'"),
         (("remove", "regions", 1), "there is no regions 1"),
-        (("undo",), "there is no edit to undo"),
+        (("undo",), "there is no edit to undo. See the edits that there are with `v3studio edit list TAKE`."),
         (("region", "none.json"), "none.json"),
+        (("region", "none.json"), "one of the `regions` that `v3studio edit list TAKE --json` prints."),
     ],
 )
 def test_bad_input_gets_a_sentence_and_changes_nothing(here, finished, words, sentence) -> None:

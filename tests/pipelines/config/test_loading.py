@@ -240,6 +240,16 @@ def test_a_list_needs_no_brackets(tmp_path: Path, text: str) -> None:
             load_config(None, [("capture.background", wrong)])
 
 
+@pytest.mark.parametrize("text", ["01,02", "yes, no", "010", "[1:30, 02]", '7, "08"'])
+def test_names_in_lists_stay_as_they_are(tmp_path: Path, text: str) -> None:
+    names = tuple(name.strip(' "') for name in text.strip("[]").split(","))
+    assert load_config(None, [parse_override(f"capture.held_out={text}")]).capture.held_out == names
+    if not text.startswith("["):  # a list with brackets in a file is YAML
+        assert load_config(write(tmp_path, f"capture: {{held_out: '{text}'}}")).capture.held_out == names
+    groups = load_config(None, [parse_override("calibrate.intrinsics_groups=[[01, 02], [no, 04]]")])
+    assert groups.calibrate.intrinsics_groups == (("01", "02"), ("no", "04"))
+
+
 def test_numbers_with_exponents_are_numbers(tmp_path):
     """YAML 1.1 reads 1e-3 as text, YAML 1.2 as a number."""
     assert load_config(write(tmp_path, "train: {entropy_weight: 2e-3}")).train.entropy_weight == 2e-3

@@ -19,8 +19,9 @@ def trimmed(last: int) -> EditList:
 def test_changes_are_undone_and_made_again(tmp_path: Path) -> None:
     path = tmp_path / "edits.json"
     assert read_edits(path) == EditList()
-    with refuses("take.nothing_to_undo"):
+    with refuses("take.nothing_to_undo") as caught:
         undo_edit(path)
+    assert "v3studio edit list" in caught.value.fix
     assert not path.exists()
     change_edits(path, trimmed(3), "trim to 3", EditList())
     change_edits(path, trimmed(3), "the same")
@@ -31,8 +32,9 @@ def test_changes_are_undone_and_made_again(tmp_path: Path) -> None:
     redo_edit(path)
     assert read_edits(path) == trimmed(3)
     change_edits(path, trimmed(7), "trim to 7")
-    with refuses("take.nothing_to_redo"):
+    with refuses("take.nothing_to_redo") as caught:
         redo_edit(path)
+    assert "v3studio edit list" in caught.value.fix
     with refuses("take.edits_changed"):
         change_edits(path, trimmed(8), "trim to 8", trimmed(3))
     for last in range(MOST_STEPS + 10):

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.gpu
 @pytest.fixture(autouse=True)
 def _gsplat() -> None:
     if "cuda" not in available_backends():
-        pytest.skip("gsplat is not installed")
+        pytest.skip("gsplat cannot be used")
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.machinery
 import importlib.util
 import os
 import re
@@ -17,7 +18,8 @@ from tests.support.errors import refuses
 
 ROOT = Path(__file__).parents[3]
 needs_triton = pytest.mark.skipif(
-    importlib.util.find_spec("triton") is None, reason="Triton is not installed (it is for Linux only)"
+    importlib.util.find_spec("triton") is None,
+    reason="Triton is not installed; PyTorch's CUDA builds for Linux bring it",
 )
 
 
@@ -65,23 +67,44 @@ def test_the_kernels_compile_for_gpus(capability: int, tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize(
     ("installed", "chosen"),
-    [(("gsplat", "triton"), "cuda"), (("triton",), "triton"), (("gsplat",), "cuda"), ((), None)],
+    [
+        (("gsplat", "nvcc", "triton"), "cuda"),
+        (("gsplat", "kernels", "triton"), "cuda"),
+        (("gsplat", "nvcc"), "cuda"),
+        (("gsplat", "triton"), "triton"),
+        (("triton",), "triton"),
+        (("triton", "nvcc"), "triton"),
+        (("gsplat",), None),
+        ((), None),
+    ],
 )
-def test_the_choice_on_a_gpu(installed, chosen, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    find = importlib.util.find_spec
+def test_the_choice_on_a_gpu(installed, chosen, monkeypatch, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    gsplat, find = tmp_path / "gsplat", importlib.util.find_spec
+    (gsplat / "cuda" / "csrc").mkdir(parents=True)  # the sources are in every gsplat
+    (gsplat / "__init__.py").write_text("raise AssertionError('imported')")
+    (tmp_path / "toolkit" / "bin").mkdir(parents=True)
+    if "kernels" in installed:
+        (gsplat / f"csrc{importlib.machinery.EXTENSION_SUFFIXES[0]}").touch()
+    if "nvcc" in installed:
+        (tmp_path / "toolkit" / "bin" / "nvcc").touch()
 
     def find_spec(name: str) -> object:
+        if name == "gsplat" in installed:
+            return importlib.machinery.PathFinder.find_spec(name, [str(tmp_path)])
         return (name in installed or None) if name in ("gsplat", "triton") else find(name)
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(importlib.util, "find_spec", find_spec)
+    monkeypatch.setattr("torch.utils.cpp_extension.CUDA_HOME", str(tmp_path / "toolkit"))
+    monkeypatch.setenv("PATH", str(tmp_path))
     interface._unavailable.cache_clear()
     try:
         assert preferred_device().type == ("cpu" if chosen is None else "cuda")
         if chosen is None:
             with refuses("rasterizer.backend_unavailable", value="auto") as caught:
                 interface._choose("auto", torch.device("cuda"))
-            assert "gsplat or Triton" in caught.value.problem
+            assert ("nvcc" in caught.value.problem) == ("gsplat" in installed)
+            assert "the triton backend needs Triton" in caught.value.problem
         else:
             assert interface._choose("auto", torch.device("cuda", 1)) == chosen
     finally:

@@ -94,9 +94,13 @@ def test_files_digest_and_own_functions(capture: Path) -> None:
         "01: {remove: [[[0, 0], [1, 0], [1, here]]]}",
         "01: {remove: [[[0, 0], [1, 0], [1, .nan]]]}",
         "01: {remove: [[[0, 0], [1, 0], 5]]}",
+        "01: {remove: [[12, 34, 56]]}",
+        "01: {remove: [[[0, 0], [1, 0], [1, 1, 1]]]}",
+        "01: {size: 16, remove: [[[0, 0], [1, 0], [1, 1]]]}",
+        "01: {size: [1, 5]}",
         "01: {size: [0, 5], remove: [[[0, 0], [1, 0], [1, 1]]]}",
         "02: {remove: [[[0, 0], [1, 0], [1, 1]]]}",
-        "01: {size: [1, 5]}\n01: {size: [1, 5]}",
+        "01: {remove: [[[0, 0], [1, 0], [1, 1]]]}\n01: {remove: [[[0, 0], [1, 0], [1, 1]]]}",
     ],
 )
 def test_bad_files_are_refused(capture: Path, text: str) -> None:
@@ -109,5 +113,5 @@ def test_bad_files_are_refused(capture: Path, text: str) -> None:
 def test_a_missing_file_and_cameras_left_out(capture: Path) -> None:
     with refuses("matte.garbage_file", file=capture / "none.yaml"):
         matte(capture, garbage_mattes="none.yaml")
-    (capture / "garbage.yaml").write_text("{01: {size: [1, 5]}, b: {remove: [[[0, 0], [96, 0], [96, 64], [0, 64]]]}}")
+    (capture / "garbage.yaml").write_text("{01: &all {remove: [[[0, 0], [96, 0], [96, 64], [0, 64]]]}, b: *all}")
     assert matte(capture, "b", garbage_mattes="garbage.yaml", cameras=("b",), masks="none").max() == 0
