@@ -14,9 +14,19 @@ def path_here(path: Path, paths: Mapping[str, Sequence[str]]) -> Path:
         paths: `run.paths`: a folder to its paths on other machines.
 
     Returns:
-        the first of `places_to_look` that exists; `path` if none does.
+        the first of `places_to_look` that is there; `path` if none is.
     """
-    return next((place for place in places_to_look(path, paths) if place.exists()), path)
+    return next((place for place in places_to_look(path, paths) if is_there(place)), path)
+
+
+def is_there(place: Path) -> bool:
+    """Whether this file or folder exists and is not an empty folder, as that of a share that is not mounted is."""
+    try:
+        return place.is_file() or next(place.iterdir(), None) is not None
+    except PermissionError:  # it exists; whoever reads it says what is wrong
+        return True
+    except OSError:
+        return False
 
 
 def places_to_look(path: Path, paths: Mapping[str, Sequence[str]]) -> list[Path]:

@@ -85,11 +85,17 @@ class RayExecutor:
 
     @property
     def mailbox(self) -> Any:
-        """The actor `Mailbox`, started on first access; Ray ends it with the connection."""
+        """The actor `Mailbox`, started on first access and after `lose_mailbox`; Ray ends it with the connection."""
         if self._mailbox is None:
             here = self.nodes.on(self.ray.get_runtime_context().get_node_id())
-            self._mailbox = self.ray.remote(Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
+            mailbox = self.ray.remote(Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
+            self.ray.get(mailbox.delivered.remote())  # if memory runs out, Ray first ends what was started last
+            self._mailbox = mailbox
         return self._mailbox
+
+    def lose_mailbox(self) -> None:
+        """Its process is gone: tasks that are submitted from now on get a new one."""
+        self._mailbox = None
 
     def run(
         self,
@@ -161,7 +167,8 @@ class _Run:
                 done, _ = ray.wait(list(self._running), timeout=_WAIT, fetch_local=False)
                 self._read_mail()
                 for reference in done:
-                    self._end(self._running.pop(reference), reference)
+                    if (job := self._running.pop(reference, None)) is not None:
+                        self._end(job, reference)
                 self._tell()
             self._read_mail()
         finally:
@@ -252,8 +259,15 @@ class _Run:
         )
 
     def _read_mail(self) -> None:
+        from ray.exceptions import OutOfMemoryError, RayActorError
+
+        try:
+            letters = self._ray.get(self._executor.mailbox.take.remote())
+        except (RayActorError, OutOfMemoryError):  # groups that run now go on without figures
+            self._executor.lose_mailbox()
+            return
         jobs = {(self._stage.name, job.group.index, job.attempt): job for job in self._running.values()}
-        for kind, about, content in self._ray.get(self._executor.mailbox.take.remote()):
+        for kind, about, content in letters:
             job = jobs.get(about)
             if job is None:  # of an attempt that was given up, or of an earlier stage
                 continue
@@ -300,7 +314,7 @@ class _Run:
         except RayError as error:
             self._lost(job, type(error).__name__)
         else:
-            if not job.node:  # its letter is late
+            if job.node != node:  # its letter is late
                 self._started(job, node)
             if problem is None:
                 self._arrived(job)
@@ -337,9 +351,11 @@ class _Run:
                 self._again(job, message.problem)
                 return
         self._lanes.failed(job.group, str(message))
-        raise StudioError(
-            message.code, message.problem, file=message.file, value=message.value, fix=message.fix, **message.fields
-        )
+        where, problem = self._nodes.name(job.node), message.problem
+        if "node" not in message.fields:
+            problem += f" (group {job.group.index} on {where})"
+        fields = {"group": job.group.index, "node": where, **message.fields}
+        raise StudioError(message.code, problem, file=message.file, value=message.value, fix=message.fix, **fields)
 
     def _lost(self, job: _Job, reason: str) -> None:
         job.lost += 1
@@ -361,6 +377,9 @@ class _Run:
         self._again(job, f"its worker was lost ({reason})")
 
     def _out_of_memory(self, job: _Job) -> None:
+        if job.wanted is not None and job.wanted.memory < self._wanted(job).memory:  # before this was known
+            self._again(job, f"{self._nodes.name(job.node)} ran out of memory")
+            return
         beside = sum(one.node == job.node for one in self._running.values()) + 1
         share = self._nodes.memory(job.node) / max(1, beside // 2)
         self._executor.memory_floor = max(2 * self._wanted(job).memory, share)
@@ -376,7 +395,15 @@ class _Run:
                 fields={"group": job.group.index, "setting": "run.memory_per_group"},
             )
         )
+        self._ask_anew()
         self._again(job, f"{name} ran out of memory")
+
+    def _ask_anew(self) -> None:
+        """Take back tasks that wait in Ray, which would start with less memory than is known now to be needed."""
+        waiting = [reference for reference, job in self._running.items() if not job.node]
+        for reference in reversed(waiting):
+            self._ray.cancel(reference, force=True)
+            self._queue.appendleft(self._running.pop(reference))
 
     def _again(self, job: _Job, reason: str) -> None:
         job.attempt += 1

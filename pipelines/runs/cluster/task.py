@@ -28,6 +28,17 @@ NOT_VISIBLE = "cluster.not_visible"
 NODE_CODES = ("storage.missing_package", "storage.no_credentials", "storage.denied", "storage.cache_full")
 """Codes of errors that may be this node's only, too."""
 
+_FOOTAGE_CODES = (
+    "footage.folder_missing",
+    "footage.folder_unreadable",
+    "footage.not_found",
+    "footage.no_common_frame",
+    "footage.camera_missing",
+    "calibration.camera_missing",
+)
+"""Codes of errors while footage is opened that was complete where the run was started: the folder is there, but what
+belongs into it is not mounted."""
+
 VISIBLE_SECONDS = 20.0
 """How long files that another node wrote may take to appear: network file systems cache folders."""
 
@@ -163,22 +174,30 @@ def _work(take: Take, task: GroupTask, emit: Any) -> None:
     from pipelines.runs.work import work
 
     config = load_config(take.config, task.settings)
-    work(take, config, (task.stage,), task.group, emit, expected=task.key)
+    try:
+        work(take, config, (task.stage,), task.group, emit, expected=task.key)
+    except StudioError as error:
+        if error.message.code not in _FOOTAGE_CODES:
+            raise
+        raise _not_visible("footage", error.message.file or task.footage, f" ({error.message.problem})") from None
 
 
 def _here(path: Path, what: str, task: GroupTask) -> Path:
     """Where the take or the footage is on this node."""
-    from pipelines.takes.path_here import places_to_look
+    from pipelines.takes.path_here import is_there, places_to_look
 
     places = places_to_look(path, dict(task.paths))
-    found = next((place for place in places if place.exists()), None)
+    found = next((place for place in places if is_there(place)), None)
     if found is None:
-        also = f", nor under {', '.join(map(str, places[1:]))}" if places[1:] else ""
-        raise StudioError(
-            NOT_VISIBLE,
-            f"{socket.gethostname()} cannot see the {what} there{also}",
-            file=path,
-            fix="Mount it on all nodes under the same path, or set run.paths.",
-            node=socket.gethostname(),
-        )
+        raise _not_visible(what, path, f", nor under {', '.join(map(str, places[1:]))}" if places[1:] else "")
     return found
+
+
+def _not_visible(what: str, file: str | os.PathLike[str], how: str) -> StudioError:
+    return StudioError(
+        NOT_VISIBLE,
+        f"{socket.gethostname()} cannot see the {what} there{how}",
+        file=file,
+        fix="Mount it on all nodes under the same path, or set run.paths.",
+        node=socket.gethostname(),
+    )

@@ -13,6 +13,7 @@ from studio.errors import StudioError
 
 def test_a_folder_is_found_where_this_machine_has_it(tmp_path: Path):
     (tmp_path / "volumes" / "footage" / "day1").mkdir(parents=True)
+    (tmp_path / "volumes" / "footage" / "day1" / "cam1.mp4").touch()
     paths = {"/mnt": ["/nowhere"], "/mnt/footage": ["/net/footage", str(tmp_path / "volumes" / "footage")]}
     there = Path("/mnt/footage/day1")
     assert path_here(there, paths) == tmp_path / "volumes" / "footage" / "day1"
@@ -35,3 +36,13 @@ def test_a_take_opens_footage_that_is_mounted_elsewhere(project: Path):
 def test_a_path_that_is_not_whole_is_refused():
     with pytest.raises(StudioError, match="'footage' is not a whole path"):
         load_config(None, [("run.paths", {"/mnt/footage": "footage"})])
+
+
+def test_an_empty_folder_is_a_share_that_is_not_mounted(tmp_path):
+    mounted, empty = tmp_path / "volumes", tmp_path / "mnt"
+    (mounted / "day1").mkdir(parents=True)
+    (mounted / "day1" / "cam1.mp4").touch()
+    (empty / "day1").mkdir(parents=True)
+    assert path_here(empty / "day1", {str(empty): (str(mounted),)}) == mounted / "day1"
+    (empty / "day1" / "cam1.mp4").touch()
+    assert path_here(empty / "day1", {str(empty): (str(mounted),)}) == empty / "day1"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -261,11 +262,67 @@ def test_out_of_memory_means_fewer_groups_on_a_node():
     assert [given["memory"] for given in run.ray.asked] == [GB, GB, GB, 8 * GB]
 
 
+def test_out_of_memory_holds_for_tasks_that_wait_in_ray():
+    run = Run(
+        lambda task, node: exceptions.OutOfMemoryError("full") if (task.group, task.attempt) == (0, 1) else None,
+        nodes=1,
+        cpus=4,
+    )
+    run.ray.late = True
+    run.go()
+    assert sorted(run.finished) == [0, 1, 2]
+    assert run.ray.cancelled == [2, 1]
+    assert [given["memory"] for given in run.ray.asked] == [GB, GB, GB, 2 * GB, 2 * GB, 2 * GB]
+
+
+def test_groups_that_started_before_a_node_ran_out_of_memory_are_not_lost():
+    run = Run(
+        lambda task, node: exceptions.OutOfMemoryError("full") if task.attempt == 1 else None,
+        nodes=1,
+        cpus=4,
+        retries=0,
+    )
+    run.go()
+    assert sorted(run.finished) == [0, 1, 2]
+    assert run.warnings() == ["cluster.out_of_memory"]
+
+
+@pytest.mark.parametrize("error", [exceptions.ActorDiedError(), exceptions.OutOfMemoryError("full")])
+def test_groups_go_on_when_the_process_that_collects_events_is_lost(monkeypatch, error):
+    run, mailboxes, lost = Run(lambda task, node: None), [], []
+    get, remote = run.ray.get, run.ray.remote
+
+    def fails_once(reference: Any) -> Any:
+        if isinstance(reference, tuple) and isinstance(reference[0], list) and not lost:
+            lost.append(reference)
+            raise error
+        return get(reference)
+
+    def counts(what: Any) -> Any:
+        if isinstance(what, type):
+            mailboxes.append(what)
+        return remote(what)
+
+    monkeypatch.setattr(run.ray, "get", fails_once)
+    monkeypatch.setattr(run.ray, "remote", counts)
+    run.go()
+    assert sorted(run.finished) == [0, 1, 2]
+    assert (len(lost), len(mailboxes)) == (1, 2), "another one is started"
+
+
 def test_what_a_task_refuses_ends_the_run():
     problem = Message("cluster.version", "node1 has V3 Studio 0.1", fields={"node": "node1"})
     run = Run(lambda task, node: problem if task.group == 0 else None)
     with refuses("cluster.version", node="node1"):
         run.go()
+
+
+def test_what_a_task_refuses_names_its_group_and_node():
+    problem = Message("disk.full", "the disk is full", "/take")
+    run = Run(lambda task, node: problem if task.group == 1 else None)
+    with refuses("disk.full", group=1, node="node1") as caught:
+        run.go()
+    assert str(caught.value).startswith("/take: the disk is full (group 1 on node1).")
 
 
 def test_files_that_do_not_arrive_are_told(monkeypatch):
@@ -314,6 +371,10 @@ def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     blind = run_task(sent(take=str(tmp_path)), mailbox, "")
     assert blind is not None
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/footage")
+    (tmp_path / "empty").mkdir()
+    blind = run_task(sent(take=str(tmp_path), footage=str(tmp_path / "empty")), mailbox, "")
+    assert blind is not None
+    assert (blind.code, blind.file) == (NOT_VISIBLE, str(tmp_path / "empty")), "a folder where nothing is mounted"
     blind = run_task(sent(paths=(("/no", (str(tmp_path), "/net")),)), mailbox, "")
     assert blind is not None
     assert blind.code == NOT_VISIBLE
@@ -323,6 +384,22 @@ def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     blind = run_task(sent(paths=(("/no", (str(tmp_path),)),)), mailbox, "")
     assert blind is not None
     assert blind.file == "/no/footage", "the take is found where this node has it"
+
+
+def test_footage_that_is_there_only_in_part_is_not_seen(project, monkeypatch):
+    monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
+    monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
+    take = Take.create(project / "take")
+    footage = project / "capture"
+    take.config.write_text((project / "ball.yaml").read_text().replace("root: capture", f"root: {footage}"))
+    shutil.rmtree(footage / "images")
+    (footage / "images").mkdir()  # where another share is mounted on other nodes
+    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
+    task = sent(take=str(take.root), footage=str(footage), stage="initialize")
+    blind = run_task(task, mailbox, "")
+    assert blind is not None
+    assert (blind.code, blind.file) == (NOT_VISIBLE, str(footage))
+    assert "cannot see the footage there (no image or video matches the pattern" in blind.problem
 
 
 def test_a_node_gets_and_sends_a_take_in_object_storage(object_store, tmp_path, monkeypatch):
