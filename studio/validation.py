@@ -27,6 +27,8 @@ def number(values: Mapping[str, Any], key: str, camera: str, default: float | No
     if value is None:
         raise missing_key(key, camera)
     try:
+        if isinstance(value, bool):
+            raise TypeError
         result = float(value)
     except (TypeError, ValueError, OverflowError):
         raise _not_a_number(f"'{key}'", value, camera, key) from None

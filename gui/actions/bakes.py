@@ -12,7 +12,7 @@ from gui.presenters.worker import LatestWorker
 from gui.shell import Shell
 from studio.errors import StudioError
 
-Place = tuple[Path, str, Path | None]
+Place = tuple[Path, str, Path | None, bool]
 
 
 class BakeActions:
@@ -55,7 +55,8 @@ class BakeActions:
 
     def _open(self, place: Path, label: str = "", evaluation: Path | None = None) -> None:
         self._window.notices.tell(f"Opening {label or place} ...")
-        self._opener.ask((place, label, evaluation))
+        opened = self._window.player.opened
+        self._opener.ask((place, label, evaluation, opened is not None and opened.take is not None))
 
     def stop(self) -> None:
         """Stop comparing with another bake or take."""

@@ -12,6 +12,7 @@ from gui.panels.picture import PictureWidget
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import Plot, TimelinePlots
 from gui.presenters.playback.timeline_zoom import TimelineZoom
+from studio.edits.edit_list import Trim
 
 HOVER_SECONDS = 4.0
 """Seconds that the values under the pointer stay: the toolkit does not report that the pointer has left."""
@@ -62,8 +63,19 @@ class TimelinePanel:
         transport = self._player.transport
         zoom = self.zoom.within(transport.frame_count)
         return TimelinePlots(
-            *self.picture.size, self._em, transport.frame_count, transport.group_starts, zoom.first, zoom.shown
+            *self.picture.size,
+            self._em,
+            transport.frame_count,
+            transport.group_starts,
+            zoom.first,
+            zoom.shown,
+            self._trim,
         )
+
+    @property
+    def _trim(self) -> Trim | None:
+        """The frames that the open take keeps; None for all."""
+        return self._player.opened.trim if self._player.opened is not None else None
 
     def update(self) -> bool:
         """Redraw what has changed; return whether anything did."""
@@ -79,6 +91,7 @@ class TimelinePanel:
             self.marks,
             self._keys,
             self.zoom,
+            self._trim,
         )
         if time.monotonic() > self._hover_until:
             self._hover = None

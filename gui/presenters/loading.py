@@ -11,7 +11,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 
-def _first_whole(source: FrameSource) -> Gaussians:
+def first_whole(source: FrameSource) -> Gaussians:
     """The first playable keyframe."""
     *others, last = source.group_starts
     for start in others:
@@ -25,7 +25,7 @@ def load(path: str | Path) -> tuple[Opened, Gaussians | None] | str:
     try:
         opened = open_path(path)
         try:
-            first = _first_whole(opened.default) if opened.default is not None else None
+            first = first_whole(opened.default) if opened.default is not None else None
             opened.reach = reach_of(opened)
         except StudioError as error:
             if opened.take is None:

@@ -57,7 +57,7 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
             found = check_take(take, ALL_STAGES, report)
         for damage in found.damage if arguments.remove else ():
             path = take.file(damage.file)
-            if not damage.stage:  # of a kept bake, which no run makes again
+            if not damage.stage:  # no run makes it again
                 continue
             # never a folder, and nothing outside of the take, whatever a record says
             if damage.file and path.is_file() and path.resolve().is_relative_to(take.root.resolve()):
@@ -67,15 +67,21 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
         print(found.model_dump_json(indent=1), file=arguments.output)
         return 1 if found.damage else 0
     for damage in found.damage:
-        print(f"{damage.problem}: {damage.file or f'results of the stage {damage.stage}'}")
+        detail = f" ({damage.detail})" if damage.detail else ""
+        print(f"{damage.problem}: {damage.file or f'results of the stage {damage.stage}'}{detail}")
     print(f"{found.files} files checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
     if found.unchecked:
         print(f"not finished, so only partly checked: {', '.join(found.unchecked)}")
     name = shlex.quote(str(folder))
-    lost = sorted({damage.file.split("/")[1] for damage in found.damage if not damage.stage})
+    unmade = [damage.file for damage in found.damage if not damage.stage]
+    lost = sorted({file.split("/")[1] for file in unmade if file.startswith("bakes/")})
     if lost:
         names = " ".join(map(shlex.quote, lost))
         print(f"Damaged kept bakes are not made again by a run. To remove them: v3studio bakes remove {name} {names}")
+    if own := [file for file in unmade if not file.startswith("bakes/")]:
+        print(
+            f"Not made by a run: {', '.join(own)}. Copy back a backup, or move what is damaged elsewhere to start over."
+        )
     if any(damage.stage for damage in found.damage):
         first = "" if arguments.remove else f"v3studio check {name} --remove && "
         print(f"To make them again: {first}v3studio run {name}")

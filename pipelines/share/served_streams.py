@@ -17,7 +17,8 @@ _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be publishe
 
 
 def find_streams(folder: str) -> dict[str, Path]:
-    """Folders of streams by their path on the server: "/" for a single one, else "/<name>" per subfolder.
+    """Folders of streams by their path on the server: "/" for a single one, else "/<name>" per subfolder. Subfolders
+    that are links out of the folder are left out, with a warning.
 
     Raises:
         StudioError: no stream in the folder (`serve.no_stream`), or a URL (`serve.not_a_folder`).
@@ -45,6 +46,12 @@ def find_streams(folder: str) -> dict[str, Path]:
             if not _is_unicode(path.name):
                 shown = str(path).encode("utf-8", "backslashreplace").decode()
                 print(f"warning: {shown}: not served, since its name is not UTF-8. Rename it.", file=sys.stderr)
+                continue
+            if not stream.resolve().is_relative_to(place.resolve()):
+                print(
+                    f"warning: {path}: not served, since it is a link out of this folder. Move what it links to here.",
+                    file=sys.stderr,
+                )
                 continue
             found[f"/{path.name}"] = stream
     if not found:

@@ -183,9 +183,9 @@ class BakeStage:
         return found
 
     def frames_needed(self, context: Context, part: Part) -> int:
-        """Number of trained frames of its group without which a part cannot be baked: where splats are removed, all
-        of them decide which."""
-        whole = edits_of_group(context.edits, part.trained.indices).removes
+        """Number of trained frames of its group without which a part cannot be baked. All, where splats are removed,
+        since all frames decide which, and where splats are fine-tuned, on frames of the whole group."""
+        whole = edits_of_group(context.edits, part.trained.indices).removes or finetuned_rungs(context)
         return len(part.trained.indices) if whole else part.indices[-1] + 1 - part.trained.first
 
     def group_key(self, context: Context, group: Group) -> str:

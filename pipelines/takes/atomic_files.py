@@ -116,6 +116,7 @@ def sweep_partial(folder: Path) -> int:
 
 
 _NEVER_EMPTY = (".json", ".safetensors", ".checkpoint", ".ply")
+_MADE_BY_PEOPLE = ("camera_path.json", "edits.json", "marks.json")
 
 
 def _leftovers(folder: Path) -> list[Path]:
@@ -129,7 +130,7 @@ def _leftovers(folder: Path) -> list[Path]:
                 found.append(path)
         folders[:] = [name for name in folders if PARTIAL not in name]
         for name in names:
-            if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name not in ("marks.json", "edits.json"):
+            if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name not in _MADE_BY_PEOPLE:
                 with contextlib.suppress(FileNotFoundError):
                     if os.lstat(file := os.path.join(root, name)).st_size == 0:
                         found.append(Path(file))

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from pipelines.takes.atomic_files import digest_of_file, digest_of_files
+from pipelines.takes.atomic_files import digest_of_file, digest_of_files, read_model
 from pipelines.takes.frame_files import intact
-from pipelines.takes.kept_bakes import KeptBake, Problem, changed_files, kept_bakes, recorded_files
+from pipelines.takes.kept_bakes import (
+    NOTE,
+    KeptBake,
+    KeptBakeNote,
+    Problem,
+    changed_files,
+    check_name,
+    kept_bakes,
+    recorded_files,
+)
+from pipelines.takes.marks import read_marks
 from pipelines.takes.records import StageRecord, read_record
+from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
@@ -27,10 +39,14 @@ class Damage(BaseModel):
     """Relative to the take; "" if only the whole stage's digest is known, as in takes of earlier versions."""
 
     stage: str
-    """The stage that wrote it, and that has to run again; "" for a file of a kept bake, which no run makes again."""
+    """The stage that wrote it, and that has to run again; "" for what no run makes again: files of kept bakes, and
+    edits.json, marks.json and camera_path.json."""
 
     problem: Problem | Literal["damaged"]
-    """changed: another content than recorded; missing; damaged: its own checksum is wrong."""
+    """changed: another content than recorded; missing; damaged: its own checksum is wrong, or it cannot be read."""
+
+    detail: str = ""
+    """What cannot be read in it; "" if only its checksum tells."""
 
 
 class Integrity(BaseModel):
@@ -51,7 +67,7 @@ class Integrity(BaseModel):
 
 def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_progress) -> Integrity:
     """Read all results of the finished stages, all trained frames and all kept bakes, and compare them with what was
-    recorded.
+    recorded; and read what people made: edits, marks and the camera path.
 
     Args:
         take: read only.
@@ -76,6 +92,10 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
     for kept in kept_bakes(take):
         files += [kept.folder / name for name, _ in recorded_files(kept)]
         work.append(_changed_of_kept(take, kept))
+    notes = _notes_of_kept(take)
+    made = {path: read for path, read in _made_by_people(take).items() if path.exists()}
+    files += [*notes, *made]
+    work.append(_unreadable(take, path, read) for path, read in {**notes, **made}.items())
     for done, found in enumerate(itertools.chain(*work), 1):
         progress(done, max(done, len(files)))
         damage += [found] if found else []
@@ -120,6 +140,43 @@ def _changed_of_kept(take: Take, kept: KeptBake) -> Iterator[Damage | None]:
     folder = kept.folder.relative_to(take.root).as_posix()
     for name, problem in changed_files(kept):
         yield Damage(file=f"{folder}/{name}", stage="", problem=problem) if problem else None
+
+
+def _notes_of_kept(take: Take) -> dict[Path, Callable[[Path], object]]:
+    """What is recorded of kept bakes, and of the groups of each: files, and what reads each."""
+    found: dict[Path, Callable[[Path], object]] = {}
+    for folder in sorted(take.bakes.iterdir()) if take.bakes.is_dir() else ():
+        if folder.is_dir():
+            with contextlib.suppress(StudioError):  # other folders are none of the program's
+                check_name(folder.name)
+                found[folder / NOTE] = lambda path: read_model(path, KeptBakeNote)
+    for kept in kept_bakes(take):
+        for name in kept.note.notes:
+            found[kept.folder / "notes" / name] = lambda path: read_model(path, BakedGroupNote)
+    return found
+
+
+def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
+    """Files that no stage writes, and what reads each."""
+    from pipelines.takes.edits import read_edits
+    from studio.export.camera_path import read_path_keys
+
+    return {
+        take.edits: read_edits,
+        take.marks: read_marks,
+        take.camera_path: lambda path: read_path_keys(path, 1.0),
+    }
+
+
+def _unreadable(take: Take, path: Path, read: Callable[[Path], object]) -> Damage | None:
+    name = path.relative_to(take.root).as_posix()
+    if not path.is_file():
+        return Damage(file=name, stage="", problem="missing")
+    try:
+        read(path)
+    except StudioError as error:
+        return Damage(file=name, stage="", problem="damaged", detail=error.problem)
+    return None
 
 
 def _damaged_tensors(take: Take, path: Path) -> Damage | None:

@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pipelines.takes.stored_take import StoredTake, repeating
-from pipelines.takes.take import HOLDER_SECONDS, Take
+from pipelines.takes.take import HOLDER_SECONDS, Take, own_claims
 from studio.atomic_files import write_bytes, write_json
 from studio.errors import StudioError
 
@@ -59,11 +59,22 @@ class StoredRun:
         Raises:
             StudioError: a run on another machine has it (`take.locked`); or `storage.*`.
         """
-        mine = {"token": secrets.token_hex(8), "host": socket.gethostname(), "pid": os.getpid(), "command": command}
+        token = secrets.token_hex(8)
+        mine = {"token": token, "host": socket.gethostname(), "pid": os.getpid(), "command": command}
         self.refuse_other()
         self._claim(mine)
-        self.refuse_other(str(mine["token"]))  # two began at once: the later claim holds
+        self.refuse_other(token)  # two began at once: the later claim holds
         self._take.holder.unlink(missing_ok=True)
+        own_claims[self._take.holder] = token
+        try:
+            with self._kept_up(mine):
+                yield
+        finally:
+            del own_claims[self._take.holder]
+
+    @contextmanager
+    def _kept_up(self, mine: Mapping[str, object]) -> Iterator[None]:
+        """Renew the claim and send the log during the block; give the take free at its end."""
         for name in self._store.list(_LOGS):
             self._store.delete(name)
         sender = _LogSender(self._take.log, lambda number, data: self._store.write(_segment(mine, number), data))

@@ -33,10 +33,13 @@ NO_GROUP = -1
 _PRIVATE = ".v3studio"
 _HERE_ONLY = re.compile(
     rf"{re.escape(_PRIVATE)}/"
-    r"((lock|cancel|events\.jsonl|store\.json|sync\.lock|holder\.json|(background|window_job)\.log)$"
+    r"((lock|[a-z]+\.lock|cancel|events\.jsonl|store\.json|holder\.json|(background|window_job)\.log)$"
     r"|groups/|footage/|previews/|log/)"
 )
 """Files of one machine: locks, logs, and what can be made again. `stored_run` sends the log of a run itself."""
+
+_RECORD = re.compile(rf"{re.escape(_PRIVATE)}/stages/|bakes/[^/]+/bake\.json$")
+"""Files that say that others are finished."""
 
 _GROUP = re.compile(r"(?:^|/)group_(\d+)(?:[/._]|$)")
 _PARALLEL = 8
@@ -211,8 +214,8 @@ def stored_take(folder: Path) -> StoredTake | None:
 
 
 def _kind(name: str) -> int:
-    """Order in which files are sent: 0 content, 1 JSON that tells of it, 2 records of finished stages."""
-    return 2 if name.startswith(f"{_PRIVATE}/stages/") else int(name.endswith(".json"))
+    """Order in which files are sent: 0 content, 1 JSON that tells of it, 2 records of stages and kept bakes."""
+    return 2 if _RECORD.match(name) else int(name.endswith(".json"))
 
 
 def _in_parallel(work: Callable[[Given], Made], items: list[Given]) -> Iterator[Made]:

@@ -51,6 +51,10 @@ run first locks the take (`pipelines.takes.migration`)."""
 HOLDER_SECONDS = 120.0
 """A run on another machine, of a take in object storage, that has not renewed its claim for so long has ended."""
 
+own_claims: dict[Path, str] = {}
+"""Tokens of the claims that this process holds on takes in object storage (`pipelines.takes.stored_run`), by
+`Take.holder`: other commands on this machine may copy such a claim into the working copy."""
+
 READABLE = (1, TAKE_FORMAT)
 """Formats that this version reads."""
 
@@ -391,6 +395,8 @@ class Take:
     def _running_elsewhere(self) -> dict[str, object] | None:
         try:
             found = parse_json(self.holder.read_bytes())
+            if self.holder in own_claims and found["token"] == own_claims[self.holder]:
+                return None
             if time.time() - float(found["renewed"]) < HOLDER_SECONDS:
                 return {"pid": int(found["pid"]), "command": str(found["command"]), "host": str(found["host"])}
         except (OSError, ValueError, TypeError, LookupError):

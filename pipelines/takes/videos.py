@@ -85,7 +85,7 @@ def trained_video(root: Path) -> SplatVideo:
             fix="Set other frames with `v3studio edit trim`, or remove the trim with `v3studio edit remove trim`.",
             expected=[0, len(files) - 1],
         )
-    return video.part(trim.first, trim.last + 1)
+    return video.part(trim.first, min(trim.last + 1, len(files)))
 
 
 def decoded_video(reader: StreamReader) -> SplatVideo:

@@ -56,6 +56,6 @@ class _Part:
 
 
 def part_of(whole: Pcm, start: float, seconds: float) -> Pcm:
-    """The sound from `start` on, for `seconds`; both in seconds."""
+    """The sound from `start` on, for `seconds`; both in seconds. A negative start begins with silence."""
     rate = whole.sample_rate
     return _Part(whole, round(start * rate), round(seconds * rate))

@@ -252,7 +252,11 @@ def _key(path: Path, index: int, entry: Any) -> Key:
 
 
 def write_path_keys(keys: Sequence[Key], path: Path) -> None:
-    """Write a camera path that `read_path_keys` reads, atomically. Raises OSError if it cannot be written."""
+    """Write a camera path that `read_path_keys` reads, atomically; it survives a power cut.
+
+    Raises:
+        OSError: it cannot be written.
+    """
     entries = []
     for key in keys:
         entry: JsonObject = {"time": key.time, "camera": key.camera.to_dict()}
@@ -261,7 +265,7 @@ def write_path_keys(keys: Sequence[Key], path: Path) -> None:
         if key.easing != "smooth":
             entry["easing"] = key.easing
         entries.append(entry)
-    write_json(path, {"format": FORMAT, "version": VERSION, "keys": entries})
+    write_json(path, {"format": FORMAT, "version": VERSION, "keys": entries}, durable=True)
 
 
 def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:

@@ -13,7 +13,7 @@ import torch
 
 from studio.audio import SoundFile, cut_sound
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, StreamReader, bake_group, bake_sound, write_manifest
+from studio.stream import BakeSettings, CapturePlace, StreamReader, bake_group, bake_sound, write_manifest
 from tests.support.sounds import write_wav
 
 
@@ -53,6 +53,11 @@ def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None
     values = json.loads(path.read_bytes())
     change(values)
     write_sealed(path, values)
+
+
+def set_capture(folder: Path, place: CapturePlace) -> None:
+    """Make a stream one that was baked from a trimmed or placed take."""
+    edit_manifest(folder, lambda values: values.setdefault("metadata", {}).update(capture=place.to_json()))
 
 
 def write_sealed(path: Path, values: dict[str, Any]) -> None:

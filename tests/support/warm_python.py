@@ -273,7 +273,8 @@ if __name__ == "__main__":
         import_module(_name)
     for _package in map(import_module, _PACKAGES):
         for _module in pkgutil.walk_packages(_package.__path__, f"{_package.__name__}."):
-            import_module(_module.name)
+            if _module.name != "studio.rasterizer.triton_kernels":  # imports Triton, which only CUDA builds bring
+                import_module(_module.name)
     gc.collect()
     gc.freeze()  # otherwise the first collection in each program copies all these pages
     with socket.socket(fileno=int(sys.argv[1])) as _connection:

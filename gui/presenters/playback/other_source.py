@@ -73,18 +73,20 @@ class OtherSource:
         self._source.close()
 
 
-def open_other(place: Path, label: str = "", evaluation: Path | None = None) -> OtherSource:
+def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_take: bool = True) -> OtherSource:
     """Open the folder of a stream or of a take to compare with.
 
     Args:
         place: the folder.
         label: what it is called; "" for its name.
         evaluation: its evaluation.json; None for that of a take.
+        in_take: whether a stream has the frames and the world of the take that it was baked from, as what is open has
+            if that is a take.
 
     Raises:
         StudioError: it is neither, it is damaged, or nothing in it can be shown (`gui.nothing_to_compare`).
     """
-    opened = open_path(place)
+    opened = open_path(place, in_take)
     if opened.default is None:
         raise StudioError(
             "gui.nothing_to_compare",

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gui.presenters.drawing.splats import draw
-from gui.presenters.loading import load
+from gui.presenters.loading import first_whole, load
 from gui.presenters.playback.compare import LABELS, MODES, WHATS
 from gui.presenters.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from gui.presenters.playback.image_zoom import ImageZoom
@@ -133,7 +133,7 @@ class PlayerPresenter(Viewpoint):
             return False
         try:
             opened = open_path(self.opened.path)
-            first = opened.default.gaussians(0) if opened.default is not None and not self.opened.sources else None
+            first = first_whole(opened.default) if opened.default is not None and not self.opened.sources else None
         except StudioError as error:  # being written; the next refresh will succeed
             self.message = str(error)
             return False
@@ -159,6 +159,7 @@ class PlayerPresenter(Viewpoint):
 
     def _look_home(self, first: Gaussians | None) -> None:
         assert self.opened is not None
+        self.transport.seek(max(self.transport.frame, self.transport.group_starts[0]))  # the first that there is
         self.home = OrbitCamera(up=self.opened.up)
         self._points = np.zeros((0, 3))
         if first is not None:

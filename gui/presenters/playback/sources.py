@@ -20,6 +20,7 @@ from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.cameras import Camera, Rig
+from studio.edits.edit_list import Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
@@ -61,6 +62,7 @@ class Opened:
         rig: the capture cameras; None if unknown.
         view: the initial camera; None if unknown.
         up: (3,) world up direction; z if no camera is known.
+        trim: the frames that the take's edits keep; None for all.
         reach: (N, 3) points of the performer in frames spread over the take, world coordinates; none for a bare stream.
     """
 
@@ -72,6 +74,7 @@ class Opened:
     up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     take: Take | None = None
     message: str = ""
+    trim: Trim | None = None
     reach: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
@@ -155,8 +158,12 @@ def thinned(points: np.ndarray, most: int = 4000) -> np.ndarray:
     return points[:: max(len(points) // most, 1)].astype(np.float64)
 
 
-def open_path(place: Path | str) -> Opened:
+def open_path(place: Path | str, in_take: bool = False) -> Opened:
     """Open the folder of a take or a stream, or the URL of a stream.
+
+    Args:
+        place: the folder, or the URL.
+        in_take: how a stream is opened, see `StreamSource`.
 
     Raises:
         StudioError: `gui.no_such_folder`, `gui.not_take_or_stream`, or a damaged take or stream.
@@ -164,14 +171,14 @@ def open_path(place: Path | str) -> Opened:
     from studio.stream import is_address
 
     if isinstance(place, str) and is_address(place):
-        return _open_stream(place, place.rstrip("/").rsplit("/", 1)[-1] or place)
+        return _open_stream(place, place.rstrip("/").rsplit("/", 1)[-1] or place, in_take)
     path = Path(place).expanduser().absolute()
     if path.is_file() and path.name in ("manifest.json", "take.json"):
         path = path.parent
     if (path / "take.json").exists():
         return _open_take(path)
     if (path / "manifest.json").exists() or path.suffix.lower() == ".v3s":
-        return _open_stream(path, path.name)
+        return _open_stream(path, path.name, in_take)
     if not path.exists():
         raise StudioError(
             "gui.no_such_folder", "no such folder", file=path, fix="Choose the folder of a take or of a stream."
@@ -184,8 +191,8 @@ def open_path(place: Path | str) -> Opened:
     )
 
 
-def _open_stream(place: Path | str, title: str) -> Opened:
-    stream = StreamSource(place)
+def _open_stream(place: Path | str, title: str, in_take: bool) -> Opened:
+    stream = StreamSource(place, in_take)
     stream.fades = True  # a viewer sees what viewers elsewhere see; who works on a take sees everything
     opened = Opened(title, place, {stream.name: stream}, view=stream.suggested_camera)
     if opened.view is not None:
@@ -201,6 +208,10 @@ def _open_take(path: Path) -> Opened:
         _open_rig(take, opened)
     except StudioError as error:
         problems.append(str(error))
+    try:
+        opened.trim = read_edits(take.edits).trim
+    except StudioError as error:
+        problems.append(str(error))
     if (take.stream / "manifest.json").exists():
         try:
             decoded = StreamSource(take.stream, in_take=True)
@@ -213,7 +224,7 @@ def _open_take(path: Path) -> Opened:
             opened.sources[trained.name] = trained
         except StudioError as error:
             problems.append(str(error))
-    opened.message = "\n".join(problems)
+    opened.message = "\n".join(dict.fromkeys(problems))  # each once: trained frames need the edits, too
     return opened
 
 

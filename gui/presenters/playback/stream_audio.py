@@ -11,6 +11,7 @@ from gui.presenters.drawing.palette import SECOND
 from gui.presenters.playback.stream_source import StreamSource
 from gui.presenters.playback.timeline_plots import Waveform
 from studio.audio import Pcm
+from studio.audio.pcm import part_of
 from studio.errors import StudioError
 from studio.playback import Output, SoundPlayer
 
@@ -26,7 +27,7 @@ class StreamAudio:
         output: the device.
 
     Attributes:
-        frame_count, fps: of the stream.
+        frame_count, fps: of the source: with the frames before a take's in point, which are silent.
         player: plays the sound; None until it is loaded.
         waveform: for the timeline; None until it is known.
     """
@@ -71,7 +72,8 @@ class StreamAudio:
                 if sound is None:
                     return
                 stack.callback(sound.close)
-                player = SoundPlayer(sound, self.frame_count / self.fps, self._output)
+                seconds, early = self.frame_count / self.fps, self._source.first / self.fps
+                player = SoundPlayer(part_of(sound, -early, seconds), seconds, self._output)
                 stack.callback(player.close)
                 player.volume = self._volume
                 if self._closed.is_set():
@@ -79,7 +81,7 @@ class StreamAudio:
                 self.player = player
                 measured = sound.copy()  # so that playing and measuring do not seek in turn
                 stack.callback(measured.close)
-                peaks = peaks_of(measured, self.frame_count / self.fps, self._closed)
+                peaks = peaks_of(part_of(measured, -early, seconds), seconds, self._closed)
                 if peaks is not None:
                     self.waveform = Waveform("Sound", (), SECOND, "", peaks=peaks)
                 self._closed.wait()

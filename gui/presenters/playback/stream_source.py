@@ -43,6 +43,10 @@ class StreamSource:
         in_take: whether frames are counted, and splats placed, as in the take that the stream was baked from, whose
             edits may have trimmed and moved it.
 
+    Attributes:
+        first: the first frame that there is; above 0 only with `in_take`, in a take that is trimmed at its start.
+        frame_count: frames up to the last one, with those before `first`.
+
     Raises:
         StudioError: not a stream, or a damaged manifest.
     """
@@ -196,7 +200,8 @@ class StreamSource:
         return self._load_ms.get(frame - self.first)
 
     def sound(self) -> StreamSound | None:
-        """The stream's sound, fetched now; the caller closes it. None for a silent stream. Raises StudioError."""
+        """The stream's sound, fetched now, which begins with frame `first`; the caller closes it. None for a silent
+        stream. Raises StudioError."""
         return self._reader.sound()
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 
 from gui.presenters.drawing.palette import ACCENT as HEAD
 from gui.presenters.drawing.palette import PANEL as BACKGROUND
+from studio.edits.edit_list import Trim
 
 TRACK = (66, 69, 74)
 TRACK_OTHER_GROUP = (80, 84, 90)
@@ -27,6 +28,7 @@ class Timeline:
         frame_count: at least 1.
         group_starts: first frame of each group; groups alternate between two shades.
         first, shown: the part that is shown, see `TimelineZoom`.
+        trim: the frames that are kept; None for all.
     """
 
     width: int
@@ -35,6 +37,7 @@ class Timeline:
     group_starts: Sequence[int] = (0,)
     first: float = 0.0
     shown: float | None = None
+    trim: Trim | None = None
 
     def frame_at(self, x: float) -> int:
         """The frame under column x; clamped to the first and the last."""
@@ -55,6 +58,13 @@ class Timeline:
             for one in (frame, frame + 1)
         )
         return left, max(right, min(left + self.shows(frame), self.width))
+
+    def shade(self, pixels: np.ndarray) -> None:
+        """Darken the columns of frames that are trimmed off in (rows, width, 3) pixels."""
+        if self.trim is None:
+            return
+        for columns in (slice(0, self.span(self.trim.first)[0]), slice(self.span(self.trim.last + 1)[0], None)):
+            pixels[:, columns] = (0.3 * pixels[:, columns] + 0.7 * np.array(BACKGROUND)).astype(np.uint8)
 
     def group_of(self, frame: int) -> int:
         """Index of the group that a frame belongs to."""
@@ -77,6 +87,7 @@ class Timeline:
             image[top:bottom, left : min(right, head_right)] = PAST_OTHER_GROUP if group % 2 else PAST
             if first > 0 and self.shows(first):
                 image[top:bottom, left : left + 1] = BACKGROUND
+        self.shade(image)
         if not self.shows(frame):
             return image
         # The playhead is at least 3 pixels wide, so that it is visible with any number of frames.

@@ -10,6 +10,7 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas, text_width
 from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from gui.presenters.playback.timeline import Timeline
+from studio.edits.edit_list import Trim
 
 LEAST_SPAN = 2.0
 """Least range of an axis that does not begin at zero, dB: smaller differences must not look large."""
@@ -121,7 +122,7 @@ class TimelinePlots:
     Attributes:
         width, height: pixels.
         em: font size, pixels.
-        frame_count, group_starts, first, shown: as in `Timeline`.
+        frame_count, group_starts, first, shown, trim: as in `Timeline`.
     """
 
     width: int
@@ -131,6 +132,7 @@ class TimelinePlots:
     group_starts: Sequence[int] = (0,)
     first: float = 0.0
     shown: float | None = None
+    trim: Trim | None = None
 
     @property
     def left(self) -> int:
@@ -146,7 +148,9 @@ class TimelinePlots:
     def timeline(self) -> Timeline:
         """Mapping of columns, counted from `left`, to frames."""
         width = max(self.width - self.left, 1)
-        return Timeline(width, self.track_height, self.frame_count, self.group_starts, self.first, self.shown)
+        return Timeline(
+            width, self.track_height, self.frame_count, self.group_starts, self.first, self.shown, self.trim
+        )
 
     def frame_at(self, x: float) -> int:
         """The frame under a column of the picture."""
@@ -162,6 +166,7 @@ class TimelinePlots:
         timeline = self.timeline
         for number, plot in enumerate(plots):
             self._plot(canvas, timeline, plot, *self._rows(len(plots))[number])
+        timeline.shade(canvas.pixels[: self._track, self.left :])
         words = "Frame"
         if self.shown is not None:
             words = f"Frame, {timeline.frame_at(0)} to {timeline.frame_at(timeline.width - 1)} in view"

@@ -7,15 +7,20 @@ import json
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gui.presenters.playback.viewpoint import BACKGROUNDS
-from gui.presenters.run.camera_path import PathEditor
+from gui.presenters.run.camera_path import PathEditor, in_export
 from gui.presenters.run.jobs import ChildProcess, v3studio_command
 from gui.presenters.run.shares import ShareRequest, megabytes
 from gui.presenters.run.target import NamedTarget
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.takes.atomic_files import remove
 from studio.errors import StudioError
+from studio.export import Key
+
+if TYPE_CHECKING:
+    from studio.stream import CapturePlace
 
 FORMATS: dict[str, tuple[str, str]] = {
     "ply": ("PLY, one file per frame", ""),
@@ -127,7 +132,8 @@ class Exports:
         """Start an export.
 
         Raises:
-            StudioError: `export.running`, `export.target_exists`, `export.too_few_views` or `export.bad_seconds`.
+            StudioError: `export.running`, `export.target_exists`, `export.too_few_views`, `export.bad_seconds`, views
+                show frames that what is exported does not have (`export.frames_left_out`), or it cannot be read.
         """
         self._check_idle()
         if request.path.exists():
@@ -136,10 +142,10 @@ class Exports:
                 fix="Choose another name.",
             )  # fmt: skip
         arguments = ["export", *request.arguments()]
+        keys = self._keys(request) if request.kind == "camera-path" else []
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
-        if request.kind == "camera-path":
-            width, height = map(int, request.size.split("x"))
-            arguments += ["--path", str(self._write_path(scratch, (width, height)))]
+        if keys:
+            arguments += ["--path", str(self._write_path(scratch, keys))]
         self._run("Export", arguments, request.path, scratch)
 
     def share(self, request: ShareRequest) -> None:
@@ -165,9 +171,8 @@ class Exports:
         self.title, self._target, self._stopping, self._told = title, target, False, ""
         self.words, self.result = f"{title.lower()}: starting", ""
 
-    def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
-        from studio.export import write_path_keys
-
+    def _keys(self, request: ExportRequest) -> list[Key]:
+        """The path in the frames and the world of what is exported."""
         if len(self.path.keys) < 2:
             raise StudioError(
                 "export.too_few_views",
@@ -175,8 +180,16 @@ class Exports:
                 value=len(self.path.keys),
                 fix="Add views with K, then export again.",
             )
+        width, height = map(int, request.size.split("x"))
+        keys = self.path.fitted_keys(width, height)
+        return keys if not request.of else in_export(keys, *_place_of(request))
+
+    @staticmethod
+    def _write_path(folder: Path, keys: list[Key]) -> Path:
+        from studio.export import write_path_keys
+
         path = folder / "path.json"
-        write_path_keys(self.path.fitted_keys(*size), path)
+        write_path_keys(keys, path)
         return path
 
     def poll(self) -> bool:
@@ -212,3 +225,19 @@ class Exports:
         if self._process is not None:
             self._stopping = True
             self._process.cancel()
+
+
+def _place_of(request: ExportRequest) -> tuple[CapturePlace, int]:
+    """Where what `v3studio export` reads of a take lies in the take, and its number of frames."""
+    from pipelines.takes.edits import read_edits
+    from pipelines.takes.take import Take
+    from pipelines.takes.videos import capture_place, open_reader, trained_video
+    from studio.stream import CapturePlace
+
+    if request.of == "decoded":
+        with open_reader(request.source) as reader:
+            return capture_place(reader), reader.frame_count
+    root = Path(request.source)
+    edits = read_edits(Take.open(root).edits)
+    first = edits.trim.first if edits.trim is not None else 0
+    return CapturePlace(first, edits.similarity), trained_video(root).frame_count

@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 import torch
 
+from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import write_rig_json
 from studio.cameras import Rig
+from studio.edits.edit_list import EditList, Trim
 from studio.export.camera_path import Key, look_at, write_path_keys
 from studio.gaussians import Gaussians
 from studio.splat_files import read_splats
@@ -228,6 +230,16 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     done = here("import", take, "--out", out)
     assert done.returncode == 1
     assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
+
+
+def test_a_trimmed_take_of_which_a_part_is_trained(take, tmp_path):
+    whole = Path(shutil.copytree(take, tmp_path / "take"))
+    change_edits(whole / "edits.json", EditList(trim=Trim(first=1, last=4)), "trim")
+    assert trained_video(whole).frame_count == 4
+    Take.open(whole).trained_frame(1, 4).unlink()
+    video = trained_video(whole)
+    assert (video.frame_count, video.group_starts) == (3, (0, 2))
+    assert torch.equal(video.read(2).means, body(3, 75).means)
 
 
 def test_nothing_trained_yet(tmp_path):

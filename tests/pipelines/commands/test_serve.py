@@ -170,6 +170,26 @@ def test_which_streams_are_found(stream, tmp_path):
             find_streams(str(tmp_path / wrong))
 
 
+def test_streams_elsewhere_are_not_served_through_links(stream, tmp_path, capsys):
+    served, elsewhere = tmp_path / "served", tmp_path / "elsewhere"
+    shutil.copytree(stream, served / "here", symlinks=True)
+    shutil.copytree(stream, elsewhere / "take" / "stream", symlinks=True)
+    (elsewhere / "take" / "take.json").write_text(json.dumps({"format": 1}))
+    (served / "again").symlink_to("here")
+    (served / "stream").symlink_to(elsewhere / "take" / "stream")
+    (served / "take").symlink_to(elsewhere / "take")
+    (served / "mine").mkdir()
+    (served / "mine" / "take.json").write_text(json.dumps({"format": 1}))
+    (served / "mine" / "stream").symlink_to(elsewhere / "take" / "stream")
+    found = find_streams(str(served))
+    assert list(found) == ["/again", "/here"]
+    assert capsys.readouterr().err.count("a link out of this folder") == 3
+    with running(build_app(found)) as port:
+        assert ask(port, "/here/manifest.json")[0] == 200
+        for name in ("stream", "take", "mine", "mine/stream"):
+            assert ask(port, f"/{name}/manifest.json")[0] == 404
+
+
 def test_of_several_each_has_its_own_path(stream, tmp_path):
     for name in ("a", "b"):
         shutil.copytree(stream, tmp_path / name, symlinks=True)

@@ -123,6 +123,15 @@ def test_training_with_live_gives_the_stream_of_a_bake(here, take, published):
     assert {path.name: path.read_bytes() for path in take.stream.rglob("*") if path.is_file()} == before
 
 
+def test_what_is_trained_on_frames_of_the_whole_group_waits_for_all_of_them(take):
+    settings = [*FAST, ("bake.first_group_size", 1)]
+    stage, needed = BakeStage(), []
+    for ladder in ([], [{"qp": 24}, {"qp": 30, "splats": 0.5, "finetune_iterations": 10}]):
+        context = Context(take, load_config(take.config, [*settings, ("bake.ladder", ladder)]), emit=lambda _: None)
+        needed.append([stage.frames_needed(context, part) for part in stage.parts(context)])
+    assert needed == [[1, 3, 2], [3, 3, 2]]
+
+
 def test_it_needs_version_3():
     with refuses_setting("live", "stream_version"):
         BakeStageSettings(live=True, stream_version=2)

@@ -73,6 +73,13 @@ def test_sweep_takes_leftovers_only(tmp_path):
     ]
 
 
+def test_sweep_leaves_what_people_made(tmp_path):
+    for name in ("marks.json", "edits.json", "camera_path.json", "evaluation.json"):
+        (tmp_path / name).touch()
+    assert sweep_partial(tmp_path) == 1
+    assert not (tmp_path / "evaluation.json").exists()
+
+
 def test_sweep_leaves_empty_files_that_are_being_written(tmp_path):
     alive = os.getppid()
     names = (f".frame_000001.{alive}.partial.safetensors", f".out.{alive}.partial/a.json")

@@ -14,9 +14,13 @@ from safetensors import safe_open
 from safetensors.torch import load_file
 
 from pipelines.runs.runner import ALL_STAGES
+from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.integrity import check_take, refuse_damage
 from pipelines.takes.take import Take
+from studio.camera_files import read_rig
+from studio.edits.edit_list import EditList, Trim
+from studio.export import Key, write_path_keys
 from tests.support.errors import refuses
 
 FRAME = "train/group_000/frame_000001.safetensors"
@@ -102,7 +106,7 @@ def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path,
     done = here("check", take.root, "--json")
     assert done.returncode == 1
     name = video.relative_to(take.root).as_posix()
-    assert json.loads(done.stdout)["damage"] == [{"file": name, "stage": "bake", "problem": "changed"}]
+    assert json.loads(done.stdout)["damage"] == [{"file": name, "stage": "bake", "problem": "changed", "detail": ""}]
     done = here("check", take.root, "--remove")
     assert done.returncode == 1
     assert name in done.stdout
@@ -111,6 +115,24 @@ def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path,
     assert again.returncode == 0, again.stderr
     assert video.read_bytes() == whole
     assert here("check", take.root).returncode == 0
+
+
+def test_what_people_made_is_read(take: Take, here: Callable) -> None:
+    take.marks.write_text('{"marks": [{"frame": 1, "note": "good"}]}')
+    change_edits(take.edits, EditList(trim=Trim(first=1, last=3)), "trim")
+    write_path_keys([Key(0.0, next(iter(read_rig(take.rig))))], take.camera_path)
+    assert check_take(take, ALL_STAGES).damage == ()
+    take.marks.write_text('{"marks": [{"frame": -1, "note": "good"}]}')
+    take.edits.write_text("{")
+    take.camera_path.write_text("")
+    found = check_take(take, ALL_STAGES).damage
+    own = [(damage.file, damage.stage, damage.problem, bool(damage.detail)) for damage in found]
+    assert own == [(name, "", "damaged", True) for name in ("edits.json", "marks.json", "camera_path.json")]
+    done = here("check", take.root, "--remove")
+    assert done.returncode == 1
+    assert "Not made by a run: edits.json, marks.json, camera_path.json. Copy back a backup" in done.stdout
+    assert "bakes remove" not in done.stdout
+    assert take.edits.read_text() == "{"
 
 
 @pytest.mark.parametrize(

@@ -176,6 +176,19 @@ def test_check_names_damage_of_a_kept_bake(take: Take, here: Callable) -> None:
     assert set(states(here, take.root).values()) == {"done"}, "no run makes it again, so no stage is forgotten"
     with refuses("take.damaged"):
         choose_bake(take, "fine")
+
+    note = next((take.bakes / "fine" / "notes").iterdir())
+    note.unlink()
+    (take.bakes / ".fine.partial").mkdir()
+    found = check_take(take, ALL_STAGES).damage
+    assert [(damage.file, damage.problem) for damage in found] == [
+        (path.relative_to(take.root).as_posix(), "changed"),
+        (note.relative_to(take.root).as_posix(), "missing"),
+    ]
     (take.bakes / "fine" / "bake.json").write_text("{")
     assert kept_bakes(take) == []
+    done = here("check", take.root)
+    assert done.returncode == 1
+    assert "damaged: bakes/fine/bake.json (cannot be read" in done.stdout
+    assert f"v3studio bakes remove {take.root} fine" in done.stdout
     assert remove_bake(take, "fine") > len(data), "a damaged one can be removed"

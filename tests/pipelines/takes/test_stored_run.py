@@ -101,6 +101,20 @@ def test_a_run_that_is_not_followed_any_longer_counts_as_running_for_two_minutes
     assert here.running() is None
 
 
+def test_what_others_on_its_machine_look_at_does_not_stop_the_run(machine):
+    """They copy its claim into the working copy that they share, for as long as it has not locked the folder."""
+    (run, take), (looks, _) = machine("a"), machine("a")
+    with run.held("v3studio run"):
+        looks.refresh()
+        assert take.holder.is_file()
+        with take.locked("v3studio run"):
+            pass
+        claim = json.loads(take.holder.read_text())
+        take.holder.write_text(json.dumps({**claim, "token": "of another run"}))
+        with refuses("take.locked"), take.locked("v3studio run"):
+            pass
+
+
 def test_a_run_is_cancelled_from_another_machine(machine, object_store: ObjectStore):
     (a, there), (b, _) = machine("a"), machine("b")
     b.request_cancel()  # there is no run

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from pathlib import Path
 
 import pytest
 
+from pipelines.takes.edits import change_edits
+from pipelines.takes.marks import Mark, change_mark
 from pipelines.takes.stored_take import StoredTake, stored_take
+from studio.edits.edit_list import EditList, Trim
 from studio.errors import StudioError
 from studio.storage import store
 from tests.support.object_store import Faults, ObjectStore
@@ -110,6 +114,35 @@ def test_records_come_after_what_they_tell_of(machine, object_store: ObjectStore
     assert object_store.contents("takes/first") == {}
     object_store.faults = Faults()
     assert a.push() == 4
+
+
+def test_a_kept_bake_is_told_of_last_and_forgotten_first(machine, object_store: ObjectStore, monkeypatch):
+    a = machine("a")
+    files = {"bakes/fine/bake.json": "{}", "bakes/fine/evaluation.json": "{}", "bakes/fine/stream/manifest.json": "{}"}
+    for name, text in files.items():
+        (a.folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (a.folder / name).write_text(text)
+    done: list[str] = []
+    for what in ("write", "delete"):
+        action = getattr(a.store, what)
+        monkeypatch.setattr(
+            a.store, what, lambda name, *data, action=action: (done.append(name), action(name, *data))[1]
+        )
+    a.push()
+    assert done.pop() == "bakes/fine/bake.json"
+    shutil.rmtree(a.folder / "bakes")
+    done.clear()
+    a.push()
+    assert done[0] == "bakes/fine/bake.json"
+    assert object_store.contents("takes/first") == {}
+
+
+def test_locks_of_a_machine_stay_on_it(machine, object_store: ObjectStore):
+    a = machine("a")
+    change_edits(a.folder / "edits.json", EditList(trim=Trim(first=0, last=3)), "trim")
+    change_mark(a.folder / "marks.json", 3, Mark(frame=3, note="good"), None)
+    assert a.push() == 2
+    assert sorted(object_store.contents("takes/first")) == ["edits.json", "marks.json"]
 
 
 def test_results_are_sent_while_a_stage_works_and_when_it_fails(machine, object_store: ObjectStore, monkeypatch):

@@ -58,6 +58,7 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, rig: Ri
     [
         ("width", "abc", "camera.not_a_number", "abc", ""),
         ("width", [], "camera.not_a_number", [], ""),
+        ("width", True, "camera.not_a_number", True, ""),
         ("height", 120.5, "camera.not_an_integer", 120.5, None),
         ("height", None, "camera.missing_key", None, None),
         ("K", [[1, 2, 3], [1, "x", 3], [0, 0, 1]], "camera.not_a_number", "x", "[1][1]"),

@@ -160,6 +160,17 @@ def test_what_is_no_manifest(stream, data):
     assert caught.value.file == str(stream / "manifest.json")
 
 
+@pytest.mark.parametrize("text", [b"[],", b"1,", b'{"a":1},'])
+def test_60_megabytes_of_small_values_are_refused_before_they_are_parsed(stream, text, monkeypatch):
+    """They would take gigabytes."""
+    parsed = []
+    monkeypatch.setattr(json, "loads", lambda *_, **__: parsed.append(1))
+    (stream / "manifest.json").write_bytes(b'{"groups": [' + text * (60_000_000 // len(text)) + b"0]}")
+    with refuses("manifest.not_json", file=stream / "manifest.json"):
+        StreamReader.open(stream)
+    assert parsed == []
+
+
 def test_every_flipped_byte_of_the_manifest_is_noticed(stream):
     data = (stream / "manifest.json").read_bytes()
     for position in range(0, len(data), 37):

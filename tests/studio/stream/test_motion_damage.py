@@ -1,5 +1,6 @@
 """Damaged streams of the profile `motion`: a clear error or frames, in bounded time and memory."""
 
+import hashlib
 import json
 import time
 import zlib
@@ -209,6 +210,25 @@ def test_any_value_anywhere_in_the_manifest(stream, edit_manifest, data):
         path.write_bytes(original)
     assert message is None or str(stream) in message
     assert time.perf_counter() - began < 5
+
+
+def test_more_pictures_than_frames_in_a_group(stream, edit_manifest, make_frames, tmp_path):
+    """Decoding them would take longer than the manifest promises."""
+    settings = BakeSettings(qp=24, preset="ultrafast", stream_version=2)
+    bake_group(make_frames(20, 80), tmp_path / "long", 0, 0, settings)
+    data = (tmp_path / "long" / "group_000" / "video.mp4").read_bytes()
+
+    def change(values):
+        group = values["groups"][0]
+        group["bytes"] += len(data) - group["video"]["bytes"]
+        group["video"].update(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+
+    (stream / "group_000" / "video.mp4").write_bytes(data)
+    edit_manifest(stream, change)
+    with StreamReader.open(stream) as reader:
+        with refuses("stream.video_too_long", file=stream / "group_000" / "video.mp4", value=20, expected=4):
+            reader.gaussians(0)
+        assert len(list(reader.iterate(4))) == 3
 
 
 def test_a_bomb_is_not_unpacked(stream):

@@ -22,14 +22,16 @@ from gui.presenters.playback.sources import open_path
 from gui.presenters.playback.stream_source import StreamSource
 from gui.presenters.run.inspector import review_blocks
 from gui.presenters.worker import LatestWorker
+from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
+from studio.edits import EditList, Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream import StreamReader
+from studio.stream import CapturePlace, StreamReader
 from tests.support.errors import refuses
 from tests.support.players import settle
-from tests.support.streams import group_files
+from tests.support.streams import group_files, set_capture
 from tests.support.waiting import wait_until
 
 
@@ -256,6 +258,21 @@ def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_
     assert (player.transport.frame_count, player.transport.frame, player.transport.group_starts) == (9, 2, (0, 8))
     settle(player)
     assert player.picture.frame == 2
+
+
+def test_a_trimmed_stream_that_arrives_meanwhile_shows_up(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    take = Take.create(tmp_path / "take")
+    assert player.open(take.root), player.message
+    shutil.copytree(stream_folder, take.stream)
+    set_capture(take.stream, CapturePlace(first_frame=3))
+    change_edits(take.edits, EditList(trim=Trim(first=3, last=14)), "trim")
+    assert player.refresh(), player.message
+    assert (player.what, player.transport.frame_count, player.transport.group_starts[0]) == ("decoded", 15, 3)
+    assert player.transport.frame == 3, "the first that there is"
+    assert player.opened is not None
+    assert player.opened.trim == Trim(first=3, last=14)
 
 
 def test_foreign_takes_are_sentences(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,9 +14,10 @@ from gui.presenters.drawing.palette import RAISED
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.stream_audio import peaks_of
 from gui.presenters.playback.timeline_plots import TimelinePlots, plots_of
-from studio.stream import BakeSettings
-from tests.support.sounds import ArrayPcm, FakeOutput, clicks
-from tests.support.streams import bake_numbered
+from pipelines.takes.take import Take
+from studio.stream import BakeSettings, CapturePlace
+from tests.support.sounds import ArrayPcm, FakeOutput, click_times, clicks
+from tests.support.streams import bake_numbered, set_capture
 from tests.support.waiting import wait_until
 
 FPS, FRAMES = 25, 10
@@ -46,14 +48,18 @@ def device() -> Device:
 
 @pytest.fixture
 def player(stream: Path, device: Device) -> Iterator[PlayerPresenter]:
-    time = [0.0]
-    picture = np.zeros((8, 8, 3), np.uint8)
-    player = PlayerPresenter(lambda gaussians, camera, color: picture, lambda: time[0], lambda: device)
-    assert player.open(stream)
-    wait_until("loaded", lambda: player.audio is not None and player.audio.waveform is not None)
-    player.poll()
+    player = playing(stream, device)
     yield player
     player.close()
+
+
+def playing(place: Path, device: Device) -> PlayerPresenter:
+    picture = np.zeros((8, 8, 3), np.uint8)
+    player = PlayerPresenter(lambda gaussians, camera, color: picture, lambda: 0.0, lambda: device)
+    assert player.open(place)
+    wait_until("loaded", lambda: player.audio is not None and player.audio.waveform is not None)
+    player.poll()
+    return player
 
 
 def test_the_transport_follows_the_sound(player: PlayerPresenter, device: Device) -> None:
@@ -93,6 +99,31 @@ def test_sound_can_be_turned_off_and_a_missing_device_is_told(
     player.transport.play()
     wait_until("told", lambda: player.audio is not None and player.audio.message != "")
     assert player.transport.playing
+
+
+def test_the_sound_of_a_take_begins_at_its_in_point(stream: Path, device: Device, tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    shutil.copytree(stream, take.stream)
+    set_capture(take.stream, CapturePlace(first_frame=3))
+    player = playing(take.root, device)
+    try:
+        assert player.audio is not None
+        assert player.audio.waveform is not None
+        loud = np.abs(player.audio.waveform.peaks).max(axis=1)
+        assert int(loud.argmax() / len(loud) * (3 + FRAMES)) == 8, "frame 5 of the stream"
+        player.transport.seek(7)
+        player.transport.play()
+        device.frames(player, 2)
+        assert player.transport.frame == 9
+        assert click_times(device.played[-1]) == pytest.approx([1.2 / FPS], abs=0.005)
+        player.transport.seek(1)
+        device.frames(player, 2)
+        assert not device.played[-1].any(), "before the in point"
+        player.transport.seek(12)
+        device.frames(player, 2)
+        assert player.transport.frame == 1, "looped after the last frame"
+    finally:
+        player.close()
 
 
 def test_the_waveform_shows_the_click(player: PlayerPresenter) -> None:

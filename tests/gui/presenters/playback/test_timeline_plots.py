@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gui.presenters.drawing.palette import BAD, FAIR, PANEL, RAISED, TEXT
 from gui.presenters.playback.timeline_plots import LEAST_SPAN, TimelinePlots, Waveform, plots_of
 from gui.presenters.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
+from studio.edits import Trim
 
 VIEW = TimelinePlots(900, 160, 16.0, 4)
 
@@ -92,6 +95,22 @@ def test_a_zoomed_timeline_shows_its_part(first: float) -> None:
     (moved,) = {view.frame_at(x) for x in np.nonzero((shown == FAIR).all(axis=2))[1]}
     assert (marked, moved) == (inside, inside)
     assert view.with_head(base, outside, plots).shape == (160, 900, 3)
+
+
+@pytest.mark.parametrize(("first", "shown"), [(0.0, None), (3.0, 6.0), (9.0, 5.0)])
+def test_what_is_trimmed_off_is_darker(first: float, shown: float | None) -> None:
+    plots = plots_of({"psnr_decoded": [20.0 + frame for frame in range(20)], "bytes": [1000.0] * 20})
+    whole = TimelinePlots(900, 160, 16.0, 20, (0, 10), first, shown)
+    trimmed = replace(whole, trim=Trim(first=4, last=10))
+    pictures = [view.with_head(view.base(plots), 7, plots) for view in (whole, trimmed)]
+    changed = (pictures[0] != pictures[1]).any(axis=2)
+    darker = {whole.frame_at(x) for x in np.flatnonzero(changed.any(axis=0))}
+    frames = {whole.frame_at(x) for x in range(whole.left, whole.width)}
+    assert darker == frames - set(range(4, 11))
+    assert not changed[:, : whole.left].any()
+    assert pictures[1][changed].sum() < pictures[0][changed].sum()
+    ended = replace(whole, trim=Trim(first=0, last=40))
+    assert np.array_equal(ended.base(plots), whole.base(plots)), "an out point after the last frame"
 
 
 def test_a_zoomed_waveform_is_that_of_its_part() -> None:

@@ -11,7 +11,14 @@ import pytest
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.camera_path import fitted
 from gui.presenters.run.exports import ExportRequest, Exports
+from pipelines.takes.edits import change_edits
+from pipelines.takes.frame_files import FrameMetadata, write_frame
+from pipelines.takes.take import Take
+from studio.edits import EditList, Trim, World
+from studio.stream import CapturePlace
 from tests.support.errors import refuses
+from tests.support.splats import converted_splats
+from tests.support.streams import bake_numbered, set_capture
 from tests.support.waiting import wait_until
 
 
@@ -65,11 +72,49 @@ def test_views_become_a_camera_path(tmp_path: Path) -> None:
     with refuses("export.too_few_views", value=1):
         exports.start(request("camera-path", "x", tmp_path / "out.mp4"))
     exports.path.add(orbit.orbit(90, 0).camera(700, 560), 9)
-    path = exports._write_path(tmp_path, (1280, 720))
+    path = exports._write_path(tmp_path, exports._keys(request("camera-path", "x", tmp_path / "out.mp4")))
     assert json.loads(path.read_text())["format"] == "v3studio-camera-path"
     keys = read_path_keys(path, 10.0)
     assert [(key.time, key.frame) for key in keys] == [(0.0, 0.0), (2.0, 9.0)]
     assert (keys[0].camera.width, keys[0].camera.height) == (1280, 720)
+
+
+@pytest.mark.parametrize("of", ["decoded", "trained"])
+def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
+    of: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames 2 to 7 of the take, in a world that is ten times as large."""
+    from studio.export import read_path_keys
+
+    take = Take.create(tmp_path / "take")
+    world = World(up=(0, 0, 1), origin=(0, 0.5, 0), scale=10)
+    if of == "decoded":
+        bake_numbered(take.stream, (6,), 25)
+        set_capture(take.stream, CapturePlace(2, world.similarity))
+    else:
+        splats = converted_splats(0)
+        for frame in range(9):
+            write_frame(take.trained_frame(0, frame), splats, FrameMetadata())
+        change_edits(take.edits, EditList(trim=Trim(first=2, last=7), world=world), "trim")
+    exports, chosen = Exports(), request("camera-path", take.root, tmp_path / "out.mp4")
+    chosen.of = of
+    views = [OrbitCamera().orbit(turn, 0).camera(1280, 720) for turn in (0, 60, 90)]
+    exports.path.add(views[0], 2)
+    exports.path.add(views[1], 7)
+    started: list[str] = []
+    monkeypatch.setattr(exports, "_run", lambda title, arguments, target, scratch: started.extend(arguments))
+    exports.start(chosen)
+    keys = read_path_keys(Path(started[started.index("--path") + 1]), 10.0)
+    assert [key.frame for key in keys] == [0, 5]
+    points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
+    for key, view in zip(keys, views, strict=False):
+        there = key.camera.project(world.similarity.points(points))[0]
+        assert there == pytest.approx(view.project(points)[0], abs=1e-6)
+    exports.path.add(views[2], 1)
+    exports.path.add(views[2], 8)
+    with refuses("export.frames_left_out", value=[1, 8], expected=[2, 7]) as error:
+        exports.start(chosen)
+    assert "view 3 (frame 1), view 4 (frame 8)" in str(error.value)
 
 
 def test_a_view_keeps_its_height_in_another_shape() -> None:
