@@ -5,12 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from pydantic import BaseModel, ConfigDict, JsonValue
-
-if TYPE_CHECKING:
-    from pipelines.takes.kept_bakes import KeptBake
+from typing import Any
 
 
 def register(commands: Any) -> None:
@@ -54,6 +49,7 @@ def _kind(kinds: Any, name: str, text: str) -> argparse.ArgumentParser:
 
 
 def _list(arguments: argparse.Namespace) -> int:
+    from pipelines.reports.kept_bakes import KeptBakeRow
     from pipelines.reports.tables import escaped, table_of
     from pipelines.reports.terminal import console
     from pipelines.takes.kept_bakes import kept_bakes
@@ -89,58 +85,6 @@ def _list(arguments: argparse.Namespace) -> int:
         )
     console().print(shown)
     return 0
-
-
-class KeptBakeRow(BaseModel):
-    """A kept bake in `v3studio bakes list --json`."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
-
-    name: str
-    chosen: bool
-    """Whether it is the take's stream."""
-
-    current: bool
-    """Whether it was baked from the take's present training."""
-
-    same_edits: bool
-    """Whether it was baked with the take's present edits."""
-
-    kept: str
-    """When, UTC, ISO 8601."""
-
-    bytes: int
-    frees: int
-    """Bytes that are free again after it is removed."""
-
-    bytes_per_frame: float
-    psnr_decoded: float | None
-    """Mean over the evaluated cameras and frames, dB; null if it was not measured."""
-
-    qp: int | None
-    stream: str
-    """Folder of the stream."""
-
-    settings: dict[str, JsonValue]
-    """Settings that it was made with, by dotted name."""
-
-    @classmethod
-    def of(cls, kept: KeptBake) -> KeptBakeRow:
-        """The row of a kept bake."""
-        return cls(
-            name=kept.name,
-            chosen=kept.chosen,
-            current=kept.current,
-            same_edits=kept.same_edits,
-            kept=kept.note.kept,
-            bytes=kept.bytes,
-            frees=kept.frees,
-            bytes_per_frame=kept.bytes_per_frame,
-            psnr_decoded=kept.psnr,
-            qp=kept.qp,
-            stream=str(kept.stream),
-            settings=kept.settings,
-        )
 
 
 def _keep(arguments: argparse.Namespace) -> int:

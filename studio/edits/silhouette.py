@@ -14,8 +14,15 @@ def silhouette(camera: Camera, box: CropBox) -> np.ndarray:
 
     pixels, depth = camera.project(box.corners)
     seen = np.zeros((camera.height, camera.width), np.uint8)
-    if depth.min() <= 1e-6 or np.abs(pixels).max() > 2**14:  # OpenCV draws coordinates below 2^15
+    if depth.min() <= 1e-6:
         return np.ones_like(seen, dtype=bool)
-    hull = cv2.convexHull(np.round(pixels - 0.5).astype(np.int32))
-    cv2.fillConvexPoly(seen, hull, 1)
+    hull = cv2.convexHull((pixels - 0.5).astype(np.float32))
+    if np.abs(hull).max() > 2**14:  # OpenCV draws coordinates below 2^15
+        right, bottom = camera.width, camera.height
+        image = np.array([[-1, -1], [right, -1], [right, bottom], [-1, bottom]], np.float32)
+        _, clipped = cv2.intersectConvexConvex(hull, image)
+        if clipped is None:
+            return seen.astype(bool)
+        hull = clipped
+    cv2.fillConvexPoly(seen, np.round(hull).astype(np.int32), 1)
     return seen.astype(bool)

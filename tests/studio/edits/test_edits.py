@@ -185,6 +185,20 @@ def test_the_silhouette_of_a_box_is_where_its_points_are_seen() -> None:
     assert silhouette(near, CropBox(center=(0, 0, 0), size=(1, 1, 1))).all()
 
 
+def test_the_silhouette_of_a_box_that_reaches_to_the_camera() -> None:
+    """Its corners are projected far outside the image; against rays through the pixels."""
+    camera = replace(SIDE, world_to_camera=np.eye(4))
+    box = CropBox(center=(5, 0.1, 1), size=(10, 0.3, 1.99))
+    x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    rays = np.stack([(x - camera.K[0, 2]) / camera.K[0, 0], (y - camera.K[1, 2]) / camera.K[1, 1], np.ones_like(x)], -1)
+    low, high = np.subtract(box.center, np.divide(box.size, 2)), np.add(box.center, np.divide(box.size, 2))
+    ends = np.stack([low / rays, high / rays])
+    met = ends.min(0).max(-1) <= ends.max(0).min(-1)
+    seen = silhouette(camera, box)
+    assert 0.2 < met.mean() < 0.9
+    assert (seen == met).mean() > 0.98
+
+
 @pytest.mark.parametrize(
     "values",
     [
