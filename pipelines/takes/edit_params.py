@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from studio.edits.edit_list import EditList
+from studio.json_types import JsonData
 
 PREFIX = "edits."
 """Of the names of parameters that are edits."""
 
 
-def edit_params(edits: EditList, *names: str) -> dict[str, Any]:
+def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:
     """What is edited, by name, as parameters of a stage: nothing without edits, so that results without them stay as
     they are.
 

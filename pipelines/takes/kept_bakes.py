@@ -36,6 +36,7 @@ from pipelines.takes.records import StageRecord, current_record, read_record, re
 from pipelines.takes.take import Take
 from studio.atomic_files import PARTIAL, atomic_path, sync, temporary_path
 from studio.errors import StudioError
+from studio.json_types import JsonData
 
 NOTE = "bake.json"
 """Written last: a folder without it is not a kept bake."""
@@ -173,7 +174,7 @@ def kept_bake(take: Take, name: str) -> KeptBake:
     return _kept(take, path, _present_edits(take))
 
 
-def _present_edits(take: Take) -> dict[str, Any] | None:
+def _present_edits(take: Take) -> dict[str, JsonData] | None:
     """The take's edits as parameters of a bake; None if they cannot be read, which commands that need them tell."""
     try:
         return edit_params(read_edits(take.edits))
@@ -181,7 +182,7 @@ def _present_edits(take: Take) -> dict[str, Any] | None:
         return None
 
 
-def _kept(take: Take, path: Path, edits: dict[str, Any] | None) -> KeptBake:
+def _kept(take: Take, path: Path, edits: dict[str, JsonData] | None) -> KeptBake:
     note = read_model(path / NOTE, KeptBakeNote)
     sizes = list(_states(path / "stream"))
     return KeptBake(
