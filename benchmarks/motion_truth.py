@@ -78,6 +78,7 @@ def main() -> int:
             index, frame = group.first + position, group.frames[position]
             previous = read_frame(take.trained_frame(group.index, index - 1))
             before = read_frame(take.trained_frame(group.index, index - 2)) if position > 1 else None
+            third = read_frame(take.trained_frame(group.index, index - 3)) if position > 2 else None
             views = [
                 TrainingView.from_view(footage.view(camera, frame), context.device, settings.crop_margin)
                 for camera in footage.train_cameras
@@ -88,6 +89,7 @@ def main() -> int:
                 views,
                 settings,
                 before_previous=None if before is None else before.to(context.device),
+                third_last=None if third is None else third.to(context.device),
                 seed=derived_seed(config.run.seed, "train", group.index, position),
             ).warped.to("cpu")
             seconds = time.monotonic() - started

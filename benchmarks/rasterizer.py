@@ -3,10 +3,10 @@
     python benchmarks/rasterizer.py            # about two minutes on two cores
     python benchmarks/rasterizer.py --quick    # only a few repetitions
     python benchmarks/rasterizer.py --json results.json
+    python benchmarks/rasterizer.py --opensplat DIR   # a checkout of OpenSplat, whose CPU rasterizer is timed, too
 
 Times are medians over repetitions and wall-clock times unless labeled as CPU time. Ratios compare times of the same
-run, except for the OpenSplat column: that program is not run here. Its times were measured once on another day, with
-one thread on two x86-64 cores with AVX2 (best of many runs), and are constants below.
+run; OpenSplat and ours take turns, each with one thread.
 
 The scene is a person-like surface: an ellipsoid of 0.6 x 1.7 x 0.4 m, seen so that 2 m fill 90% of the image height.
 Its splats have a radius of 2 to 4 pixels (at which alpha falls to 1/255) and SH degree 3.
@@ -28,9 +28,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parent))
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.environment; read when torch is imported
 
 import numpy as np
+import opensplat_peer
 import torch
 from rich.console import Console
 from rich.table import Table
@@ -43,10 +45,6 @@ from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.reference import project, visible_radii
 from studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole
 from studio.training.photometric import photometric_loss
-
-OPENSPLAT_MS = {(5_000, 480): 32.0, (30_000, 480): 156.0, (100_000, 480): 506.0, (100_000, 960): 782.0}
-"""(splats, image width) to time of forward and backward pass of OpenSplat's CPU rasterizer, one thread, in ms; not
-measured in this run."""
 
 FORWARD_FLOPS, BACKWARD_FLOPS = 35, 55
 """Floating-point operations per blended (pixel, splat) pair, counted in csrc/blend.h and csrc/backward.h."""
@@ -122,20 +120,52 @@ def mark(value: float, goal: float) -> str:
     return f"[green]yes[/] (< {goal:g})" if value < goal else f"[red]no[/] (< {goal:g})"
 
 
+def in_turn(ours: Callable[[], Any], theirs: Callable[[], Any], turns: int) -> tuple[float, float]:
+    """Medians of the CPU time of this thread in milliseconds, each side once per turn."""
+    times: tuple[list[float], list[float]] = ([], [])
+    for turn in range(turns + 1):
+        for function, found in zip((ours, theirs), times, strict=True):
+            start = time.thread_time()
+            function()
+            if turn:  # the first one warms up
+                found.append(1e3 * (time.thread_time() - start))
+    return statistics.median(times[0]), statistics.median(times[1])
+
+
+def opensplat_table(peer: Any, repeat: int, results: JsonObject) -> None:
+    """Compare with OpenSplat's CPU rasterizer.
+
+    Raises:
+        SystemExit: it draws another picture.
+    """
+    torch.set_num_threads(1)
+    table = Table(title="Compared with OpenSplat: forward and backward, one thread, CPU ms (median, in turn)")
+    for name in ("image", "splats", "OpenSplat", "ours", "ratio", "difference of the pictures"):
+        table.add_column(name, justify="right")
+    results["opensplat"] = []
+    for width, height in ((480, 270), (960, 540)):
+        for count in (5_000, 30_000, 100_000):
+            splats, camera = person(count, width, height)
+            with torch.no_grad():
+                difference = opensplat_peer.draw(peer, splats, camera) - rasterize(splats, camera, backend="cpu").image
+            psnr = -10 * math.log10(float(difference.square().mean()) + 1e-12)
+            if psnr < 40:
+                raise SystemExit(f"OpenSplat draws another picture ({psnr:.1f} dB), so times cannot be compared.")
+            theirs = opensplat_peer.both_function(peer, splats, camera)
+            ours_ms, theirs_ms = in_turn(both_function(splats, camera, "cpu"), theirs, max(3, repeat // 3))
+            table.add_row(
+                f"{width}x{height}", f"{count}", f"{theirs_ms:.0f}", f"{ours_ms:.1f}", f"{theirs_ms / ours_ms:.1f}",
+                f"{psnr:.0f} dB",
+            )  # fmt: skip
+            results["opensplat"].append(
+                {"width": width, "splats": count, "opensplat_cpu_ms": theirs_ms, "cpu_ms": ours_ms, "psnr": psnr}
+            )
+    console.print(table)
+
+
 def speed_table(repeat: int, results: JsonObject) -> None:
     table = Table(title="CPU kernels, person-like surface, milliseconds (median)")
-    columns = (
-        "image",
-        "splats",
-        "threads",
-        "forward",
-        "fwd + bwd",
-        "CPU, 1 thread",
-        "2 threads",
-        "OpenSplat*",
-        "ratio*",
-    )
-    for name in columns:
+    for name in ("image", "splats", "threads", "forward", "fwd + bwd", "CPU, 1 thread", "2 threads"):
         table.add_column(name, justify="right")
     results["speed"] = []
     for width, height in ((480, 270), (960, 540)):
@@ -147,7 +177,6 @@ def speed_table(repeat: int, results: JsonObject) -> None:
                 forward, _ = time_it(forward_function(splats, camera), repeat)
                 both, cpu = time_it(both_function(splats, camera), repeat)
                 single = both if threads == 1 else single
-                peer = OPENSPLAT_MS.get((count, width)) if threads == 1 else None
                 assert single is not None
                 table.add_row(
                     f"{width}x{height}",
@@ -157,18 +186,12 @@ def speed_table(repeat: int, results: JsonObject) -> None:
                     f"{both:.1f}",
                     f"{cpu:.1f}" if threads == 1 else "",
                     f"x{single / both:.2f}" if threads == 2 else "",
-                    f"{peer:.0f}" if peer else "",
-                    f"{peer / cpu:.1f}" if peer else "",
                 )
                 results["speed"].append(
                     {"width": width, "splats": count, "threads": threads, "forward_ms": forward, "both_ms": both,
-                     "both_cpu_ms": cpu if threads == 1 else None, "opensplat_ms_not_of_this_run": peer}
+                     "both_cpu_ms": cpu if threads == 1 else None}
                 )  # fmt: skip
     console.print(table)
-    console.print(
-        "* OpenSplat's CPU rasterizer, one thread, best of many runs, measured once on another day, not in this run. "
-        "The ratio is relative to the CPU time of one thread."
-    )
 
 
 def goals_table(repeat: int, results: JsonObject) -> None:
@@ -382,12 +405,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="5 repetitions instead of 31")
     parser.add_argument("--json", type=Path, help="also write the results to this file")
+    parser.add_argument(
+        "--opensplat", type=Path, metavar="DIR", help="a checkout of OpenSplat, to be timed beside ours"
+    )
     parser.add_argument("--memory-of-this-process", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.memory_of_this_process:
         memory_of_this_process()
         return
     repeat = 5 if options.quick else 31
+    peer = opensplat_peer.load_opensplat(options.opensplat) if options.opensplat is not None else None
     kernels = load_kernels()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     console.print(
@@ -403,6 +430,8 @@ def main() -> None:
     iteration_table(repeat, results, "cpu", 30_000, 480, 270)
     limits_table(repeat, results)
     reference_table(repeat, results)
+    if peer is not None:
+        opensplat_table(peer, repeat, results)
     memory_table(results)
     if preferred_device().type == "cuda":
         gpu_tables(repeat, results)

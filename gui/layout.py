@@ -8,12 +8,16 @@ from open3d.visualization import gui
 
 from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
+from gui.panels.hints import Hints
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
+from gui.panels.notice_bar import NoticeBar
 from gui.panels.path_panel import PathPanel
 from gui.panels.picture import color
 from gui.panels.stages import StagesPanel
-from gui.panels.timeline import TimelinePanel
+from gui.panels.start_panel import StartPanel
+from gui.panels.timeline import STRIP, TimelinePanel
+from gui.panels.tour_bubble import TourBubble
 from gui.presenters.drawing.palette import GROUND, PANEL
 from gui.presenters.stages.stage_views import StageViews
 from gui.viewport import Viewport
@@ -23,6 +27,9 @@ NARROW = 60
 
 LEFT, LEAST_LEFT, MOST_LEFT = 18.0, 14.0, 40.0
 """Width of the left panel in em: at first, the least and the most."""
+
+PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
+"""The timeline gets this share of what the window is higher than `PLAIN`, and at most so much more, em."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,10 @@ class Panels:
     message: gui.Label
     status: gui.Label
     camera_menu: CameraMenu
+    start: StartPanel
+    notice_bar: NoticeBar
+    tour_bubble: TourBubble
+    hints: Hints
 
 
 class Layout:
@@ -60,6 +71,7 @@ class Layout:
         fullscreen: only the viewport is visible.
         figures: whether the right panel is visible; None to decide by width.
         left: width of the left panel, em; at most a third of the window.
+        view: x, y, width and height of the viewport, or of the start page, window pixels.
     """
 
     def __init__(self, panels: Panels) -> None:
@@ -72,6 +84,7 @@ class Layout:
         for number, fill in enumerate(self.fills):
             fill.background_color = color(GROUND if number < 3 else PANEL)
         self.left = LEFT
+        self.view = (0, 0, 16, 16)
 
     def widen(self, x: float) -> None:
         """Drag the left panel's edge to a column of the window."""
@@ -82,7 +95,7 @@ class Layout:
     @property
     def shows_figures(self) -> bool:
         """Whether the right panel is shown."""
-        if self.fullscreen:
+        if self.fullscreen or self._panels.start.shown:
             return False
         wide = self._panels.window.content_rect.width >= NARROW * self._panels.em
         return wide if self.figures is None else self.figures
@@ -97,15 +110,41 @@ class Layout:
         if not self.shows_figures:
             self.toggle_figures()
 
+    def toggle_log(self) -> None:
+        """Show the log over the view, or in its panel again; not in fullscreen, which has no log."""
+        if not self.fullscreen:
+            self._panels.inspector.toggle()
+
+    def close_log(self) -> bool:
+        """Show the log in its panel again; returns whether it was over the view."""
+        shown = self._panels.inspector.large and self._panels.inspector.log.widget.visible
+        if shown:
+            self.toggle_log()
+        return shown
+
     def set_fullscreen(self, on: bool) -> None:
         """Show the viewport alone, or with all panels."""
-        panels = self._panels
         self.fullscreen = on
-        panels.window.show_menu(not on)
+        self._panels.window.show_menu(not on)
+        self._show_panels(not on and not self._panels.start.shown)
+
+    def set_start(self, on: bool) -> None:
+        """Show the start page alone, or the panels."""
+        panels = self._panels
+        if self.fullscreen:
+            self.set_fullscreen(False)
+        panels.start.shown = panels.start.picture.widget.visible = on
+        panels.camera_menu.close()
+        panels.viewport.picture.widget.visible = not on
+        self._show_panels(not on)
+
+    def _show_panels(self, on: bool) -> None:
+        panels = self._panels
         for widget in (*self.fills, panels.status, panels.controls.widget, panels.timeline.picture.widget):
-            widget.visible = not on
-        panels.stages.set_visible(not on)
-        if on:
+            widget.visible = on
+        panels.hints.label.visible = False
+        panels.stages.set_visible(on)
+        if not on:
             for row in panels.modes.rows.values():
                 row.widget.visible = False
         panels.window.set_needs_layout()
@@ -118,13 +157,15 @@ class Layout:
         figures = self.shows_figures
         for widget in panels.inspector.widgets:
             widget.visible = figures
-        panels.path_panel.picture.widget.visible = figures and panels.path_panel.shown
-        panels.inspector.figures.widget.visible = figures and not panels.path_panel.shown
-        if self.fullscreen:
-            panels.viewport.picture.place(x, y, width, height)
-            self._place_message(context, x, y, width, height)
-            if panels.camera_menu.camera:
-                panels.camera_menu.place(context, area)
+        alone = self.fullscreen or panels.start.shown
+        panels.inspector.log.widget.visible = not alone and (figures or panels.inspector.large)
+        beside = figures and not panels.inspector.large  # the large log leaves only a strip of what is beside the view
+        panels.path_panel.picture.widget.visible = beside and panels.path_panel.shown
+        panels.inspector.figures.widget.visible = beside and not panels.path_panel.shown
+        if alone:
+            picture = panels.start.picture if panels.start.shown else panels.viewport.picture
+            picture.place(x, y, width, height)
+            self._place_over(context, x, y, width, height)
             return
         left = min(round(self.left * em), width // 3)
         right = min(round(17 * em), width // 4) if figures else 0
@@ -133,7 +174,8 @@ class Layout:
         inner_width = width - left - gap
         padded = inner_width - 2 * pad
         controls = panels.controls.flow.height(padded, context)
-        bottom_height = round(9.6 * em + controls)
+        taller = min(max(SPARE * (height - PLAIN * em), 0.0), MOST_TALLER * em)
+        bottom_height = round((9.6 + STRIP) * em + controls + taller)
         bottom = y + height - bottom_height
         panels.stages.place(x, y, left, height, context)
         panels.status.frame = gui.Rect(inner + pad, y + height - round(1.4 * em), padded, round(1.35 * em))
@@ -145,25 +187,44 @@ class Layout:
         modes = panels.modes.place(panels.views.row, inner + pad, y + 0.25 * em, view_width - pad, context)
         row = round(modes + 0.5 * em)
         panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
+        if figures or panels.inspector.large:
+            over = (inner, y + row, inner_width, bottom - y - row)
+            panels.inspector.place(inner + view_width + gap, y, right, bottom - y, over)
         if figures:
-            panels.inspector.place(inner + view_width + gap, y, right, bottom - y)
             panels.path_panel.picture.widget.frame = panels.inspector.figures.widget.frame
         frames = (
             (x + left, y, gap, height),
-            (inner, y, view_width, row),
+            (inner, y, inner_width if panels.inspector.large else view_width, row),
             (inner + view_width, y, gap if figures else 0, bottom - y),
             (inner, bottom, inner_width, bottom_height),
         )
         for fill, frame in zip(self.fills, frames, strict=True):
             fill.frame = gui.Rect(*frame)
-        self._place_message(context, inner, y + row, view_width, bottom - y - row)
+        self._place_over(context, inner, y + row, view_width, bottom - y - row)
+
+    def _place_over(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
+        """Place what lies over the view."""
+        panels = self._panels
+        self.view = (x, y, width, height)
+        self._place_message(context, x, y, width, height)
+        panels.hints.place(context, panels.em, self.view)
         if panels.camera_menu.camera:
-            panels.camera_menu.place(context, area)
+            panels.camera_menu.place(context, panels.window.content_rect)
+        panels.notice_bar.place(context, x, y, width, height)
+        panels.tour_bubble.place(context, x, y, width, height)
 
     def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
         message = self._panels.message
-        limits = gui.Widget.Constraints()
-        limits.width = int(0.85 * width)  # longer text wraps
-        preferred = message.calc_preferred_size(context, limits)
-        wide = min(preferred.width, limits.width)
-        message.frame = gui.Rect(x + (width - wide) // 2, y + (height - preferred.height) // 2, wide, preferred.height)
+        wide, high = _size_of(message, context, width)
+        message.frame = gui.Rect(x + (width - wide) // 2, y + (height - high) // 2, wide, high)
+        if self.fullscreen:  # at the top: cards of notices are at the bottom
+            wide, high = _size_of(self._panels.status, context, width)
+            self._panels.status.frame = gui.Rect(x + (width - wide) // 2, y + round(self._panels.em), wide, high)
+
+
+def _size_of(label: gui.Label, context: gui.LayoutContext, width: int) -> tuple[int, int]:
+    """Width and height of a label over a view of some width, where longer text wraps; pixels."""
+    limits = gui.Widget.Constraints()
+    limits.width = int(0.85 * width)
+    preferred = label.calc_preferred_size(context, limits)
+    return min(preferred.width, limits.width), preferred.height

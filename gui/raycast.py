@@ -37,11 +37,16 @@ class MeshPicture:
 
     def draw(self, camera: Camera) -> np.ndarray:
         """(H, W, 3) uint8 RGB: gray, lit from the viewer's upper left."""
+        return self.seen(camera)[0]
+
+    def seen(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+        """The picture of `draw`, and (H, W) float32 depth along the viewing axis, infinite beside the mesh."""
         rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
             o3d.core.Tensor(camera.cv2_K), o3d.core.Tensor(camera.world_to_camera), camera.width, camera.height
         )
         found = self._scene.cast_rays(rays)
-        hit = np.isfinite(found["t_hit"].numpy())
+        depth = found["t_hit"].numpy()  # the rays are 1 long along the viewing axis
+        hit = np.isfinite(depth)
         pixels = np.empty((camera.height, camera.width, 3), np.uint8)
         pixels[:] = GROUND
         corners = self._triangles[found["primitive_ids"].numpy()[hit]]
@@ -52,4 +57,4 @@ class MeshPicture:
         light = camera.rotation.T @ np.array([-0.4, -0.6, -0.7]) / 1.005
         shade = 0.22 + 0.78 * np.clip(np.abs(normals @ light), 0, 1)
         pixels[hit] = (shade[:, None] * np.array(SECOND)).astype(np.uint8)
-        return pixels
+        return pixels, depth

@@ -10,11 +10,15 @@ from gui.layout import Layout
 from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
+from gui.panels.hints import Hints
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
+from gui.panels.notice_bar import NoticeBar
 from gui.panels.path_panel import PathPanel
 from gui.panels.stages import StagesPanel
+from gui.panels.start_panel import StartPanel
 from gui.panels.timeline import TimelinePanel
+from gui.panels.tour_bubble import TourBubble
 from gui.presenters.evaluation import Evaluation
 from gui.presenters.marks import Marks
 from gui.presenters.notices import Notices
@@ -25,6 +29,13 @@ from gui.presenters.run.serving import Serving
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_views import StageViews
 from gui.viewport import Viewport
+
+
+class Page(Protocol):
+    """The start page, for other actions."""
+
+    def hide(self) -> bool:
+        """Show what is open again; returns whether the page was over it."""
 
 
 class Shell(Protocol):
@@ -54,7 +65,24 @@ class Shell(Protocol):
     stages: StagesPanel
     inspector: InspectorPanel
     path_panel: PathPanel
+    start: StartPanel
+    notice_bar: NoticeBar
+    tour_bubble: TourBubble
+    hints: Hints
     message: gui.Label
+    status: gui.Label
+
+    @property
+    def title(self) -> str:
+        """Title of the window."""
+
+    @property
+    def control_held(self) -> bool:
+        """Whether Ctrl or Shift is held."""
+
+    @property
+    def start_actions(self) -> Page:
+        """The start page."""
 
     def open(self, path: str) -> None:
         """Open a take, a stream or a URL."""

@@ -34,17 +34,25 @@ class WindowState:
         busy, error: whether a run is in progress on the take; message in the left panel.
         error_setting: the setting that the button under this message opens; "" if none.
         frame, frames, playing, loop: state of the transport.
+        span: first and last frame of the selected span; None for none.
+        fixes: the middle of each button in the log, 0 to 1 across and down, by its label.
         left_out: messages about damaged groups that playback skipped.
         what, compare, wipe: source on screen, comparison mode, position of the wipe, 0 to 1.
         camera: capture camera; "" for the free view.
         alone: the camera that Capture shows alone; "" for all.
         menu_camera: the camera whose menu is open; "" if none is.
-        places: the middle of what shows a camera, 0 to 1 across and down the viewport; those in front last.
+        places: the middle of what shows a camera, and of the ends of the scene's axes, 0 to 1 across and down the
+            viewport; those in front last.
         shown: frame of the newest picture; None if there is none.
         settled: whether the newest picture shows what was last requested.
         pictures: number of pictures shown so far.
         handed_over: pictures per second.
-        notice: text of the notice in the status line; "" if there is none.
+        notice: the newest notice; "" if there is none.
+        start: whether the start page is on screen.
+        cards: what the start page tells of recent takes: name, state, PSNR in dB.
+        start_places: the middle of what can be chosen there, 0 to 1 across and down, by name.
+        focus: what has the keyboard focus there.
+        tour: the step of the tour, counted from 1, and its words; [] if there is none.
         numbers: the frame that the picture, the figures and the timeline show; None for what shows none.
         exporting: progress of the export or share; "" if none is running.
         serving: URL at which the take is served; "" if it is not.
@@ -53,7 +61,8 @@ class WindowState:
         path_places: the middle of what can be clicked in its panel, 0 to 1 across and down, by name and row.
         orbit: yaw, pitch, distance, target (x, y, z).
         background: name of the viewport's background.
-        timeline_left: column of the timeline where frame 0 begins, pixels.
+        timeline_left, timeline_width: column of the timeline where frame 0 begins, and columns of all frames, pixels.
+        hint: what is told of the button under the pointer; "" if nothing is.
         widgets: [x, y, width, height] in window pixels by name; visible widgets only.
         texts: content of each visible text field, by widget name.
     """
@@ -78,6 +87,8 @@ class WindowState:
     frames: int
     playing: bool
     loop: bool
+    span: list[int] | None
+    fixes: dict[str, tuple[float, float]]
     left_out: list[str]
     what: str
     compare: str
@@ -91,6 +102,11 @@ class WindowState:
     pictures: int
     handed_over: int
     notice: str
+    start: bool
+    cards: list[list[object]]
+    start_places: dict[str, list[float]]
+    focus: str
+    tour: list[object]
     numbers: list[int | None]
     exporting: str
     serving: str
@@ -100,6 +116,8 @@ class WindowState:
     orbit: list[float]
     background: str
     timeline_left: int
+    timeline_width: int
+    hint: str
     widgets: dict[str, list[int]]
     texts: dict[str, str]
 
@@ -109,7 +127,7 @@ class WindowState:
         player, stages = window.player, window.stages
         widgets = {name: widget for name, widget in _widgets(window).items() if widget.visible or name == "viewport"}
         return cls(
-            title=player.title,
+            title=window.title,
             message=window.message.text,
             opening=window.opening,
             dialog=window.dialogs.name,
@@ -129,6 +147,8 @@ class WindowState:
             frames=player.transport.frame_count,
             playing=player.transport.playing,
             loop=player.transport.loop,
+            span=list(player.transport.span) if player.transport.span is not None else None,
+            fixes=window.inspector.fixes if window.layout.shows_figures else {},
             left_out=player.left_out,
             what=player.what,
             compare=player.mode,
@@ -142,6 +162,11 @@ class WindowState:
             pictures=window.pictures,
             handed_over=round(player.rate),
             notice=window.notices.text,
+            start=window.start.shown,
+            cards=[[card.name, card.state, card.psnr] for card in window.start.cards],
+            start_places=window.start.places if window.start.shown else {},
+            focus=window.start.focus if window.start.shown else "",
+            tour=window.tour_bubble.shown,
             numbers=window.numbers,
             exporting=window.exports.words,
             serving=window.serving.address,
@@ -151,6 +176,8 @@ class WindowState:
             orbit=[player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
             background=player.background,
             timeline_left=window.timeline.plots_view.left,
+            timeline_width=window.timeline.plots_view.timeline.width,
+            hint=window.hints.label.text.strip(),
             widgets={
                 name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
                 for name, widget in widgets.items()
@@ -162,7 +189,9 @@ class WindowState:
 def _places(window: Shell) -> dict[str, list[float]]:
     view, size = window.views.stage_view, window.viewport.picture_size
     if view is None:
-        return {}
+        picture = window.player.picture
+        found = (*picture.cameras, *picture.ends) if picture is not None and window.views.shows_scene else ()
+        return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in found}
     return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in view.places}
 
 
@@ -175,6 +204,11 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         "inspector": window.inspector.figures.widget,
         "log": window.inspector.log.widget,
         "path": window.path_panel.picture.widget,
+        "status": window.status,
+        "hint": window.hints.label,
+        "start page": window.start.picture.widget,
+        **{f"notice {key}": button for key, button in window.notice_bar.buttons.items()},
+        **{f"tour {key}": button for key, button in window.tour_bubble.buttons.items()},
         **window.controls.buttons,
         **window.stages.buttons,
         "error setting": window.stages.link,
@@ -214,8 +248,13 @@ class StateLog:
             self._last = state
             self._file.write(json.dumps({"time": time.time(), **asdict(state)}) + "\n")
             self._file.flush()
-        self._ticks += 1  # after the line, so that after waiting for a tick one reads a state at least as new
-        os.pwrite(self._ticks_file.fileno(), b"%12d" % self._ticks, 0)
+        self.tick()  # after the line, so that after waiting for a tick one reads a state at least as new
+
+    def tick(self) -> None:
+        """Count a tick at which nothing was looked at, because nothing has happened."""
+        if self._file is not None:
+            self._ticks += 1
+            os.pwrite(self._ticks_file.fileno(), b"%12d" % self._ticks, 0)
 
     def close(self) -> None:
         """Close the files."""

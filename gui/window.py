@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from pathlib import Path
 
 from open3d.visualization import gui, rendering
@@ -9,20 +11,31 @@ from open3d.visualization import gui, rendering
 from gui.actions import menus
 from gui.actions.commands import Actions
 from gui.layout import Layout, Panels
+from gui.overlays import Overlays
 from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
+from gui.panels.hints import Hints
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
+from gui.panels.notice_bar import NoticeActions, NoticeBar
 from gui.panels.path_panel import PathPanel
 from gui.panels.picture import color, plain_label
 from gui.panels.stages import StagesPanel
+from gui.panels.start_panel import StartPanel
 from gui.panels.timeline import TimelinePanel
+from gui.panels.tour_bubble import TourBubble
 from gui.platform.chords import Chords
 from gui.platform.closing import CloseRequests
+from gui.platform.drawn_frames import DrawnFrames
+from gui.platform.fonts import use_icons
+from gui.platform.input_order import InputOrder
+from gui.platform.memory import give_back
+from gui.platform.menu_bar import MenuBar
 from gui.platform.redraw import Redraws
 from gui.platform.x_window import XDisplay
-from gui.presenters.drawing.palette import BAD, DIM, GROUND, PANEL, TEXT
+from gui.presenters.drawing.icons import FONT
+from gui.presenters.drawing.palette import DIM, GROUND, PANEL, TEXT
 from gui.presenters.evaluation import Evaluation, EvaluationFile
 from gui.presenters.loading import load
 from gui.presenters.marks import Marks
@@ -36,8 +49,10 @@ from gui.presenters.run.exports import Exports
 from gui.presenters.run.serving import Serving
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_views import StageViews
+from gui.presenters.swap_guard import SwapGuard
 from gui.presenters.worker import LatestWorker
 from gui.raycast import MeshPicture
+from gui.shell import Page
 from gui.state import StateLog
 from gui.viewport import Viewport
 from pipelines.events import as_message
@@ -46,6 +61,14 @@ from studio.gaussians import Gaussians
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
 render frames. The longer one applies while rendering falls behind playback."""
+
+JOB_PAUSE, ATTENTION = 1 / 2, 2.0
+"""The same while a job runs and nobody has touched the window for some seconds (the second number): the job needs the
+CPU more."""
+
+REST, AWAKE = 0.05, 0.5
+"""Seconds between two looks at everything while nothing happens; seconds after something has happened, or while a
+picture is awaited, in which the window looks at each tick (10 ms)."""
 
 LEAST_SIZE = (51, 40)
 """Width and height of the window in em below which controls would be cut off."""
@@ -60,7 +83,7 @@ class MainWindow:
     """See the module.
 
     Attributes:
-        ticks: completed ticks.
+        ticks: completed ticks, without those at rest.
         wants_close: asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
 
     Args:
@@ -76,7 +99,7 @@ class MainWindow:
         self.preferences = Preferences.read()
         self.device = device
         self.workspace = Workspace()
-        self.player = PlayerPresenter()
+        self.player = PlayerPresenter(read_mesh=MeshPicture)
         self.views = StageViews(self.workspace, self.player, MeshPicture)
         self.exports, self.serving = Exports(), Serving()
         self.evaluation, self.marks = Evaluation(), Marks(None)
@@ -90,21 +113,31 @@ class MainWindow:
         self._log = StateLog(log)
         self.pictures = 0
         self.numbers: list[int | None] = [None, None, None]
-        self._status_bad = False
+        self._told = False
         self.drawn = Rate()
-        self.close_requests = CloseRequests()
+        self.close_requests = CloseRequests(lambda: self._x.escape_down)
         self.wants_close = False
         self.ticks = 0
+        self._awake_until = self._next_look = self._last_input = 0.0
         self._chords = Chords()
         application = gui.Application.instance
+        if application.menubar is None:
+            use_icons(application, FONT)
         menus.build(application)
         self.window = application.create_window("V3 Studio", *size)
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
         self.em = float(self.window.theme.font_size)
         self._x, self._buttons = XDisplay(), 0
+        own = self._x.window
+        self.input, self.menu_bar = InputOrder(own), MenuBar(self.em, menus.boxes(self.em))
+        self._frames = DrawnFrames(own)
+        self.input.wanted = self._pointed
         self._x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
+        self._guard = SwapGuard(lambda: self.input.pointer, self.em)
         self.dialogs = Dialogs(self.window)
+        self.input.pressed = self.dialogs.pressed
+        self.dialogs.last_folder, self.dialogs.remembered = self.preferences.folder, self._remember_folder
         self.actions = Actions(self)
         self._build()
         self.layout.left = self.preferences.panel_width
@@ -112,32 +145,41 @@ class MainWindow:
         self.window.set_on_tick_event(self._on_tick)
         self.window.set_on_key(self._on_key)
         self.window.set_on_close(self.close_requests.asked)
-        menus.connect(self.window, self.actions.menu(), self.changed)
+        menus.connect(self.window, self.actions.menu(), self._item_chosen)
         self.apply_preferences()
 
     def _build(self) -> None:
         em, changed = self.em, self.changed
         self.viewport = Viewport(lambda: self.views, changed)
         self.timeline = TimelinePanel(self.player, em, changed)
-        self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
-        self.modes = ModesPanel(self.views.choices(), em, self._chosen)
+        hints = self.hints = Hints(self.input.active)
+        self.controls = ControlsPanel(self.player, em, self.views.reset, changed, hints)
+        self.modes = ModesPanel(self.views.choices(), em, self._chosen, hints)
         self.stages = StagesPanel(
-            self.workspace, em, self.select, self.actions.run, changed, self.actions.pick, self._widen
-        )
-        self.inspector = InspectorPanel(em, changed)
+            self.workspace, em, self.select, self.actions.run, changed, self.actions.pick, self._widen,
+            self.actions.help.stage, self._guard, hints,
+        )  # fmt: skip
+        self.inspector = InspectorPanel(em, changed, self.actions.help.mend, self.laid_out)
         self.camera_menu = CameraMenu(em, changed)
         self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
         self.timeline.moved_key = self.actions.path.move_frame
+        start, told, tour = self.actions.start, self.actions.notices, self.actions.tour
+        self.start = StartPanel(start.page, em, start.act, changed)
+        buttons = NoticeActions(told.open_folder, told.copy, told.dismiss)
+        self.notice_bar = NoticeBar(self.notices, em, buttons, changed)
+        self.tour_bubble = TourBubble(tour.tour, em, tour.act)
+        self.overlays = Overlays(self, self.actions, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
         self._pictures = (
             self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
-            self.path_panel.picture,
+            self.path_panel.picture, self.start.picture, *self.controls.symbols.values(),
         )  # fmt: skip
         self.layout: Layout = Layout(
             Panels(
                 self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
-                self.inspector, self.path_panel, self.message, self.status, self.camera_menu,
+                self.inspector, self.path_panel, self.message, self.status, self.camera_menu, self.start,
+                self.notice_bar, self.tour_bubble, hints,
             )
         )  # fmt: skip
         for widget in (
@@ -151,7 +193,11 @@ class MainWindow:
             self.path_panel.picture.widget,
             self.status,
             self.message,
+            hints.label,
             self.camera_menu.widget,
+            self.start.picture.widget,
+            self.tour_bubble.widget,
+            self.notice_bar.widget,
         ):
             self.window.add_child(widget)
 
@@ -163,23 +209,24 @@ class MainWindow:
         if self.player.opened is None:
             self.player.message = f"Opening {path} ..."
         else:
-            self.notices.tell(f"Opening {path} ...")
+            self.notices.tell(f"Opening {path} ...", topic="open")
         self._opener.ask(path)
         self.changed()
 
     def _opened(self, path: str, found: Loaded) -> None:
         self.opening = self.workspace.opening = ""
         if isinstance(found, str):
-            # over what is open, a message would stay although it plays
-            if self.player.opened is None:
-                self.player.message = found
-            else:
-                self.notices.tell(found, bad=True)
+            self.notices.tell(found, bad=True, topic="open")
+            self.actions.tour.failed()
             return
-        self.notices.clear()
+        self.notices.clear("open")
+        self.actions.start.opened()
         opened, _ = found
         self.player.adopt(*found)
         self.workspace.open(opened.take)
+        self.views.forget()
+        # what was open before has just been freed; on a thread, because it can take half a second
+        threading.Thread(target=give_back, name="v3studio memory", daemon=True).start()
         self.actions.path.stop()
         self.exports.path.open(opened.take.camera_path if opened.take is not None else None, self.workspace.history)
         self.marks = Marks(opened.take.marks if opened.take is not None else None)
@@ -190,7 +237,7 @@ class MainWindow:
         self.select("review" if opened.sources else "capture")
         if opened.sources and self.preferences.play_on_opening:
             self.player.transport.play()
-        self.window.title = self.player.title
+        self.actions.tour.opened()
         self.window.set_needs_layout()
 
     def apply_preferences(self) -> None:
@@ -217,11 +264,10 @@ class MainWindow:
             self.changed()
 
     def failed(self, error: Exception) -> None:
-        """Show what a callback raised; an open dialog stays."""
+        """Tell what a callback raised; an open dialog stays."""
         message = as_message(error)
         bug = "\nThis is a bug in V3 Studio; the terminal shows the details." if message.code == "program.bug" else ""
-        if not self.dialogs.name:
-            self.dialogs.message("Error", f"{message}{bug}")
+        self.notices.tell(f"{message}{bug}", bad=True)
         self.changed()
 
     def closed(self) -> None:
@@ -230,24 +276,45 @@ class MainWindow:
         self.serving.stop()
         self.stages.estimates.stop()
         self.actions.queue.close()
+        self.actions.start.close()
+        self.actions.clipboard.close()
         self.actions.bakes.close()
         self.actions.path.close()
+        self.timeline.filmstrip.close()
         self.workspace.close()
         self._opener.close()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
+        self.input.close()
+        self._frames.close()
         self._x.close()
         self._log.close()
+
+    @property
+    def title(self) -> str:
+        """Title of the window."""
+        return self.overlays.title
+
+    @property
+    def control_held(self) -> bool:
+        """Whether Ctrl or Shift is held."""
+        return self._chords.control or self._chords.shift
+
+    @property
+    def start_actions(self) -> Page:
+        """The start page, for other actions."""
+        return self.actions.start
 
     # User actions
 
     def changed(self) -> None:
         """Note that something on screen may have changed."""
         self._redraws.changed()
+        self._stay_awake()
 
     def select(self, stage: str) -> None:
         """Show a stage."""
-        self.stages.selected = stage
+        self.stages.selected = self.inspector.stage = stage
         self.camera_menu.close()
         self.views.select(stage)
         self.window.set_needs_layout()
@@ -257,6 +324,8 @@ class MainWindow:
         self.actions.run(stage, again)
 
     def _chosen(self, stage: str, key: str) -> None:
+        if self._guard.refuses():
+            return
         row = self.views.row
         self.views.choose(key)
         if self.views.asked_bakes:
@@ -270,24 +339,29 @@ class MainWindow:
         modifier = self._chords.note(event)
         if event.key == gui.KeyName.ESCAPE:
             self.close_requests.escape()
-            if event.type == gui.KeyEvent.Type.DOWN:
+            if event.type == gui.KeyEvent.Type.DOWN and self.input.escapes.heard(self._chords.again):
                 self._escape()
             return True
-        if event.key == gui.KeyName.ENTER and self.dialogs.name:
+        if event.key == gui.KeyName.ENTER and (self.dialogs.name or self.dialogs.expected):
             if event.type == gui.KeyEvent.Type.UP:
                 self.dialogs.enter()
                 self.changed()
             return True
+        if self.dialogs.focusing and self._chords.again:
+            return True  # the key that opened the dialog, still held
         if self.dialogs.key(event):
             return True
         if modifier:
             return False
         if event.type != gui.KeyEvent.Type.DOWN or self.dialogs.name:
             return False
+        if self.overlays.key(event, self._chords.control, self._chords.shift, self._chords.again):
+            self.changed()
+            return True
         if self._chords.control:
             action = None if self._chords.again else self.actions.for_chord(event, self._chords.shift)
         else:
-            action = self.actions.for_key(event)
+            action = self.actions.for_key(event, self._chords.again)
         if action is None:
             return False
         action()
@@ -295,9 +369,18 @@ class MainWindow:
         return True
 
     def _escape(self) -> None:
-        if self.dialogs.name:
+        if self.dialogs.name or self.dialogs.expected:
             self.dialogs.escape()
-        elif self.camera_menu.close() or self.views.leave_camera() or self.views.leave_edits():
+        elif self.menu_bar.opened:
+            self.input.click(*self.menu_bar.empty)  # the toolkit's menus know no keys
+        elif (
+            self.overlays.escape()
+            or self.camera_menu.close()
+            or self.layout.close_log()
+            or self.views.leave_camera()
+            or self.views.leave()
+            or self.player.transport.clear_span()
+        ):
             pass
         elif self.layout.fullscreen:
             self.layout.set_fullscreen(False)
@@ -306,8 +389,22 @@ class MainWindow:
     # At each tick
 
     def _on_tick(self) -> bool:
+        if self._frames.poll():
+            self._redraws.drawn()
+        self.input.escapes.dialog = bool(self.dialogs.name)
+        came = self.input.poll(hold=self.dialogs.focusing, release=self.dialogs.expected)
+        if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
+            self.changed()
+        elif came:
+            self._stay_awake()
+        self.input.escapes.dialog = bool(self.dialogs.name)  # what came may have closed it
+        if self.input.escapes.kept():  # by a text field, which only restores its text
+            self._escape()
         self._close_if_asked()
         self._watch_mouse()
+        if self._rests():
+            self._log.tick()
+            return False
         opened = self._opener.take()
         if opened is not None and opened.result is not None:
             self._opened(opened.request, opened.result)
@@ -323,7 +420,12 @@ class MainWindow:
         if self.exports.poll():
             changed = True
             if self.exports.result:
-                self.notices.tell(self.exports.result, bad=self.exports.failed)
+                if not self.exports.failed:
+                    self.notices.clear("export")
+                result, failed, request = self.exports.result, self.exports.failed, self.exports.request
+                stays = request is not None and request.stays
+                self.notices.tell(result, failed, self.exports.written, topic="export", stays=stays)
+                self.workspace.note(" ".join(result.split()), failed)
                 self.exports.result = ""
         changed |= self.actions.shares.poll()
         changed |= self.actions.points.poll()
@@ -332,6 +434,8 @@ class MainWindow:
         changed |= self.actions.bakes.poll()
         changed |= self.actions.edits.poll()
         changed |= self.actions.path.poll()
+        changed |= self.actions.search.poll()
+        changed |= self.overlays.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:
@@ -342,18 +446,29 @@ class MainWindow:
         pausing = self._redraws.pausing
         if not pausing:  # changes between two draws are invisible
             self.timeline.path_keys = [key.frame for key in self.exports.path.keys] if self.path_panel.shown else []
+            self.timeline.busy = self.workspace.busy
             changed |= self.timeline.update()
             changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
-            if not self.layout.fullscreen:
-                changed |= self._update_panels()
+            changed |= self._update_panels()
+            changed |= self.overlays.update()
+        if self.window.title != self.title:
+            self.window.title = self.title
         message = self.workspace.message or self.views.message
         changed |= self._set_text(self.message, message)
-        self.message.visible = bool(message)  # even an empty label blocks the mouse
+        self.message.visible = bool(message) and not self.start.shown  # even an empty label blocks the mouse
         if changed:
             self.changed()
         self._log.write(self)
+        transport, settled = self.player.transport, self.views.settled
+        if transport.playing or not settled or self.opening:  # the next picture is shown as soon as it is there
+            self._stay_awake()
+        if came:
+            self._last_input = time.monotonic()
         if self._software:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
+            unwatched = self.input.active and time.monotonic() > self._last_input + ATTENTION
+            if self.workspace.busy and not transport.playing and unwatched:
+                self._redraws.pause = JOB_PAUSE
             if self.dialogs.focusing:
                 self._redraws.pause = 0.0
         due = not pausing and self._redraws.due()
@@ -361,6 +476,7 @@ class MainWindow:
             shown = self.player.picture.frame if self.player.picture is not None and self.views.shows_player else None
             self.numbers = [shown, self.inspector.frame, self.timeline.frame]
             self.drawn.hit()
+            self._guard.drawn()
             unsettled = [picture.settle() for picture in self._pictures]
             if any(unsettled):
                 self.changed()
@@ -369,45 +485,90 @@ class MainWindow:
         self.ticks += 1
         return due
 
+    def _stay_awake(self) -> None:
+        self._awake_until = time.monotonic() + AWAKE
+
+    def _rests(self) -> bool:
+        """Whether nothing happens, so that this tick can pass without a look at everything."""
+        now = time.monotonic()
+        if now < self._next_look and now >= self._awake_until:
+            return True
+        self._next_look = now + REST
+        return False
+
+    def _item_chosen(self) -> None:
+        """An item of a menu was chosen, which closes the menu."""
+        self.menu_bar.closed()
+        self.changed()
+
     def _watch_mouse(self) -> None:
         """Draw when a mouse button is pressed or released: the toolkit tells of no clicks on its menus and lists, and
         would draw what they open only when the pointer moves."""
-        buttons = self._x.buttons
+        buttons = self.input.buttons if self.input.active else self._x.buttons
         if buttons != self._buttons:
             self._buttons = buttons
             self.changed()
 
+    def _pointed(self, kind: str, button: int, x: int, y: int) -> bool:
+        """Whether the toolkit is to see that the pointer is moved or a button is pressed at a position."""
+        self.menu_bar.height = self.window.content_rect.y
+        if self.dialogs.name:
+            self.menu_bar.closed()
+            return True
+        if kind == "move":
+            self.menu_bar.move(x, y)
+        return kind == "move" or button != 1 or self.menu_bar.press(x, y)
+
     def _update_panels(self) -> bool:
+        if self.layout.fullscreen or self.start.shown:
+            return False
         stage_view = self.views.stage_view
         changed, layout = self.controls.update()
         if layout:
             self.window.set_needs_layout()
-        changed |= self.modes.update(self.views.row, self.views.chosen())
+        touched, layout = self.modes.update(self.views.row, self.views.chosen(), self.views.idle)
+        changed |= touched
+        if layout:
+            self._guard.swapped()
+            self.window.set_needs_layout()
         touched, layout = self.stages.update()
         changed |= touched
         if layout:
             self.window.set_needs_layout()
+        # at rest, a figure that changes with each draw would ask for the next one
+        drawn = self.drawn.value if self.player.transport.playing else 0.0
         changed |= self.inspector.update(
-            self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn.value
-        )
+            self.player, self.evaluation, self.marks, self.workspace, self.views.stage,
+            stage_view.blocks if stage_view is not None else (), drawn, self._camera,
+        )  # fmt: skip
+        if self.hints.update(self.input.pointer, bool(self._buttons or self.dialogs.name or self.camera_menu.camera)):
+            self.window.set_needs_layout()
+            changed = True
         status = self.player.status if stage_view is None else stage_view.status
-        words = [self.notices.text or status, self.exports.words, self.serving.words]
-        if self._status_bad != self.notices.bad:
-            self._status_bad = self.notices.bad
-            self.status.text_color = color(BAD if self._status_bad else TEXT if self.notices.text else DIM)
+        told = self.overlays.line
+        words = [told or status, self.exports.words, self.serving.words]
+        if self._told != bool(told):
+            self._told = bool(told)
+            self.status.text_color = color(TEXT if told else DIM)
         return changed | self._set_text(self.status, "   ".join(filter(None, words)))
+
+    @property
+    def _camera(self) -> str:
+        """The camera whose figures are shown; "" for the mean, as over an edit, which has a view of its own."""
+        return self.player.camera if self.views.shows_player else ""
 
     def _read_evaluation(self) -> None:
         take, frames = self.workspace.take, self.player.transport.frame_count
-        camera = self.player.camera if self.views.shows_player else ""
-        other = self.player.other
+        camera, other = self._camera, self.player.other
         if not self._evaluation_file.changed(take, frames, camera, other):
             return
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
         others = {name: other.series(name, camera) for name in QUALITY} if other is not None else None
         camera = camera if camera in self.evaluation.cameras else ""
         series = {name: self.evaluation.series(name, frames, camera) for name in QUALITY}
-        self.timeline.plots = plots_of(series, camera or self.evaluation.mean, others)
+        self.timeline.plots = plots_of(
+            series, self.evaluation.whose(camera), others, self.evaluation.whose_briefly(camera)
+        )
         self._waveform = None
         against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""
         self.timeline.explanation = self.evaluation.explanation + against
@@ -423,6 +584,10 @@ class MainWindow:
     def marks_changed(self) -> None:
         """Update the timeline's marks."""
         self.timeline.marks = tuple(sorted(self.marks.notes))
+
+    def _remember_folder(self, folder: str) -> None:
+        self.preferences.folder = folder
+        self.preferences.save()
 
     def _widen(self, x: float, ended: bool) -> None:
         """The edge of the left panel is dragged; the width is kept for next time."""

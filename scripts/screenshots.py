@@ -10,8 +10,6 @@ what the window's tests need (`make setup-tests`): Xvfb, xdotool and ImageMagick
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -22,30 +20,13 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from scripts.screens import x_server  # noqa: E402
 from tests.gui.conftest import RunningWindow  # noqa: E402
 
 SIZE = "1280x800"
 CAMERA, FRAME = "cam12", 14  # held out; the axe points at this camera
 SECONDS = 600.0
 """Longest wait for a state; generous, because another program may be using the CPU."""
-
-
-@contextmanager
-def x_server() -> Iterator[str]:
-    """A private X server whose screen has the size of the window; yields its display."""
-    read_end, write_end = os.pipe()
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{SIZE}x24", "-nolisten", "tcp", "-r", "-noreset"],
-        pass_fds=[write_end],
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(write_end)
-    try:
-        with os.fdopen(read_end) as pipe:
-            yield f":{pipe.readline().strip()}"
-    finally:
-        server.terminate()
-        server.wait(10)
 
 
 @contextmanager
@@ -121,7 +102,7 @@ def main() -> None:
     parser.add_argument("--points", type=Path, metavar="TAKE")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images")
     options = parser.parse_args()
-    with x_server() as display:
+    with x_server(SIZE) as display:
         stages(display, options.take, options.out)
         if options.points:
             points(display, options.points, options.out)

@@ -19,6 +19,9 @@ cameras, within these bounds."""
 FADE = 20.0
 """Degrees beyond it in which players fade the picture."""
 
+LARGEST_GAPS = 0.1
+"""Share of the way around the performer without a camera nearby, from which on few cameras are warned of; 0 to 1."""
+
 _FACING = math.cos(math.radians(75))
 _MOST_DIRECTIONS = 256
 
@@ -136,22 +139,37 @@ def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray,
     found = view_range(cameras, points.mean(0))
     if found is None:
         return None
+    outside, farthest = gaps(found, up)
+    return Coverage(
+        outside,
+        farthest,
+        float((facing_cameras(cameras, points, normals) < 2).mean()),
+        found.angle,
+    )
+
+
+def gaps(found: ViewRange, up: np.ndarray) -> tuple[float, float]:
+    """How much of the way around the performer is outside of a range of views, at the height of the cameras, which
+    need not be that of the performer's middle.
+
+    Args:
+        found: the range.
+        up: (3,) direction that points up.
+
+    Returns:
+        the share of horizontal directions outside, 0 to 1, and the largest angle between a direction and the nearest
+        camera, degrees.
+    """
     upright = up / np.linalg.norm(up)
     side = np.cross(upright, np.eye(3)[np.abs(upright).argmin()])
     side /= np.linalg.norm(side)
     turn = np.radians(np.arange(0, 360, 5))[:, None]
-    # at the height of the cameras, which need not be that of the performer's middle
     height = float(np.median(found.directions @ upright))
     around = height * upright + math.sqrt(max(0.0, 1 - height**2)) * (
         np.cos(turn) * side + np.sin(turn) * np.cross(upright, side)
     )
     angles = found.angles(around)
-    return Coverage(
-        float((angles > found.angle).mean()),
-        float(angles.max()),
-        float((facing_cameras(cameras, points, normals) < 2).mean()),
-        found.angle,
-    )
+    return float((angles > found.angle).mean()), float(angles.max())
 
 
 def facing_cameras(cameras: Iterable[Camera], points: np.ndarray, normals: np.ndarray) -> np.ndarray:

@@ -8,13 +8,15 @@ Color is spherical harmonics, coefficient-major: color = 0.5 + sum_k Y_k(directi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.errors import StudioError
 
 SH_C0 = 0.28209479177387814
@@ -33,10 +35,12 @@ class Gaussians:
         log_scales: (N, 3) natural logarithms of the standard deviations along the splat's axes, in world units.
         logit_opacities: (N,) logit of the opacity.
         sh: (N, K, 3) spherical harmonics, K = (degree + 1)^2, coefficient-major, RGB last.
+        dilation: what is added to the diagonal of their 2D covariances when they are drawn, square pixels of that
+            picture, from `MIN_DILATION` to `MAX_DILATION`. They were trained with it and must be drawn with it.
 
     Raises:
-        StudioError: a tensor has the wrong shape (gaussians.wrong_shape), or the number of SH coefficients is not that
-            of a degree from 0 to 3 (gaussians.sh_degree).
+        StudioError: a tensor has the wrong shape (gaussians.wrong_shape), the number of SH coefficients is not that
+            of a degree from 0 to 3 (gaussians.sh_degree), or the dilation is out of bounds (gaussians.dilation).
     """
 
     means: Tensor
@@ -44,8 +48,16 @@ class Gaussians:
     log_scales: Tensor
     logit_opacities: Tensor
     sh: Tensor
+    dilation: float = DILATION
 
     def __post_init__(self) -> None:
+        if not MIN_DILATION <= self.dilation <= MAX_DILATION:
+            raise StudioError(
+                "gaussians.dilation",
+                f"the dilation of the Gaussians is {self.dilation}; it must be from {MIN_DILATION} to {MAX_DILATION}",
+                value=self.dilation,
+                expected=[MIN_DILATION, MAX_DILATION],
+            )
         n = self.means.shape[0]
         expected = {
             "means": (n, 3),
@@ -102,19 +114,27 @@ class Gaussians:
 
     def items(self) -> Iterator[tuple[str, Tensor]]:
         """(name, tensor) in the fixed order of `ATTRIBUTES`."""
-        for field_ in fields(self):
-            yield field_.name, getattr(self, field_.name)
+        for name in ATTRIBUTES:
+            yield name, getattr(self, name)
+
+    def on_cpu(self) -> dict[str, Tensor]:
+        """Attribute name to tensor, in the order of `ATTRIBUTES`, detached, contiguous and on the CPU."""
+        return {name: tensor.detach().cpu().contiguous() for name, tensor in self.items()}
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Attribute name to tensor, detached, contiguous and on the CPU, as safetensors stores them."""
-        return {name: tensor.detach().cpu().contiguous() for name, tensor in self.items()}
+        """What safetensors stores: `on_cpu`, and a dilation other than `DILATION` as a float64 scalar, `dilation`."""
+        state = self.on_cpu()
+        if self.dilation != DILATION:
+            state["dilation"] = torch.tensor(self.dilation, dtype=torch.float64)
+        return state
 
     @classmethod
     def from_state_dict(cls, tensors: dict[str, Tensor]) -> Gaussians:
         """Inverse of `state_dict`; other keys are ignored.
 
         Raises:
-            StudioError: an attribute is missing (gaussians.missing_attribute) or has the wrong shape.
+            StudioError: an attribute is missing (gaussians.missing_attribute) or has the wrong shape, or the dilation
+                is not one number or out of bounds.
         """
         missing = [name for name in ATTRIBUTES if name not in tensors]
         if missing:
@@ -124,11 +144,13 @@ class Gaussians:
                 value=missing,
                 expected=list(ATTRIBUTES),
             )
-        return cls(**{name: tensors[name] for name in ATTRIBUTES})
+        stored = tensors.get("dilation")
+        dilation = DILATION if stored is None else float(stored) if stored.numel() == 1 else math.nan
+        return cls(**{name: tensors[name] for name in ATTRIBUTES}, dilation=dilation)
 
     def map(self, function: Any) -> Gaussians:
-        """New Gaussians with `function` applied to each tensor."""
-        return Gaussians(**{name: function(tensor) for name, tensor in self.items()})
+        """New Gaussians with `function` applied to each tensor, and the same dilation."""
+        return replace(self, **{name: function(tensor) for name, tensor in self.items()})
 
     def __getitem__(self, index: Any) -> Gaussians:
         """The splats selected by an index, a slice, an index tensor or a boolean mask, always as Gaussians."""
@@ -156,12 +178,19 @@ class Gaussians:
             sh = self.sh[:, :wanted]
         else:
             sh = torch.cat([self.sh, self.sh.new_zeros(len(self), wanted - have, 3)], dim=1)
-        return Gaussians(self.means, self.quats, self.log_scales, self.logit_opacities, sh)
+        return replace(self, sh=sh)
 
     @classmethod
     def cat(cls, *parts: Gaussians) -> Gaussians:
-        """The splats of all parts, concatenated in order."""
-        return cls(**{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES})
+        """The splats of all parts, concatenated in order.
+
+        Raises:
+            StudioError: `gaussians.dilations_differ`: the parts are not drawn with the same dilation.
+        """
+        return cls(
+            **{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES},
+            dilation=common_dilation(parts),
+        )
 
     @classmethod
     def from_activated(cls, means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, sh: Tensor) -> Gaussians:
@@ -173,3 +202,21 @@ class Gaussians:
             logit_opacities=torch.logit(opacities, eps=1e-6),
             sh=sh,
         )
+
+
+def common_dilation(parts: Iterable[Gaussians]) -> float:
+    """The dilation that all parts are drawn with, square pixels; at least one part.
+
+    Raises:
+        StudioError: `gaussians.dilations_differ`: they have several.
+    """
+    found = sorted({part.dilation for part in parts})
+    if len(found) > 1:
+        raise StudioError(
+            "gaussians.dilations_differ",
+            f"splats that are drawn together have dilations of {' and '.join(f'{one:g}' for one in found)} square "
+            "pixels; one picture has one dilation",
+            value=found,
+            fix="Train them with the same train.dilation",
+        )
+    return found[0]

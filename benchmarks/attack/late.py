@@ -78,12 +78,13 @@ def mix(seen: Path, before: Path, random_: random.Random) -> int:
 
 
 def judge(process: WarmProcess, where: str, outcome: Outcome) -> None:
-    """A command must end well or with a sentence."""
+    """A command must end well or with a sentence; `check` prints what it found, as that is its result."""
     error = str(process.stderr)
-    if process.returncode and ("Traceback" in error or not error.strip()):
+    said = error.strip() or str(process.stdout).strip()
+    if process.returncode and ("Traceback" in error or not said):
         outcome.failed(f"{where}: exit {process.returncode}: {error[-1500:]}")
     elif process.returncode:
-        outcome.note(f"{where}: {error.strip().splitlines()[-1][:200]}")
+        outcome.note(f"{where}: {said.splitlines()[-1][:200]}")
 
 
 def finish(project: Project, take: Path, where: str, outcome: Outcome) -> None:

@@ -54,7 +54,7 @@ class BakeActions:
         ask_path(dialogs, "Compare with take or stream", start, "take", lambda path: self._open(Path(path)), self.show)
 
     def _open(self, place: Path, label: str = "", evaluation: Path | None = None) -> None:
-        self._window.notices.tell(f"Opening {label or place} ...")
+        self._window.notices.tell(f"Opening {label or place} ...", topic="compare")
         opened = self._window.player.opened
         self._opener.ask((place, label, evaluation, opened is not None and opened.take is not None))
 
@@ -123,7 +123,9 @@ class BakeActions:
         window = self._window
         changed = self.bakes.poll()
         if changed:
-            window.notices.tell(self.bakes.message, bad=self.bakes.failed)
+            if not self.bakes.failed:
+                window.notices.clear("bakes")
+            window.notices.tell(self.bakes.message, bad=self.bakes.failed, topic="bakes")
             if window.workspace.take is not None:
                 self.bakes.look(window.workspace.take)
                 window.player.refresh()
@@ -134,10 +136,11 @@ class BakeActions:
             return changed
         if done.result is None:
             known = isinstance(done.error, StudioError)
-            window.notices.tell(str(done.error) if known else f"It cannot be opened: {done.error!r}", bad=True)
+            words = str(done.error) if known else f"It cannot be opened: {done.error!r}"
+            window.notices.tell(words, bad=True, topic="compare")
         else:
             window.select("review")
-            window.notices.clear()
+            window.notices.clear("compare")
             window.player.compare_with(done.result)
         return True
 

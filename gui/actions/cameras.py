@@ -21,10 +21,18 @@ class CameraActions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
+        self._refused_of: object = None
 
     def poll(self) -> bool:
         """Handle a click on a camera; returns whether there was one."""
         window = self._window
+        garbage = window.views.capture.garbage
+        if garbage.refused:
+            window.notices.tell(garbage.refused, bad=True, topic="garbage")
+            garbage.refused, self._refused_of = "", (garbage.stamp,)
+        elif self._refused_of is not None and self._refused_of != (garbage.stamp,):  # drawn since
+            self._refused_of = None
+            window.notices.clear("garbage")
         asked, window.views.asked = window.views.asked, None
         if window.camera_menu.camera and (asked is not None or window.views.pressed):
             window.camera_menu.close()
@@ -97,10 +105,12 @@ class CameraActions:
         if context is None:
             return None
         try:
-            return CameraUses.of(context.footage.capture)
+            uses = CameraUses.of(context.footage.capture)
         except StudioError as error:
-            self._window.notices.tell(str(error), bad=True)
+            self._window.notices.tell(str(error), bad=True, topic="cameras")
             return None
+        self._window.notices.clear("cameras")
+        return uses
 
     def _use(self, camera: str, use: str) -> None:
         uses = self._uses()
@@ -112,7 +122,12 @@ class CameraActions:
             "not used": f"exclude {camera} from training",
         }[use]
         refused = change_uses(self._window.workspace, uses.with_use(camera, use), words)
-        self._window.notices.tell(refused or f"{words[0].upper()}{words[1:]}: Ctrl+Z takes it back.", bad=bool(refused))
+        notices = self._window.notices
+        if refused:
+            notices.tell(refused, bad=True, topic="camera use")
+            return
+        notices.clear("camera use")
+        notices.tell(f"{words[0].upper()}{words[1:]}: Ctrl+Z takes it back.")
 
     def ask(self) -> None:
         """Ask for the use of every camera."""

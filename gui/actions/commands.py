@@ -12,16 +12,21 @@ from open3d.visualization import gui
 from gui.actions.bakes import BakeActions
 from gui.actions.cameras import CameraActions
 from gui.actions.edits import EditActions
-from gui.actions.keys import shortcuts_text
+from gui.actions.help import HelpActions
 from gui.actions.marks import MarkActions
+from gui.actions.notices import NoticeKeys
 from gui.actions.output import OutputActions
 from gui.actions.path import PathActions
 from gui.actions.points import PointActions
 from gui.actions.queue import QueueActions
+from gui.actions.search import SearchActions, opens_list
 from gui.actions.shares import ShareActions
+from gui.actions.start import StartActions
+from gui.actions.tour import TourActions
 from gui.panels.folder_dialog import ask_path
 from gui.panels.option_dialogs import ask_preferences
 from gui.panels.take_dialog import ask_new_take
+from gui.platform.clipboard import Clipboard
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import FORMATS
 from gui.presenters.run.new_take import NewTake
@@ -35,6 +40,18 @@ from studio.errors import StudioError
 
 Action = Callable[[], object]
 
+SWITCHES = frozenset(getattr(gui.KeyName, name) for name in ("O", "S", "W", "D", "X", "F", "I", "J", "L", "SPACE"))
+"""Keys that act once while they are held; otherwise they would switch back and forth. None that opens a text field: the
+field would keep the release of the key, and its next press would be taken for a repeat."""
+
+
+OVER_PAGE = (
+    "new", "open", "recent", "address", "preferences", "quit", "fullscreen", "queue", "start", "stop_export",
+    "stop_serving", "shortcuts", "tour", "about",
+    "search",
+)  # fmt: skip
+"""Items of the menu that act while the start page is shown; the others are about what is open, which it covers."""
+
 
 class Actions:
     """See the module. Acts through the window.
@@ -46,6 +63,7 @@ class Actions:
     def __init__(self, window: Shell) -> None:
         self._window = window
         self._marks, self._outputs = MarkActions(window), OutputActions(window)
+        self.help = HelpActions(window)
         self.points = PointActions(window)
         self.shares = ShareActions(window)
         self.cameras = CameraActions(window)
@@ -53,11 +71,17 @@ class Actions:
         self.bakes = BakeActions(window)
         self.edits = EditActions(window)
         self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
+        self.clipboard = Clipboard()
+        self.notices = NoticeKeys(window, self.clipboard)
+        self.tour = TourActions(window, lambda: self.start.open_sample())
+        self.search = SearchActions(window, self.menu)
+        others = {"new": self.new_take, "open": self._ask_open, "address": self._ask_address, "queue": self.queue.show}
+        self.start = StartActions(window, self.queue.queue, self.clipboard, others, self._ask_new_take, self.tour.wait)
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
         window = self._window
-        return {
+        actions: dict[str, Action] = {
             "new": self.new_take,
             "open": self._ask_open,
             "recent": self._ask_recent,
@@ -71,12 +95,15 @@ class Actions:
             "quit": window.ask_close,
             "reset": window.views.reset,
             "background": window.player.next_background,
+            "scene": lambda: self._review("scene"),
             "camera": window.player.next_camera,
             "cameras": self.cameras.ask,
             "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
             "figures": window.layout.toggle_figures,
             "queue": self.queue.show,
             "bakes": self.bakes.show,
+            "start": self.start.toggle,
+            "span": self._step_span,
             "mark": self._marks.ask,
             "next_mark": lambda: self._marks.go(1),
             "previous_mark": lambda: self._marks.go(-1),
@@ -89,25 +116,45 @@ class Actions:
             **{f"share {form}": partial(self.shares.ask, form) for form in FORMS},
             "serve": self.shares.serve,
             "stop_serving": self.shares.stop,
-            "shortcuts": lambda: window.dialogs.message("Shortcuts", shortcuts_text()),
+            "stage_help": self.help.stage,
+            "warnings": self.help.warnings,
+            "shortcuts": self.help.shortcuts,
+            "tour": self.tour.ask,
             "about": self._about,
+            "log": window.layout.toggle_log,
+            "search": self.search.show,
         }
+        return {key: act if key in OVER_PAGE else partial(self._uncovered, act) for key, act in actions.items()}
 
-    def for_key(self, event: gui.KeyEvent) -> Action | None:
-        """The action of a key; None if it has none."""
+    def _uncovered(self, action: Action) -> None:
+        """Act on what is open, without the start page over it."""
+        if self._window.start.shown and not self.start.hide():
+            self._window.notices.tell("Open a take or a stream first.")
+        else:
+            action()
+
+    def for_key(self, event: gui.KeyEvent, again: bool = False) -> Action | None:
+        """The action of a key; None if it has none, or if it is one of `SWITCHES` and is held (`again`)."""
         window, key = self._window, gui.KeyName
+        if again and event.key in SWITCHES:
+            return None
         player, transport = window.player, window.player.transport
         menu = self.menu()
         of_menu: dict[str, tuple[Any, ...]] = {
             "background": (key.B,),
             "reset": (key.R,),
             "mark": (key.M,),
+            "span": (key.T,),
             "add_key": (key.K,),
             "path": (key.P,),
             "fullscreen": (key.F,),
             "figures": (key.I,),
             "queue": (key.Q,),
+            "start": (key.H,),
             "edit": (key.X,),
+            "scene": (key.O,),
+            "stage_help": (key.F1,),
+            "log": (key.J,),
             "shortcuts": (key.QUESTION_MARK, key.SLASH),
             "previous_mark": (key.COMMA, key.LESS_THAN),
             "next_mark": (key.PERIOD, key.GREATER_THAN),
@@ -130,7 +177,7 @@ class Actions:
             key.C: player.next_camera,
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
-            key.V: player.toggle_sound,
+            key.V: self._toggle_sound,
             **{one: menu[name] for name, keys in of_menu.items() for one in keys},
             **self.points.keys(),
         }
@@ -139,6 +186,8 @@ class Actions:
     def for_chord(self, event: gui.KeyEvent, shift: bool) -> Action | None:
         """The action of a key pressed with Ctrl; None if it has none."""
         key = gui.KeyName
+        if opens_list(event, shift):
+            return self.search.show
         if event.key == key.Y or (event.key == key.Z and shift):
             return self.redo
         return self.undo if event.key == key.Z else None
@@ -160,10 +209,18 @@ class Actions:
         self._window.marks_changed()
         self.edits.changed()
 
+    def _toggle_sound(self) -> None:
+        if self._window.player.audio is None:
+            self._window.notices.tell("What is open has no sound.")
+        else:
+            self._window.player.toggle_sound()
+
     def _review(self, choice: str) -> None:
         views = self._window.views
+        came = views.stage != "review"
         self._window.select("review")
-        views.choose(choice)
+        if not (came and choice == views.player.mode):  # from elsewhere a key shows a comparison, never turns it off
+            views.choose(choice)
         if views.asked_bakes:
             views.asked_bakes = False
             self.bakes.show()
@@ -180,6 +237,11 @@ class Actions:
             window.stages.set_text(field, chosen)
 
         ask_path(window.dialogs, field.label[:1].upper() + field.label[1:], place_of(field, config), kind, done)
+
+    def _step_span(self) -> None:
+        window = self._window
+        if window.player.opened is not None:
+            window.notices.tell(window.player.transport.step_span())
 
     # Runs
 
@@ -230,7 +292,10 @@ class Actions:
 
     def new_take(self) -> None:
         """Ask for footage, settings and the take's folder."""
-        ask_new_take(self._window.dialogs, NewTake(), self._create)
+        self._ask_new_take(NewTake())
+
+    def _ask_new_take(self, new: NewTake) -> None:
+        ask_new_take(self._window.dialogs, new, self._create)
 
     def _create(self, new: NewTake) -> None:
         window = self._window
@@ -248,7 +313,7 @@ class Actions:
         known = [Path(name) for name in window.preferences.recent if "://" not in name]
         if opened is not None and isinstance(opened.path, Path):
             known.insert(0, opened.path)
-        start = next((path.parent for path in known if path.parent.is_dir()), Path.cwd())
+        start = window.dialogs.usual_folder(*(path.parent for path in known))
         ask_path(window.dialogs, "Open take or stream", start, "take", window.open)
 
     def _ask_recent(self) -> None:
@@ -285,8 +350,11 @@ class Actions:
         window = self._window
         window.preferences = preferences
         window.apply_preferences()
-        if not preferences.save():
-            window.player.message = "Preferences could not be saved; they apply until the window is closed."
+        if preferences.save():
+            window.notices.clear("preferences")
+        else:
+            words = "Preferences could not be saved; they apply until the window is closed."
+            window.notices.tell(words, bad=True, topic="preferences")
 
     def _about(self) -> None:
         text = (

@@ -41,7 +41,7 @@ class EditActions:
         window, editor = self._window, self._window.views.editor
         found = False
         if editor.refused:
-            window.notices.tell(editor.refused, bad=True)
+            window.notices.tell(editor.refused, bad=True, topic="edits")
             editor.refused, found = "", True
         if editor.distance_asked is not None:
             start, end = editor.distance_asked
@@ -57,6 +57,7 @@ class EditActions:
         now = edits_of(window.workspace)
         if now != self._known:
             self._known, found = now, True
+            window.notices.clear("edits")
             window.player.refresh()
         return found
 

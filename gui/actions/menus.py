@@ -7,6 +7,8 @@ from functools import partial
 
 from open3d.visualization import gui
 
+from gui.panels.picture import text_room
+
 MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     (
         "File",
@@ -29,12 +31,16 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
         (
             ("reset", "Reset view (R)"),
             ("background", "Next background (B)"),
+            ("scene", "Scene: splats, cameras, points (O)"),
             ("camera", "Next capture camera (C)"),
             ("cameras", "Cameras: use, hold out..."),
             ("fullscreen", "Fullscreen (F)"),
             ("figures", "Inspector and log (I)"),
             ("queue", "Queue of takes (Q)"),
+            ("span", "Select span: from here, to here, none (T)"),
             ("bakes", "Bakes: compare, choose, delete..."),
+            ("start", "Start page (H)"),
+            ("log", "Job log, large (J)"),
         ),
     ),
     (
@@ -74,8 +80,34 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("stop_serving", "Stop serving"),
         ),
     ),
-    ("Help", (("shortcuts", "Shortcuts (?)"), ("about", "About"))),
+    (
+        "Help",
+        (
+            ("stage_help", "What to look for (F1)"),
+            ("warnings", "Warnings and fixes..."),
+            ("", ""),
+            ("shortcuts", "Shortcuts (?)"),
+            ("tour", "Tour"),
+            ("about", "About"),
+            ("search", "Find a command... (Ctrl+K)"),
+        ),
+    ),
 )
+
+
+ROW, SEPARATOR, MARGINS, WIDER = 1.52, 0.4, 0.4, 6.6
+"""Heights in a menu, and by how much it is wider than its longest item, in font sizes, measured: the toolkit draws
+menus unasked."""
+
+
+def boxes(em: float) -> list[tuple[float, float]]:
+    """(width, height) of the menus in pixels; `em` is the font size."""
+    found = []
+    for _, entries in MENUS:
+        rows = sum(bool(key) for key, _ in entries)
+        height = MARGINS + ROW * rows + SEPARATOR * (len(entries) - rows)
+        found.append((WIDER * em + max(text_room(label, em) for _, label in entries), height * em))
+    return found
 
 
 def build(application: gui.Application) -> None:

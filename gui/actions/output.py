@@ -29,7 +29,7 @@ class OutputActions:
         window = self._window
         picture = window.player.picture
         if picture is None:
-            window.player.message = "No picture to save yet."
+            window.notices.tell("No picture to save yet.")
             return
         name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
         opened = window.player.opened
@@ -42,7 +42,11 @@ class OutputActions:
             try:
                 write_picture(path, picture.image)
             except OSError as error:
-                window.player.message = f"{path}: cannot be written ({error.strerror}). Choose another folder."
+                words = f"{path}: cannot be written ({error.strerror}). Choose another folder."
+                window.notices.tell(words, bad=True, topic="screenshot")
+            else:
+                window.notices.clear("screenshot")
+                window.notices.tell(f"Written: {path}", path=path)
 
         window.dialogs.line(
             "screenshot", "Save screenshot", "PNG file of the viewport's picture:", str(folder / name),
@@ -54,7 +58,7 @@ class OutputActions:
         window = self._window
         opened = window.player.opened
         if opened is None or not opened.sources:
-            window.player.message = "Nothing to export yet."
+            window.notices.tell("Nothing to export yet.")
             return
         # the default first, if it exists
         own = [name for name in opened.sources if name != OTHER]
@@ -71,20 +75,22 @@ class OutputActions:
         window = self._window
         take: Take | None = window.workspace.take
         if take is None:
-            window.player.message = "A report can only be written for a take, not for a stream."
+            window.notices.tell("A report can only be written for a take, not for a stream.")
         elif take.report.is_file() and window.workspace.row("review").state == "done":
-            window.dialogs.message("HTML report", self._up_to_date(take))
+            self._update_report(take)
         else:
             self._window.run("review", False)
 
-    def _up_to_date(self, take: Take) -> str:
+    def _update_report(self, take: Take) -> None:
         from pipelines.reports.evaluation import update_marks
 
-        context = self._window.workspace.context
+        context, notices = self._window.workspace.context, self._window.notices
         assert context is not None  # otherwise no stage would be done
         try:
             changed = update_marks(context.take, context.groups)
         except (StudioError, OSError) as error:
-            return f"Cannot update the marks in the report: {error}"
-        words = "Updated the marks in the report:" if changed else "The report is up to date:"
-        return f"{words}\n{take.report}\n\nOpen it in a browser."
+            notices.tell(f"Cannot update the marks in the report: {error}", bad=True, topic="report")
+            return
+        words = "Updated the marks in the report" if changed else "The report is up to date"
+        notices.clear("report")
+        notices.tell(f"{words}: {take.report}", path=take.report)

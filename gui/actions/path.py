@@ -99,8 +99,9 @@ class PathActions:
         try:
             action()
         except (StudioError, OSError) as error:
-            self._window.notices.tell(str(error), bad=True)
+            self._window.notices.tell(str(error), bad=True, topic="path")
             return False
+        self._window.notices.clear("path")
         return True
 
     def _go(self, row: int) -> None:
@@ -121,7 +122,8 @@ class PathActions:
             try:
                 seconds = float(text)
             except ValueError:
-                window.notices.tell(f"'{text}' is not a number of seconds; example: 2.5", bad=True)
+                words = f"'{text}' is not a number of seconds; example: 2.5"
+                window.notices.tell(words, bad=True, topic="path")
                 return
             self._done(lambda: self.editor.set_time(row, seconds))
 

@@ -12,30 +12,37 @@ class QueueActions:
 
     Args:
         window: the main window.
+
+    Attributes:
+        queue: the queue.
     """
 
     def __init__(self, window: Shell) -> None:
         self._window = window
-        self._queue = TakeQueue()
+        self.queue = TakeQueue()
         self._dialog: QueueDialog | None = None
+        self._shown: object = None
 
     def show(self) -> None:
         """Show the queue."""
         window = self._window
         take = window.workspace.take
         opening = Opening(take.root if take is not None else None, window.open)
-        self._dialog = QueueDialog(window.dialogs, self._queue, opening)
+        self._dialog = QueueDialog(window.dialogs, self.queue, opening)
         self._dialog.show()
+        self._shown = self.queue.state
 
     def poll(self) -> bool:
         """Call at each tick; returns whether something changed."""
         if self._dialog is None or self._window.dialogs.name != NAME:
             return False
-        if not self._queue.poll():
+        self.queue.poll()
+        if self.queue.state == self._shown:  # what it shows: the start page polls too
             return False
+        self._shown = self.queue.state
         self._dialog.update()
         return True
 
     def close(self) -> None:
         """End the thread; the queue goes on."""
-        self._queue.close()
+        self.queue.close()

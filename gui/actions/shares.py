@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from gui.panels.share_dialogs import ask_serve, ask_share, show_serving
-from gui.presenters.run.shares import ShareRequest, size_words
+from gui.panels.share_dialogs import ask_serve, ask_share, show_serving, show_stale
+from gui.presenters.run.shares import ShareRequest, size_words, stale_words
 from gui.shell import Shell
 from pipelines.share import ShareSize, share_size
 from studio.errors import StudioError
@@ -21,6 +21,7 @@ class ShareActions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
+        self._request: ShareRequest | None = None
 
     def ask(self, form: str) -> None:
         """Ask for the options, then share. `form` is a key of `FORMS`."""
@@ -30,14 +31,22 @@ class ShareActions:
             return
         words = size_words(size, form)
         if form == "single-file" and not size.single_file_possible:
-            window.dialogs.message("Share", words)
+            window.notices.tell(words, bad=True, topic=form)
             return
+        window.notices.clear(form)
         opened = window.player.opened
         assert opened is not None
         assert isinstance(opened.path, Path)
-        request = ShareRequest(form, str(opened.path), opened.title, opened.path.parent)
+        request = self._request = ShareRequest(form, str(opened.path), opened.title, opened.path.parent, self._stale)
+        request.begin_with(window.preferences.last_share(form, request.source))
+        ask_share(window.dialogs, request, words, self._share)
 
-        ask_share(window.dialogs, request, words, window.exports.share)
+    def _share(self, request: ShareRequest) -> None:
+        window = self._window
+        window.exports.share(request)
+        window.preferences.shared(request.form, request.source, request.kept())
+        window.preferences.save()
+        window.workspace.note(f"Share: writing {request.path}")
 
     def serve(self) -> None:
         """Ask how, then serve; if the take is served already, show its address."""
@@ -50,13 +59,13 @@ class ShareActions:
         if size is None:
             return
         assert opened is not None
-        ask_serve(window.dialogs, size_words(size, "serve"), partial(self._start, str(opened.path)))
+        ask_serve(window.dialogs, size_words(size, "serve"), self._stale, partial(self._start, str(opened.path)))
 
     def _start(self, source: str, https: bool) -> None:
         try:
             self._window.serving.start(source, https)
         except OSError as error:
-            self._window.dialogs.message("Share", str(error))
+            self._window.notices.tell(str(error), bad=True, topic="serve")
 
     def stop(self) -> None:
         """Stop serving."""
@@ -65,25 +74,46 @@ class ShareActions:
     def poll(self) -> bool:
         """Call at each tick; returns whether something changed."""
         window = self._window
+        changed = self._tell_stale()
         serving = window.serving
         if not serving.poll():
-            return False
+            return changed
         if serving.failure:
-            window.dialogs.message("Share", serving.failure)
+            window.notices.tell(serving.failure, bad=True, topic="serve")
             serving.failure = ""
-        elif serving.address and not window.dialogs.name:  # what is being typed elsewhere must not be lost
+            return True
+        if serving.address:
+            window.notices.clear("serve")
+        if serving.address and not window.dialogs.name:  # what is being typed elsewhere must not be lost
             show_serving(window.dialogs, serving, self.stop)
         return True
+
+    def _tell_stale(self) -> bool:
+        """Tell in the open dialog what has been found out meanwhile; returns whether it has changed."""
+        words = self._stale
+        if self._request is not None:
+            self._request.stale = words
+        return show_stale(self._window.dialogs, words)
+
+    @property
+    def _stale(self) -> str:
+        workspace = self._window.workspace
+        if workspace.take is None:
+            return ""
+        bake = workspace.assessment.stages.get("bake")
+        return stale_words(bake, workspace.checked, workspace.unreadable)
 
     def _size(self) -> ShareSize | None:
         """What sharing takes; None, and a message, if there is nothing to share."""
         window = self._window
         opened = window.player.opened
         if opened is None or not isinstance(opened.path, Path):
-            window.dialogs.message("Share", "Open a take or a stream of this machine first.")
+            window.notices.tell("Open a take or a stream of this machine first.")
             return None
         try:
-            return share_size(str(opened.path))
+            size = share_size(str(opened.path))
         except (StudioError, OSError) as error:
-            window.dialogs.message("Share", str(error))
+            window.notices.tell(str(error), bad=True, topic="share")
             return None
+        window.notices.clear("share")
+        return size

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from gui.panels.dialogs import Answer, Dialogs, broken
+from gui.panels.dialogs import Answer, Dialogs, broken, filled
 from gui.panels.picture import color
 from gui.presenters.drawing.palette import BAD, DIM
 from gui.presenters.run.bakes import BakeRow, Bakes
@@ -100,7 +100,7 @@ class BakesDialog:
         if items != self._items or not items:
             self._items = self._dialogs.lines = items
             shown = items or ["No bakes are kept." if self._has_take else "A stream keeps no bakes. Open its take."]
-            self._list.set_items(shown + [" "] * (ROWS - len(shown)))  # the dialog does not resize
+            self._list.set_items(filled(shown, ROWS))
         names = [row.name for row in rows]
         at = names.index(self._chosen) if self._chosen in names else -1
         if self._list.selected_index != at:
@@ -115,7 +115,7 @@ class BakesDialog:
         for key, enabled in may.items():
             self._dialogs.widgets[key].enabled = enabled
         lines = broken(self._bakes.message).splitlines()[:MESSAGE_LINES]
-        self._message.text = "\n".join([*lines, *[" "] * (MESSAGE_LINES - len(lines))])
+        self._message.text = "\n".join(filled(lines, MESSAGE_LINES))
         self._message.text_color = color(BAD if self._bakes.failed else DIM)
 
     def _select(self, _label: str, twice: bool) -> None:

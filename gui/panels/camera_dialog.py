@@ -8,6 +8,7 @@ from open3d.visualization import gui
 
 from gui.panels.dialogs import Dialogs
 from gui.panels.option_dialogs import refusal
+from gui.panels.picture import lowered
 from gui.presenters.run.cameras import CameraUses
 
 ROWS, COLUMNS = 18, 2
@@ -46,11 +47,12 @@ def ask_cameras(
     pages = -(-len(names) // (ROWS * COLUMNS))
     here = names[page * ROWS * COLUMNS :][: ROWS * COLUMNS]
     count = -(-len(here) // ROWS)
-    grid = gui.VGrid(4 * count, 0.5 * em)
-    for title in ("camera", "use", "hold\u00a0out", "PSNR") * count:  # a broken title would widen the rows
-        grid.add_child(dialogs.label(title))
+    # columns, since a grid of the toolkit asks for almost twice its height and breaks titles
+    columns = [gui.Vert(round(0.25 * em)) for _ in range(4 * count)]
+    for column, head in zip(columns, ("camera", "use", "hold\u00a0out", "PSNR") * count, strict=True):
+        column.add_child(dialogs.label(head))
     for row in range(min(ROWS, len(here))):
-        for name in here[row::ROWS]:
+        for block, name in enumerate(here[row::ROWS]):
             used, held_out = gui.Checkbox(""), gui.Checkbox("")
             used.tooltip = "Use this camera at all"
             held_out.tooltip = "Do not train on this camera; evaluate with it"
@@ -59,11 +61,17 @@ def ask_cameras(
             held_out.set_on_checked(lambda on, name=name: ticked(name, "held out" if on else "training"))
             boxes[name] = (used, held_out)
             dialogs.widgets |= {f"use {name}": used, f"hold out {name}": held_out}
-            for widget in (dialogs.label(name, dim=False), used, held_out, dialogs.label(figures.get(name, "-"))):
-                grid.add_child(widget)
+            title, figure = dialogs.label(name, dim=False), dialogs.label(figures.get(name, "-"))
+            cells = (lowered(title), used, held_out, lowered(figure))
+            for column, widget in zip(columns[4 * block : 4 * block + 4], cells, strict=True):
+                column.add_child(widget)
+    table = gui.Horiz(round(0.5 * em))
+    for column in columns:
+        table.add_child(column)
+    table.add_stretch()
     parts: list[gui.Widget] = [
         dialogs.label("Training learns from cameras that are used and not held out. Evaluation uses held-out ones."),
-        grid,
+        table,
     ]
     if error:
         parts.append(refusal(dialogs, error))

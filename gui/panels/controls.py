@@ -7,7 +7,10 @@ from collections.abc import Callable
 from open3d.visualization import gui
 
 from gui.panels.flow import Flow
+from gui.panels.hints import Hints
 from gui.panels.picture import color
+from gui.panels.symbol_button import SymbolButton
+from gui.presenters.drawing.icons import icon
 from gui.presenters.drawing.palette import PANEL, RAISED
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.transport import Transport
@@ -17,6 +20,9 @@ SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
 
 
 VOLUMES = {"sound off": 0.0, "sound 25%": 0.25, "sound 50%": 0.5, "sound 100%": 1.0}
+SYMBOL_WIDTH = 2.2
+"""Width of a button with a symbol, em."""
+
 SOUND = "Volume of the stream's sound (V: off or on). It plays at speed 1x only."
 
 
@@ -29,32 +35,34 @@ class ControlsPanel:
         em: the theme's font size, pixels.
         reset: called to reset the view.
         changed: called after each click.
+        hints: what the buttons do.
     """
 
     def __init__(
-        self, player: PlayerPresenter, em: float, reset: Callable[[], None], changed: Callable[[], None]
+        self, player: PlayerPresenter, em: float, reset: Callable[[], None], changed: Callable[[], None], hints: Hints
     ) -> None:
-        self._player = player
+        self._player, self._hints = player, hints
         self._changed = changed
         self.flow = Flow(0.3 * em, 1.5 * em)
         self.widget = self.flow.widget
         self.widget.background_color = color(PANEL)
         self.buttons: dict[str, gui.Widget] = {}
         transport = self._transport
-        self._button("Start", "First frame (Home)", lambda: transport().seek(0))
-        self._button("Back", "Previous frame (Left)", lambda: transport().step(-1))
-        self._play = self._button("Pause", "Play or pause (Space)", lambda: transport().toggle(), key="play")
-        self._button("Forward", "Next frame (Right)", lambda: transport().step(1))
-        self._button("End", "Last frame (End)", lambda: transport().seek(transport().last))
+        self.symbols: dict[str, SymbolButton] = {}
+        self._symbol("start", "First frame (Home)", lambda: transport().seek(0), em)
+        self._symbol("back", "Previous frame (Left)", lambda: transport().step(-1), em)
+        self._symbol("play", "Play or pause (Space)", lambda: transport().toggle(), em)
+        self._symbol("forward", "Next frame (Right)", lambda: transport().step(1), em)
+        self._symbol("end", "Last frame (End)", lambda: transport().seek(transport().last), em)
         self._loop = gui.Checkbox("Loop")
-        self._loop.tooltip = "Loop playback (L)"
+        self._hint(self._loop, "Loop playback (L)")
         self._loop.set_on_checked(lambda on: self._did(lambda: transport().set_loop(on)))
         self._add("loop", self._loop)
         self._speed = gui.Combobox()
         for name in SPEEDS:
             self._speed.add_item(name)
         self._speed.selected_text = "1x"
-        self._speed.tooltip = "Playback speed"
+        self._hint(self._speed, "Playback speed")
         self._speed.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_speed(name)))
         self._add("speed", self._speed)
         self._volume = gui.Combobox()
@@ -63,10 +71,11 @@ class ControlsPanel:
         self._volume.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_volume(name)))
         self._add("volume", self._volume)
         self._camera = gui.Combobox()
-        self._camera.tooltip = "Free view or a capture camera (C: next camera)"
+        self._hint(self._camera, "Free view or a capture camera (C: next camera)")
         self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
         self._add("camera", self._camera, right=True)
         self._cameras: list[str] = []
+        self._sound_hint = ""
         for widget in (self._volume, self._camera):
             widget.visible = False  # until there is something to choose
         self._button("Background", "Next background: dark, black, white (B)", player.next_background)
@@ -76,13 +85,23 @@ class ControlsPanel:
         """The current transport; replaced whenever something is opened."""
         return self._player.transport
 
+    def _hint(self, widget: gui.Widget, text: str) -> None:
+        self._hints.give(widget, text, self.widget)
+
     def _add(self, key: str, widget: gui.Widget, right: bool = False) -> None:
         self.buttons[key] = widget
         self.flow.add(widget, right=right)
 
+    def _symbol(self, name: str, tooltip: str, action: Callable[[], object], em: float) -> None:
+        button = SymbolButton(name, lambda: self._did(action))
+        self._hint(button.widget, tooltip)
+        self.symbols[name] = button
+        self.buttons[name] = button.widget
+        self.flow.add(button.widget, width=round(SYMBOL_WIDTH * em))
+
     def _button(self, text: str, tooltip: str, action: Callable[[], object], key: str = "") -> gui.Button:
-        button = gui.Button(text)
-        button.tooltip = tooltip
+        button = gui.Button(f"{icon(key or text.lower())} {text}".strip())
+        self._hint(button, tooltip)
         button.vertical_padding_em = 0.05
         button.horizontal_padding_em = 0.42
         button.background_color = color(RAISED)
@@ -109,19 +128,17 @@ class ControlsPanel:
         tooltip = SOUND if audio is None else audio.message or SOUND
         volume = 0.0 if audio is None else audio.volume
         name = min(VOLUMES, key=lambda one: abs(VOLUMES[one] - volume))
-        changed = self._volume.selected_text != name or self._volume.tooltip != tooltip
+        changed = self._volume.selected_text != name or self._sound_hint != tooltip
         if changed:
-            self._volume.selected_text, self._volume.tooltip = name, tooltip
+            self._volume.selected_text, self._sound_hint = name, tooltip
+            self._hint(self._volume, tooltip)
         return changed
 
     def update(self) -> tuple[bool, bool]:
         """Show the state of the player; return (whether a widget changed, whether a layout is due)."""
         changed = layout = False
         transport = self._player.transport
-        text = "Pause" if transport.playing else "Play"
-        if self._play.text != text:
-            self._play.text = text
-            changed = layout = True
+        self.symbols["play"].name = "pause" if transport.playing else "play"
         if self._loop.checked != transport.loop:
             self._loop.checked = transport.loop
             changed = True
@@ -151,4 +168,6 @@ class ControlsPanel:
             if widget.enabled != enabled:
                 widget.enabled = enabled
                 changed = True
+        for symbol in self.symbols.values():
+            changed |= symbol.update()
         return changed, layout

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
+from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.panels.picture import color
-from gui.platform.keyboard import BACKSPACE, END, HOME, KEYS, TAB, send_key, type_keys
+from gui.panels.picture import PictureWidget, color
+from gui.platform.keyboard import BACKSPACE, END, HOME, KEYS, TAB, send_key, tap_key, type_keys
 from gui.presenters.drawing.palette import ACCENT_DARK, DIM, RAISED
 
 TAB_DOWN, TAB_UP = 3, 5
-"""Number of frames drawn of a dialog with a text field before Tab is pressed and released."""
+"""Number of frames drawn of a dialog with a text field before Tab is pressed, and has surely had its effect."""
 
 FRAMES_BEFORE_ENTER = 2
 """Number of frames drawn between the Enter key and its action."""
+
+BUTTON_PADDING = 0.2
+"""Room above and below the text of a button, em, besides the toolkit's."""
+
+_MODIFIERS = (
+    gui.KeyName.LEFT_CONTROL, gui.KeyName.RIGHT_CONTROL, gui.KeyName.ALT, gui.KeyName.META,
+)  # fmt: skip
 
 Answer = tuple[str, str, Callable[[], None]]
 """Key, label, action."""
@@ -29,6 +37,13 @@ class Dialogs:
         name: name of the open dialog; "" if none is open.
         typing: whether its text field has the keyboard focus.
         lines: what the list in it shows, where that changes by itself.
+        last_folder: the folder in which something was chosen last; "" if nothing was.
+        remembered: called when that changes.
+        pictures: pictures in the open dialog, which are drawn exactly some draws later.
+        on_key: handles keys once the text field has the focus, and returns whether it did; None for none.
+        on_press: is told the X key codes of presses and repeats, which the text field keeps for itself, where they are
+            known; None for none.
+        expected: whether a dialog with a text field is about to open, for which what is typed is kept.
     """
 
     def __init__(self, window: gui.Window) -> None:
@@ -38,6 +53,12 @@ class Dialogs:
         self.name = ""
         self.typing = False
         self.lines: list[str] = []
+        self.last_folder = ""
+        self.remembered: Callable[[str], object] = lambda _folder: None
+        self.pictures: list[PictureWidget] = []
+        self.on_key: Callable[[gui.KeyEvent], bool] | None = None
+        self.on_press: Callable[[int], object] | None = None
+        self.expected = False
         self._drawn: int | None = None
         self._confirm: int | None = None  # frames to draw until the dialog is confirmed
         self._field: gui.TextEdit | None = None
@@ -47,6 +68,11 @@ class Dialogs:
         self._on_enter: Callable[[], None] | None = None
         self._on_escape: Callable[[], None] = self.close
 
+    @property
+    def room(self) -> int:
+        """Largest width of what a dialog shows, pixels: the toolkit makes none wider than 0.8 of the window."""
+        return round(0.78 * self._window.content_rect.width - 2 * self.em)
+
     def close(self) -> None:
         """Close the open dialog, if any."""
         self._on_enter = self._drawn = self._confirm = self._field = None
@@ -55,6 +81,8 @@ class Dialogs:
         if self.name:
             self._window.close_dialog()
         self.widgets, self.name, self.lines = {}, "", []
+        self.pictures, self.on_key, self.on_press = [], None, None
+        self.expected = False
 
     def show(
         self,
@@ -78,7 +106,9 @@ class Dialogs:
             accent: key of the highlighted answer; None for the first.
         """
         made = self.widgets
+        early = (self._early, self._early_enter) if self.expected else ([], False)
         self.close()
+        self._early, self._early_enter = early
         self.widgets, self._on_enter = made, on_enter
         self._on_escape = next((action for key, _, action in answers if key == "close"), self.close)
         em = self.em
@@ -101,7 +131,7 @@ class Dialogs:
     def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:
         """Make a button for the dialog being built."""
         button = gui.Button(label)
-        button.vertical_padding_em = 0.2
+        button.vertical_padding_em = BUTTON_PADDING
         button.background_color = color(ACCENT_DARK if accent else RAISED)
         button.set_on_clicked(action)
         self.widgets[key] = button
@@ -114,6 +144,16 @@ class Dialogs:
             label.text_color = color(DIM)
         return label
 
+    def remember(self, folder: str) -> None:
+        """Note the folder in which something was chosen."""
+        self.last_folder = folder
+        self.remembered(folder)
+
+    def usual_folder(self, *others: Path) -> Path:
+        """Where a dialog for a path begins: the last folder, the first of `others` that there is, or home."""
+        last = [Path(self.last_folder)] if self.last_folder else []
+        return next((path for path in (*last, *others) if path.is_dir()), Path.home())
+
     def laid_out(self) -> None:
         """Lay out the dialog again."""
         self._window.set_needs_layout()
@@ -121,7 +161,7 @@ class Dialogs:
     def enter(self) -> None:
         """Handle the release of the Enter key (a field being edited consumes the press). Text typed just before reaches
         the field only when the window is drawn, so the dialog is confirmed a few frames later."""
-        if self._drawn is not None:
+        if self.focusing:
             self._early_enter = True
         elif self._on_enter is not None and self._confirm is None:
             self._confirm = FRAMES_BEFORE_ENTER
@@ -133,8 +173,10 @@ class Dialogs:
         if event.key in (gui.KeyName.LEFT_SHIFT, gui.KeyName.RIGHT_SHIFT):
             self._shift = down
             return False
-        if self._drawn is None:
-            return False
+        if event.key in _MODIFIERS and not down:
+            return False  # of Ctrl+K: the toolkit would think that it is still held, and take no text
+        if not self.focusing:
+            return self.on_key is not None and self.on_key(event)
         code = int(event.key)
         keycode = BACKSPACE if event.key == gui.KeyName.BACKSPACE else KEYS.get(chr(code).lower() if code < 128 else "")
         if down and keycode is not None and not self._early_enter:
@@ -144,6 +186,7 @@ class Dialogs:
     def tick(self) -> bool:
         """Focus a new dialog's text field once it has been drawn, and confirm the dialog after Enter. Call at each
         drawn tick. Returns whether the window must be drawn again."""
+        unsettled = [picture.settle() for picture in self.pictures]
         if self._confirm is not None:
             self._confirm -= 1
             if self._confirm == 0:
@@ -152,12 +195,10 @@ class Dialogs:
                     self._on_enter()
             return True
         if self._drawn is None:
-            return False
+            return any(unsettled)
         self._drawn += 1
         if self._drawn == TAB_DOWN:
-            send_key(TAB, True)
-        elif self._drawn == TAB_UP:
-            send_key(TAB, False)
+            tap_key(TAB)
         elif self._drawn > TAB_UP and not self._type_early(self._drawn - TAB_UP - 1):
             self._drawn = None
             self.typing = True
@@ -229,8 +270,19 @@ class Dialogs:
 
     @property
     def focusing(self) -> bool:
-        """Whether the text field is about to get the keyboard focus, for which the window must be drawn often."""
-        return self._drawn is not None
+        """Whether a text field is about to get the keyboard focus, for which the window must be drawn often."""
+        return self._drawn is not None or self.expected
+
+    def expect(self) -> None:
+        """A dialog with a text field is about to open. No effect while one is open."""
+        if not self.name:
+            self.expected, self._early, self._early_enter = True, [], False
+            self._on_escape = self.close
+
+    def pressed(self, code: int) -> None:
+        """Note that a key was pressed or repeats, by its X key code."""
+        if self.on_press is not None and not self.focusing:
+            self.on_press(code)
 
     def choose(
         self,
@@ -261,6 +313,11 @@ class Dialogs:
             action()
 
         return go
+
+
+def filled(lines: Sequence[str], count: int) -> list[str]:
+    """Lines with blank ones after them, `count` at least: a dialog does not resize while what it shows changes."""
+    return [*lines, *[" "] * (count - len(lines))]
 
 
 def broken(text: str) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
 from open3d.visualization import gui
 
 
@@ -19,18 +22,19 @@ class Flow:
     def __init__(self, gap: float, line: float) -> None:
         self.widget = gui.Widget()
         self._gap, self._line = gap, line
-        self._items: list[tuple[gui.Widget, float, bool]] = []
+        self._items: list[tuple[gui.Widget, float, bool, float | None]] = []
 
-    def add(self, widget: gui.Widget, before: float = 0.0, right: bool = False) -> None:
+    def add(self, widget: gui.Widget, before: float = 0.0, right: bool = False, width: float | None = None) -> None:
         """Append a widget.
 
         Args:
             widget: the widget.
-            before: extra pixels between it and the previous one.
+            before: extra pixels between it and the previous one; it begins a group, see `flow_lines`.
             right: right-align it and all later ones if there is room.
+            width: pixels; None for what the widget prefers.
         """
         self.widget.add_child(widget)
-        self._items.append((widget, before, right))
+        self._items.append((widget, before, right, width))
 
     def height(self, width: float, context: gui.LayoutContext) -> float:
         """Height in pixels at this width."""
@@ -48,21 +52,52 @@ class Flow:
             spare = width - (line[-1][1] + line[-1][2]) if line else 0.0
             for widget, left, wide, right in line:
                 shift = spare if right and not number else 0.0
-                widget.frame = gui.Rect(int(x + left + shift), int(top), int(wide), int(self._line))
+                down = _down(widget, self._line, context)
+                widget.frame = gui.Rect(int(x + left + shift), int(top + down), int(wide), int(self._line - down))
 
     def _lines(self, width: float, context: gui.LayoutContext) -> list[list[tuple[gui.Widget, float, float, bool]]]:
         """Each line's widgets with their left end, width, and whether they are right-aligned."""
-        lines: list[list[tuple[gui.Widget, float, float, bool]]] = [[]]
-        x, right = 0.0, False
-        for widget, before, at_right in self._items:
-            if not widget.visible:
-                continue
-            right |= at_right
-            wide = min(widget.calc_preferred_size(context, gui.Widget.Constraints()).width, width)
-            left = x + (before if lines[-1] else 0.0)
-            if lines[-1] and left + wide > width:
-                lines.append([])
-                left = 0.0
-            lines[-1].append((widget, left, wide, right))
-            x = left + wide + self._gap
-        return lines
+        shown = [item for item in self._items if item[0].visible]
+        free = gui.Widget.Constraints()
+        wides = [min(fixed or widget.calc_preferred_size(context, free).width, width) for widget, _, _, fixed in shown]
+        right = np.logical_or.accumulate([at_right for _, _, at_right, _ in shown])
+        lines = flow_lines(wides, [before for _, before, _, _ in shown], width, self._gap)
+        return [[(shown[at][0], left, wides[at], bool(right[at])) for at, left in line] for line in lines]
+
+
+def _down(widget: gui.Widget, line: float, context: gui.LayoutContext) -> int:
+    """Pixels that a widget is lower than its line. The toolkit draws boxes at the top of their frame, as high as their
+    text needs, which is less than a button of the line on a dense screen."""
+    if not isinstance(widget, (gui.Checkbox, gui.Combobox)):
+        return 0
+    high = widget.calc_preferred_size(context, gui.Widget.Constraints()).height
+    return max(round((line - high) / 2), 0)
+
+
+def flow_lines(
+    wides: Sequence[float], befores: Sequence[float], width: float, gap: float
+) -> list[list[tuple[int, float]]]:
+    """Index and left end of what is in each line; at least one line.
+
+    Args:
+        wides: width of each widget, at most `width`.
+        befores: extra room before each. What has some begins a group, which is not divided if a line can hold it.
+        width: of a line.
+        gap: between neighbors.
+    """
+    lines: list[list[tuple[int, float]]] = [[]]
+    x = 0.0
+    for number, (wide, before) in enumerate(zip(wides, befores, strict=True)):
+        left = x + (before if lines[-1] else 0.0)
+        group = wide
+        if before:
+            for next_wide, next_before in zip(wides[number + 1 :], befores[number + 1 :], strict=True):
+                if next_before:
+                    break
+                group += gap + next_wide
+        if lines[-1] and left + (group if group <= width else wide) > width:
+            lines.append([])
+            left = 0.0
+        lines[-1].append((number, left))
+        x = left + wide + gap
+    return lines

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.panels.dialogs import Dialogs, broken
+from gui.panels.dialogs import Dialogs, broken, filled
 from gui.presenters.folders import FolderList
 
 ROWS = 14
@@ -69,6 +69,7 @@ class _PathDialog:
         dialogs.show("path", title, parts, answers, 170, self._enter)
         dialogs.widgets |= {"path": self._path, "list": self._list}
         self._fill()
+        dialogs.focus(self._path)
 
     def _fill(self) -> None:
         found = self._found
@@ -76,13 +77,13 @@ class _PathDialog:
         self._typed = str(found.folder)
         self._path.text_value = self._typed
         labels = [entry.label for entry in found.entries]
-        self._list.set_items(labels + [" "] * (ROWS - len(labels)))  # the dialog does not resize
+        self._list.set_items(filled(labels, ROWS))
         self._list.selected_index = -1
         self._say()
 
     def _say(self) -> None:
         lines = broken(self._found.message).splitlines()[:2]
-        self._message.text = "\n".join([*lines, *[" "] * (2 - len(lines))])
+        self._message.text = "\n".join(filled(lines, 2))
 
     def _home(self) -> None:
         self._found.enter(Path.home())
@@ -118,6 +119,7 @@ class _PathDialog:
         chosen = self._found.choose(path, twice)
         if chosen is not None:
             self._dialogs.close()
+            self._dialogs.remember(str(before))
             self._done(str(chosen))
         elif self._found.folder != before:
             self._fill()

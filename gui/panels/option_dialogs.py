@@ -11,11 +11,15 @@ from open3d.visualization import gui
 
 from gui.panels.dialogs import Dialogs, broken
 from gui.panels.folder_dialog import ask_path
-from gui.panels.picture import color
+from gui.panels.picture import color, lowered
+from gui.presenters.drawing.canvas import text_width
 from gui.presenters.drawing.palette import BAD
 from gui.presenters.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
 from gui.presenters.run.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportRequest
 from studio.errors import StudioError
+
+FIELD = 16
+"""Least width of a field in em: three numbers with signs fit."""
 
 
 def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferences], None]) -> None:
@@ -28,7 +32,7 @@ def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferen
     play = gui.Checkbox("")
     play.checked = chosen.play_on_opening
     play.set_on_checked(lambda on: setattr(chosen, "play_on_opening", on))
-    form.add("play", "Play when opened", play)
+    form.add("play", "Autoplay", play)
 
     def done() -> None:
         dialogs.close()
@@ -91,7 +95,7 @@ def ask_export(
     target.text_value = request.target
     target.set_on_text_changed(request.set_target)
     row = gui.Horiz(0.4 * dialogs.em)
-    row.add_child(dialogs.label("Output"))
+    row.add_child(lowered(dialogs.label("Output")))
     row.add_child(target)
     folder = dialogs.button("browse_target", "Browse", browse)
     folder.vertical_padding_em = 0
@@ -111,6 +115,8 @@ def ask_export(
     answers = [("save", "Export", go), ("close", "Cancel", dialogs.close)]
     dialogs.show("export", f"Export: {FORMATS[request.kind][0]}", parts, answers, 90, go)
     dialogs.widgets |= {**form.widgets, "line": target}
+    seconds = form.widgets.get("seconds")
+    dialogs.focus(seconds if isinstance(seconds, gui.TextEdit) else target)
 
 
 def refusal(dialogs: Dialogs, error: str) -> gui.Label:
@@ -121,18 +127,25 @@ def refusal(dialogs: Dialogs, error: str) -> gui.Label:
 
 
 class Form:
-    """Labeled fields, each bound to an attribute of an object."""
+    """Labeled fields, each bound to an attribute of an object; a field is at least `FIELD` wide."""
 
     def __init__(self, dialogs: Dialogs, target: Any) -> None:
         self._dialogs, self._target = dialogs, target
-        self.grid = gui.VGrid(2, 0.6 * dialogs.em)
+        self.grid = gui.VGrid(2, round(0.6 * dialogs.em))
         self.widgets: dict[str, gui.Widget] = {}
+        self._labels = 0
 
     def add(self, key: str, label: str, widget: gui.Widget) -> None:
         """A widget with its label; `key` names it among the dialog's widgets."""
-        self.grid.add_child(self._dialogs.label(label))
+        # the grid would break it at spaces, and within its last word, as its columns are narrower than asked for
+        words = label.replace(" ", "\u00a0") + "\u00a0" * 3
+        self.grid.add_child(lowered(self._dialogs.label(words)))
         self.grid.add_child(widget)
         self.widgets[key] = widget
+        # a grid gives fields what its labels leave, and a dialog is as wide as its title by itself
+        em = self._dialogs.em
+        self._labels = max(self._labels, text_width(label, round(em)))
+        self.grid.preferred_width = round(self._labels + (FIELD + 2) * em)
 
     def choice(
         self, attribute: str, label: str, names: Sequence[str], after: Callable[[], None] = lambda: None

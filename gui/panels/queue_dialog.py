@@ -8,7 +8,7 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.panels.dialogs import Dialogs, broken
+from gui.panels.dialogs import Dialogs, broken, filled
 from gui.panels.folder_dialog import ask_path
 from gui.panels.picture import color
 from gui.presenters.drawing.palette import BAD, DIM
@@ -80,7 +80,7 @@ class QueueDialog:
         items = [str(row) for row in rows]
         if items != self._items or not items:
             self._items = self._dialogs.lines = items
-            self._list.set_items(items + [" "] * (ROWS - len(items)))  # the dialog does not resize
+            self._list.set_items(filled(items, ROWS))
         numbers = [row.number for row in rows]
         if self._chosen not in numbers:
             self._chosen = None
@@ -103,7 +103,7 @@ class QueueDialog:
         self._words.text_color = color(BAD if queue.view.error else DIM)
         failure = rows[at].words if state == "failed" else ""
         lines = broken(queue.message or failure).splitlines()[:MESSAGE_LINES]
-        self._message.text = "\n".join([*lines, *[" "] * (MESSAGE_LINES - len(lines))])
+        self._message.text = "\n".join(filled(lines, MESSAGE_LINES))
         self._message.text_color = color(BAD)
 
     def _select(self, _label: str, twice: bool) -> None:
@@ -129,5 +129,5 @@ class QueueDialog:
             self.show()
 
         rows = self._queue.view.rows
-        start = rows[-1].take.parent if rows else (self._opening.current or Path.cwd())
+        start = rows[-1].take.parent if rows else (self._opening.current or self._dialogs.usual_folder())
         ask_path(self._dialogs, "Add take to the queue", start, "take", done, self.show)

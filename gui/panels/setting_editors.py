@@ -1,10 +1,10 @@
-"""Fields for settings: a checkbox, a list of choices, or text, with a slider or a button that chooses a path."""
+"""Fields for settings: a checkbox, a list of choices, or text, with buttons that step a number or choose a path."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 from open3d.visualization import gui
 
@@ -12,9 +12,6 @@ from gui.panels.picture import color
 from gui.presenters.drawing.palette import RAISED
 from gui.presenters.run.setting_words import FILES, FOLDERS
 from gui.presenters.run.settings import SettingField
-
-REST = 0.4
-"""Seconds after which a slider that does not move has come to rest."""
 
 SetValue = Callable[[SettingField, str], None]
 
@@ -26,41 +23,35 @@ class Editor:
     Attributes:
         widget: has the value.
         put: shows a value.
-        slider, browse: further widgets, if there are any.
-        commit: takes the value of a slider.
+        steps: buttons that make a number lower and higher; none if it has no close limits. Not a slider: the toolkit's
+            prints the number once more, and covers it with its handle.
+        browse: opens a dialog for a path; None for others.
+        grows: whether the widget takes all the room that there is.
     """
 
     widget: gui.Widget
     put: Callable[[str], None]
-    slider: gui.Slider | None = None
+    steps: list[gui.Button] = field(default_factory=list)
     browse: gui.Button | None = None
-    commit: Callable[[], None] = lambda: None
+    grows: bool = False
     shown: str = ""
-    moved: float | None = field(default=None)
 
     @property
     def parts(self) -> list[gui.Widget]:
         """All widgets, from left to right."""
-        return [one for one in (self.slider, self.widget, self.browse) if one is not None]
+        return [self.widget, *self.steps, *([self.browse] if self.browse is not None else [])]
 
     def show(self, text: str) -> None:
         """Show a value."""
-        self.shown, self.moved = text, None
+        self.shown = text
         self.put(text)
 
-    def tick(self, now: float) -> None:
-        """Take the value of a slider that has come to rest."""
-        if self.moved is not None and now - self.moved > REST:
-            self.moved = None
-            self.commit()
 
-
-def make_editor(setting: SettingField, em: float, set_value: SetValue, pick: Callable[[SettingField], None]) -> Editor:
+def make_editor(setting: SettingField, set_value: SetValue, pick: Callable[[SettingField], None]) -> Editor:
     """The widgets of a setting.
 
     Args:
         setting: the setting.
-        em: font size, pixels.
         set_value: called with the setting and the new text.
         pick: called when its path is to be chosen in a dialog.
     """
@@ -76,53 +67,32 @@ def make_editor(setting: SettingField, em: float, set_value: SetValue, pick: Cal
         return Editor(box, lambda text: setattr(box, "selected_text", text))
     edit = gui.TextEdit()
     edit.placeholder_text = setting.empty
-    editor = Editor(edit, lambda text: setattr(edit, "text_value", text))
+    editor = Editor(edit, lambda text: setattr(edit, "text_value", text), grows=True)
 
     def typed(text: str) -> None:
         if text != editor.shown:
             set_value(setting, text)
 
+    def step(count: int) -> None:
+        text = setting.stepped(edit.text_value, count)
+        if text not in (None, editor.shown):
+            set_value(setting, text)
+
     edit.set_on_value_changed(typed)
     if setting.limits is not None:
-        _add_slider(editor, edit, setting, set_value)
+        low, high = setting.limits
+        for sign, count, words in (("-", -1, f"Lower; {low:g} at least"), ("+", 1, f"Higher; {high:g} at most")):
+            editor.steps.append(_small_button(sign, words, partial(step, count)))
     if setting.name in FOLDERS | FILES:
-        editor.browse = gui.Button("...")
-        editor.browse.tooltip = "Choose it in a dialog"
-        editor.browse.vertical_padding_em = 0.0
-        editor.browse.horizontal_padding_em = 0.25
-        editor.browse.background_color = color(RAISED)
-        editor.browse.set_on_clicked(lambda: pick(setting))
+        editor.browse = _small_button("...", "Choose it in a dialog", lambda: pick(setting))
     return editor
 
 
-def _add_slider(editor: Editor, edit: gui.TextEdit, setting: SettingField, set_value: SetValue) -> None:
-    assert setting.limits is not None
-    slider = gui.Slider(gui.Slider.INT if setting.whole else gui.Slider.DOUBLE)
-    slider.set_limits(*setting.limits)
-    slider.background_color = color(RAISED)
-    editor.slider = slider
-    text_only = editor.put
-
-    def text() -> str:
-        return str(slider.int_value) if setting.whole else f"{slider.double_value:.2f}"
-
-    def put(value: str) -> None:
-        text_only(value)
-        number = float(value)
-        if setting.whole:
-            slider.int_value = int(number)
-        else:
-            slider.double_value = number
-
-    def slid(_: float) -> None:
-        if float(text()) == float(editor.shown):  # set by `put`
-            return
-        edit.text_value = text()
-        editor.moved = time.monotonic()
-
-    def commit() -> None:
-        if text() != editor.shown:
-            set_value(setting, text())
-
-    slider.set_on_value_changed(slid)
-    editor.put, editor.commit = put, commit
+def _small_button(text: str, tooltip: str, action: Callable[[], None]) -> gui.Button:
+    button = gui.Button(text)
+    button.tooltip = tooltip
+    button.vertical_padding_em = 0.0
+    button.horizontal_padding_em = 0.25 if len(text) > 1 else 0.4
+    button.background_color = color(RAISED)
+    button.set_on_clicked(action)
+    return button

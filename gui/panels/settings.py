@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import textwrap
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from gui.panels.picture import color
+from gui.panels.picture import color, lowered, text_room
 from gui.panels.setting_editors import Editor, make_editor
 from gui.presenters.drawing.palette import ACCENT, DIM, FAIR, PANEL, RAISED
 from gui.presenters.run.estimates import Estimates
+from gui.presenters.run.setting_words import FILES, FOLDERS, TEMPLATES
 from gui.presenters.run.settings import SettingField, fields_of, matching
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
 
 PRESET_STAGES = ("initialize", "train", "bake")
 """Stages that presets set."""
+
+WIDEST_BESIDE = 6.5
+"""Widest choice in a list beside its label, em; one with wider ones is below it, as paths and lists of values are."""
+
+MOST_LABEL = 8.0
+"""Widest label beside a field, em."""
 
 
 @dataclass(frozen=True)
@@ -111,10 +117,14 @@ class SettingsList:
         """What can be pressed besides the fields, by name."""
         heads = {"preset": self.preset, "estimate": self.estimate} if self._has_presets else {}
         rows = {f"reset {name}": row[3] for name, row in self._rows.items()}
-        sliders = {f"slider {name}": row[1].slider for name, row in self._rows.items() if row[1].slider is not None}
+        steps = {
+            f"{way} {name}": button
+            for name, row in self._rows.items()
+            for way, button in zip(("less", "more"), row[1].steps, strict=False)
+        }
         pickers = {f"browse {name}": row[1].browse for name, row in self._rows.items() if row[1].browse is not None}
         return {
-            **heads, "all settings": self.all, "reset settings": self.reset_all, **rows, **sliders, **pickers,
+            **heads, "all settings": self.all, "reset settings": self.reset_all, **rows, **steps, **pickers,
         }  # fmt: skip
 
     def find(self, name: str) -> None:
@@ -158,46 +168,51 @@ class SettingsList:
             return False
         self._words = words
         self._rows.clear()
-        grid = gui.VGrid(3, 0.25 * self._em)
+        rows = gui.Vert(round(0.25 * self._em))
         heading = ""
         found = matching(self._fields, self._typed)
         if not self._typed.strip() and not self.all.checked:
             found = [field for field in found if field.basic]
-        # headings share a column with the labels: a longer one would take the width from the fields
-        width = max(16, *(len(field.label) for field in found)) if found else 16
+        beside = [text_room(field.label, self._em) for field in found if not _below(field, self._em)]
+        room = max(beside, default=0.0)
         for field in found:
             if field.heading != heading:
                 heading = field.heading
-                lines = textwrap.wrap(heading, width, break_long_words=False)
-                title = gui.Label("\n".join(lines))
+                title = gui.Label("\n".join(textwrap.wrap(heading, 32)))
                 title.text_color = color(ACCENT)
-                grid.add_child(title)
-                for _ in range(2):  # as high: columns are laid out separately
-                    grid.add_child(gui.Label("\n".join(" " for _ in lines)))
-            self._add(grid, field)
+                rows.add_child(title)
+            self._add(rows, field, round(room + 0.5 * self._em))
         if not found:
-            grid.add_child(gui.Label("No matching settings."))
-        self._content.set_widget(grid)
+            rows.add_child(gui.Label("No matching settings."))
+        self._content.set_widget(rows)
         return True
 
-    def _add(self, grid: gui.VGrid, field: SettingField) -> None:
-        """A row: label, field, button that resets it."""
+    def _add(self, rows: gui.Vert, field: SettingField, room: int) -> None:
+        """A row: label in a column of `room` pixels, or above the field; field; tick that resets it."""
+        em = self._em
         label = gui.Label(field.label.replace(" ", "\u00a0"))
         label.tooltip = broken(field.documentation)
-        grid.add_child(label)
-        editor = make_editor(field, self._em, self._actions.set_value, self._actions.pick)
+        head = lowered(label)
+        editor = make_editor(field, self._actions.set_value, self._actions.pick)
         editor.widget.tooltip = broken(field.documentation)
         reset = gui.Checkbox("")  # as high as the other fields
         reset.set_on_checked(lambda _: self._actions.reset([field.name]))
         reset.visible = False
-        if len(editor.parts) == 1:
-            grid.add_child(editor.widget)
+        row = gui.Horiz(round(0.25 * em))
+        if _below(field, em):
+            rows.add_child(head)
         else:
-            row = gui.Horiz(round(0.25 * self._em))
-            for widget in editor.parts:
-                row.add_child(widget)
-            grid.add_child(row)
-        grid.add_child(reset)
+            head.preferred_width = room
+            row.add_child(head)
+        for widget in editor.parts:
+            row.add_child(widget)
+        if not editor.grows:
+            row.add_stretch()
+        column = gui.Vert()  # keeps its width when the tick is hidden, so that the fields are in line
+        column.preferred_width = round(1.5 * em)
+        column.add_child(reset)
+        row.add_child(column)
+        rows.add_child(row)
         self._rows[field.name] = (field, editor, label, reset)
 
     def show(self, config: Config) -> None:
@@ -229,11 +244,14 @@ class SettingsList:
             self.preset.change_item(number, self._estimates.words(name))
         self.preset.selected_index = chosen
 
-    def tick(self) -> None:
-        """Write values of sliders that have come to rest. Call at each tick."""
-        now = time.monotonic()
-        for _, editor, _, _ in self._rows.values():
-            editor.tick(now)
+
+def _below(field: SettingField, em: float) -> bool:
+    """Whether a field is below its label, as one of them needs more room."""
+    if text_room(field.label, em) > MOST_LABEL * em:
+        return True
+    if field.kind == "choice":
+        return max(text_room(choice, em) for choice in field.choices) > WIDEST_BESIDE * em
+    return field.name in FOLDERS | FILES | TEMPLATES or bool(field.kind_of_list)
 
 
 def broken(text: str) -> str:

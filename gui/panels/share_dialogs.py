@@ -7,14 +7,18 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.panels.dialogs import Answer, Dialogs
+from gui.panels.dialogs import Answer, Dialogs, broken, filled
 from gui.panels.folder_dialog import ask_path
 from gui.panels.option_dialogs import Form, refusal
-from gui.panels.picture import PictureWidget
+from gui.panels.picture import PictureWidget, color, lowered
+from gui.presenters.drawing.palette import DIM, FAIR
 from gui.presenters.run.serving import Serving
 from gui.presenters.run.shares import FORMS, PHONES, PHONES_SERVE, ShareRequest
 from pipelines.share.qr_code import qr_pixels
 from studio.errors import StudioError
+
+STALE_LINES = 4
+"""Lines of the warning that the stream is out of date."""
 
 QR_SIZE = 22
 """Largest width of the QR code, in font sizes."""
@@ -53,7 +57,7 @@ def ask_share(
 
         ask_path(dialogs, "Output folder", Path(request.target).parent, "folder", done, again)
 
-    def go() -> None:
+    def write() -> None:
         try:
             start(request)
         except (StudioError, OSError) as refused:
@@ -61,8 +65,28 @@ def ask_share(
         else:
             dialogs.close()
 
+    def go() -> None:
+        try:
+            replaces = request.replaces
+        except OSError as refused:
+            words = f"The output cannot have this name: {refused.strerror}. Choose another one."
+            ask_share(dialogs, request, size, start, words)
+            return
+        if not replaces:
+            write()
+            return
+        dialogs.ask(
+            "Replace the earlier share?",
+            f"{request.path}\nis there already. If it is an earlier share, it is replaced; anything else is refused.",
+            [
+                ("replace", "Replace", write),
+                ("back", "Choose another name", lambda: ask_share(dialogs, request, size, start)),
+                ("close", "Cancel", lambda: None),
+            ],
+        )
+
     row = gui.Horiz(0.4 * dialogs.em)
-    row.add_child(dialogs.label("Output"))
+    row.add_child(lowered(dialogs.label("Output")))
     row.add_child(target)
     button = dialogs.button("browse_target", "Browse", browse)
     button.vertical_padding_em = 0
@@ -72,21 +96,46 @@ def ask_share(
         row,
         dialogs.label(size, dim=False),
         dialogs.label(PHONES[request.form]),
-        dialogs.label("An earlier share is replaced; nothing else is overwritten."),
+        *_stale(dialogs, request.stale),
     ]
     if error:
         parts.append(refusal(dialogs, error))
     answers: list[Answer] = [("save", "Share", go), ("close", "Cancel", dialogs.close)]
     dialogs.show("share", f"Share: {FORMS[request.form][0]}", parts, answers, 90, go)
     dialogs.widgets |= {**form.widgets, "line": target}
+    first = form.widgets["title"]
+    assert isinstance(first, gui.TextEdit)
+    dialogs.focus(first)
 
 
-def ask_serve(dialogs: Dialogs, size: str, start: Callable[[bool], None]) -> None:
+def _stale(dialogs: Dialogs, words: str) -> list[gui.Label]:
+    """A warning that the stream is out of date, or not known to be; none if `words` are empty."""
+    if not words:
+        return []
+    dialogs.widgets["stale"] = label = gui.Label("")
+    show_stale(dialogs, words)
+    return [label]
+
+
+def show_stale(dialogs: Dialogs, words: str) -> bool:
+    """Change the warning of the open dialog, if it has one; returns whether it has changed."""
+    label = dialogs.widgets.get("stale")
+    if not isinstance(label, gui.Label):
+        return False
+    lines = broken(words or "The stream is up to date.").splitlines()[:STALE_LINES]
+    text = "\n".join(filled(lines, STALE_LINES))
+    changed = bool(label.text != text)
+    label.text, label.text_color = text, color(FAIR if words else DIM)
+    return changed
+
+
+def ask_serve(dialogs: Dialogs, size: str, stale: str, start: Callable[[bool], None]) -> None:
     """Whether to encrypt.
 
     Args:
         dialogs: where it is shown.
         size: what a phone will fetch, a sentence.
+        stale: why the stream is not up to date, or not known to be; "" if it is.
         start: called by "Serve" with the choice, after the dialog has closed.
     """
     dialogs.widgets = {}
@@ -98,7 +147,12 @@ def ask_serve(dialogs: Dialogs, size: str, start: Callable[[bool], None]) -> Non
         dialogs.close()
         start(chosen)
 
-    parts: list[gui.Widget] = [dialogs.label(size, dim=False), dialogs.label(PHONES_SERVE), https]
+    parts: list[gui.Widget] = [
+        dialogs.label(size, dim=False),
+        dialogs.label(PHONES_SERVE),
+        *_stale(dialogs, stale),
+        https,
+    ]
     answers: list[Answer] = [("save", "Serve", go), ("close", "Cancel", dialogs.close)]
     dialogs.show("serve", "Serve to phones", parts, answers, 80, go)
     dialogs.widgets["https"] = https

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
+from gui.panels.hints import Hints
 from gui.panels.picture import PictureWidget, color
 from gui.panels.settings import SettingActions, SettingsList
 from gui.presenters.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
@@ -14,10 +15,16 @@ from gui.presenters.run.settings import SettingField, stage_of
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages import stage_list
 from gui.presenters.stages.stage_rows import TITLES
+from gui.presenters.swap_guard import SwapGuard
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
 from studio.errors import Message, StudioError
 
+_RUN = {
+    "Check": "Read all images of the footage once and list those that are missing or cannot be read",
+    "Run": "Run this stage and the stages it depends on",
+    "Run again": "Run this stage again",
+}
 _PAUSE = {
     "Pause": "Suspend the run; it stays in memory until you resume it",
     "Resume": "Resume the run",
@@ -35,6 +42,9 @@ class StagesPanel:
         changed: called after every user action.
         pick: called with a setting whose file or folder is to be chosen in a dialog.
         widen: called while the panel's right edge is dragged, with the column of the window and whether that was all.
+        show_help: called when help on the selected stage is wanted.
+        guard: told when Run and Run all take turns with Pause and Cancel.
+        hints: what the buttons do.
     """
 
     def __init__(
@@ -46,9 +56,13 @@ class StagesPanel:
         changed: Callable[[], None],
         pick: Callable[[SettingField], None],
         widen: Callable[[float, bool], None],
+        show_help: Callable[[], None],
+        guard: SwapGuard,
+        hints: Hints,
     ) -> None:
         self._workspace, self._em = workspace, em
         self._select, self._run, self._changed = select, run, changed
+        self._guard, self._hints = guard, hints
         self.selected = "review"
         self._drawn: object = None
         self.list = PictureWidget(self._on_mouse)
@@ -60,7 +74,7 @@ class StagesPanel:
         self.buttons: dict[str, gui.Button] = {}
         self.row = gui.Horiz(0.4 * em)
         self.row.background_color = color(PANEL)
-        self._button("run", "Run", "Run this stage and the stages it depends on", self._run_clicked)
+        self._button("run", "Run", _RUN["Run"], self._run_clicked)
         self._button("all", "Run all", "Run all stages that are not up to date", lambda: run("all", False))
         self._button("pause", "Pause", _PAUSE["Pause"], workspace.pause)
         words = "Stop the run; finished work is kept, and the next run resumes from there"
@@ -72,6 +86,7 @@ class StagesPanel:
         self.link.set_on_clicked(self._go_to_setting)
         self._button("cancel", "Cancel", words, workspace.cancel)
         self.row.add_stretch()
+        self._button("help", "?", "What to look for in this stage (F1)", show_help)
         self._refused_setting = ""
         self.error = gui.Label("")
         self.error.text_color = color(BAD)
@@ -98,13 +113,14 @@ class StagesPanel:
 
     def _button(self, key: str, text: str, tooltip: str, action: Callable[[], None]) -> None:
         button = gui.Button(text)
-        button.tooltip = tooltip
+        self._hints.give(button, tooltip, self.row)
         button.vertical_padding_em = 0.1
         button.horizontal_padding_em = 0.7
         button.background_color = color(RAISED if key != "run" else ACCENT_DARK)
 
         def clicked() -> None:
-            action()
+            if not self._guard.refuses():
+                action()
             self._changed()
 
         button.set_on_clicked(clicked)
@@ -193,12 +209,14 @@ class StagesPanel:
         return setting if stage_of(setting) else ""
 
     def _go_to_setting(self) -> None:
-        """Select the stage of the setting and search for it."""
-        setting = self.error_setting
-        if setting:
-            self._select(stage_of(setting))
-            self.settings[self.selected].find(setting)
-            self._changed()
+        if self.error_setting:
+            self.show_setting(self.error_setting)
+
+    def show_setting(self, setting: str) -> None:
+        """Select the stage of a setting and search for it."""
+        self._select(stage_of(setting))
+        self.settings[self.selected].find(setting)
+        self._changed()
 
     # Layout and state
 
@@ -266,7 +284,6 @@ class StagesPanel:
             changed = layout = True
         if self._update_estimates(config):
             changed = layout = True
-        self.settings[self.selected].tick()
         if self._update_buttons(row.state):
             changed = layout = True  # the new text has another width
         return changed, layout
@@ -291,15 +308,18 @@ class StagesPanel:
         text = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
         if self.buttons["run"].text != text:
             self.buttons["run"].text = text
+            self._hints.give(self.buttons["run"], _RUN[text], self.row)
             changed = True
         text = "Resume" if self._workspace.paused else "Pause"
         if self.buttons["pause"].text != text:
             self.buttons["pause"].text = text
-            self.buttons["pause"].tooltip = _PAUSE[text]
+            self._hints.give(self.buttons["pause"], _PAUSE[text], self.row)
             changed = True
         stoppable = busy and not self._workspace.cancelling
         for key, enabled in {"run": there, "all": there, "pause": stoppable, "cancel": stoppable}.items():
             button, shown = self.buttons[key], busy == (key in ("pause", "cancel"))
+            if button.visible != shown:
+                self._guard.swapped()
             if (button.enabled, button.visible) != (enabled, shown):
                 button.enabled, button.visible = enabled, shown
                 changed = True

@@ -7,13 +7,18 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.panels.dialogs import Dialogs, broken
+from gui.panels.dialogs import Dialogs, broken, filled
 from gui.panels.folder_dialog import ask_path
-from gui.panels.picture import color
+from gui.panels.picture import color, lowered
+from gui.presenters.drawing.canvas import text_width, wrapped
 from gui.presenters.drawing.palette import BAD
-from gui.presenters.run.new_take import NewTake
+from gui.presenters.run.new_take import Found, NewTake
 
-FOUND_LINES = 8
+FOUND_LINES, FOUND_WIDE = 8, 46
+"""Lines of the summary, and its width in em."""
+
+RATE_GIVEN = "Frames per second of the footage, as its files or the settings say"
+RATE_TYPED = "Frames per second of the footage: its files do not say"
 
 
 def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], None], error: str = "") -> None:
@@ -37,18 +42,31 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
             ask_new_take(dialogs, new, create)
 
         def browse() -> None:
-            start = Path(getattr(new, attribute).strip() or new.footage.strip() or ".")
+            typed = getattr(new, attribute).strip() or new.footage.strip()
+            start = Path(typed) if typed else dialogs.usual_folder()
             ask_path(dialogs, title, start, wanted, done, again, (".yaml", ".yml") if wanted == "file" else ())
 
         return browse
 
     grid = gui.VGrid(3, 0.5 * em)
-    words = new.found() if new.footage or new.settings else "Choose the footage folder."
-    found = dialogs.label(_found(words))
+    now = new.found() if new.footage or new.settings else Found("Choose the footage folder.")
+    found = dialogs.label(_found(now.words, em, dialogs.room))
+    rate = gui.TextEdit()
     fields: dict[str, gui.TextEdit] = {}
 
+    def show_rate(now: Found) -> None:
+        """The rate of the footage, or a field for it."""
+        rate.enabled = now.fps is None
+        if now.fps is not None:
+            new.fps = ""
+        rate.text_value = new.fps if now.fps is None else f"{now.fps:g}"
+        rate.placeholder_text = "30, if nothing is typed" if new.footage or new.settings else ""
+        rate.tooltip = RATE_GIVEN if now.fps is not None else RATE_TYPED
+
     def look_again(_text: str) -> None:
-        found.text = _found(new.found())
+        now = new.found()
+        found.text = _found(now.words, em, dialogs.room)
+        show_rate(now)
         if not new.take:
             fields["take"].placeholder_text = new.proposed_take() or "a new folder"
         dialogs.laid_out()
@@ -64,11 +82,17 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
         edit.text_value = getattr(new, attribute)
         edit.set_on_text_changed(lambda text, attribute=attribute: setattr(new, attribute, text))
         edit.set_on_value_changed(look_again)
-        grid.add_child(dialogs.label(label))
+        grid.add_child(lowered(dialogs.label(label)))
         grid.add_child(edit)
         browse = dialogs.button(f"browse_{attribute}", "Browse", choose(attribute, title, wanted))
-        browse.vertical_padding_em = 0
+        browse.vertical_padding_em = 1 / 16  # as high as the fields: the grid lays columns out by themselves
         grid.add_child(browse)
+    rate.set_on_text_changed(lambda text: setattr(new, "fps", text))
+    rate.set_on_value_changed(look_again)
+    show_rate(now)
+    fields["fps"] = rate
+    for part in (lowered(dialogs.label("Frame rate")), rate, lowered(dialogs.label("fps"))):
+        grid.add_child(part)
     dialogs.widgets |= fields
     parts: list[gui.Widget] = [grid, found]
     if error:
@@ -77,9 +101,18 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
         parts.append(wrong)
     answers = [("create", "Create take", lambda: create(new)), ("close", "Cancel", dialogs.close)]
     dialogs.show("new take", "New take from footage", parts, answers, 110)
+    dialogs.focus(fields["footage"])
 
 
-def _found(text: str) -> str:
-    """Pad or cut text to the lines that the dialog has room for, since it does not grow."""
-    lines = broken(text).splitlines()[:FOUND_LINES]
-    return "\n".join([*lines, *[" "] * (FOUND_LINES - len(lines))])
+def _found(text: str, em: float, room: float) -> str:
+    """The text in as many lines, and as wide, as the dialog has room for: it must not change its size while one types.
+
+    Args:
+        text: one or more lines.
+        em: font size, pixels.
+        room: most width, pixels.
+    """
+    size, wide = round(em), min(FOUND_WIDE * em, room)
+    lines = [line for part in text.splitlines() for line in wrapped(part, size, wide)][:FOUND_LINES]
+    blank = " " * int(wide / text_width(" " * 100, size) * 100)
+    return "\n".join([*filled(lines, FOUND_LINES), blank])

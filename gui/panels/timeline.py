@@ -9,6 +9,7 @@ import numpy as np
 from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget
+from gui.presenters.playback.filmstrip import ASPECT, Filmstrip, draw_strip, has_pictures, slots
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import Plot, TimelinePlots
 from gui.presenters.playback.timeline_zoom import TimelineZoom
@@ -16,6 +17,9 @@ from studio.edits.edit_list import Trim
 
 HOVER_SECONDS = 4.0
 """Seconds that the values under the pointer stay: the toolkit does not report that the pointer has left."""
+
+STRIP = 3.5
+"""Height of the strip of pictures, em."""
 
 
 class TimelinePanel:
@@ -34,9 +38,14 @@ class TimelinePanel:
         path_keys: frames of the views of the camera path, which can be dragged.
         moved_key: called with the index of such a view and its new frame.
         explanation: what the plots show, the tooltip of their titles.
+        filmstrip: draws the pictures above the plots.
+        busy: whether a stage runs on what is open; no pictures are drawn meanwhile.
     """
 
     def __init__(self, player: PlayerPresenter, em: float, changed: Callable[[], None]) -> None:
+        self.filmstrip = Filmstrip()
+        self.busy = False
+        self._selecting: int | None = None  # where the drag began that selects a span
         self._player = player
         self._em = em
         self._changed = changed
@@ -70,7 +79,15 @@ class TimelinePanel:
             zoom.first,
             zoom.shown,
             self._trim,
+            self._picture_size[1] if has_pictures(self._player) else 0,
+            transport.span,
         )
+
+    @property
+    def _picture_size(self) -> tuple[int, int]:
+        """Width and height of a picture of the strip, pixels."""
+        height = round(STRIP * self._em)
+        return max(round(ASPECT * height), 1), max(height, 1)
 
     @property
     def _trim(self) -> Trim | None:
@@ -83,7 +100,13 @@ class TimelinePanel:
         frame = self._player.frame if self._player.opened is not None else None
         if frame is not None and transport.playing:
             self.zoom = self.zoom.following(frame, transport.frame_count)
+        view, size = self.plots_view, self._picture_size
+        self.filmstrip.poll()
+        frames = [slot.frame for slot in slots(view.timeline, size[0])] if has_pictures(self._player) else []
+        pictures = self.filmstrip.pictures(self._player, frames, size, self.busy)
         below = (
+            tuple((one, id(found)) for one, found in pictures.items()),
+            transport.span,
             self.picture.size,
             transport.frame_count,
             transport.group_starts,
@@ -99,10 +122,11 @@ class TimelinePanel:
         if (below, frame, hover) == self._drawn:
             return False
         if self._base is None or self._drawn is None or self._drawn[0] != below:
-            self._base = self.plots_view.base(self.plots, self.marks, self._keys)
+            strip = draw_strip(view.timeline, size, pictures) if pictures else None
+            self._base = view.base(self.plots, self.marks, self._keys, strip)
         self._drawn = (below, frame, hover)
         self.frame = frame
-        self.picture.show(self.plots_view.with_head(self._base, frame, self.plots, hover))
+        self.picture.show(view.with_head(self._base, frame, self.plots, hover))
         return True
 
     @property
@@ -138,6 +162,9 @@ class TimelinePanel:
         if self._player.opened is None or event.type not in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP):
             return False
         transport = self._player.transport
+        if self._select(event, view, x, y):
+            self._changed()
+            return True
         if event.type == kind.BUTTON_UP:
             if self._dragged is not None:
                 dragged, self._dragged = self._dragged, None
@@ -157,4 +184,23 @@ class TimelinePanel:
             if self._down:
                 transport.seek(view.frame_at(x))
         self._changed()
+        return True
+
+    def _select(self, event: gui.MouseEvent, view: TimelinePlots, x: float, y: float) -> bool:
+        """Select a span by a drag over the pictures, or anywhere with Shift; a click there clears it and seeks."""
+        kind, transport = gui.MouseEvent.Type, self._player.transport
+        if event.type == kind.BUTTON_DOWN:
+            self._selecting = None  # the release of the last drag can be lost, to a dialog for example
+        if event.type == kind.BUTTON_DOWN and event.is_button_down(gui.MouseButton.LEFT):
+            shift = event.is_modifier_down(gui.KeyModifier.SHIFT)
+            if x >= view.left and (shift or view.in_strip(y)):
+                self._selecting = view.frame_at(x)
+                transport.clear_span()
+        if self._selecting is None:
+            return False
+        if event.type == kind.DRAG and view.frame_at(x) != self._selecting:
+            transport.select_span(self._selecting, view.frame_at(x))
+        if event.type == kind.BUTTON_UP:
+            transport.seek(transport.span[0] if transport.span is not None else self._selecting)
+            self._selecting = None
         return True

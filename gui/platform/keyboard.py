@@ -13,9 +13,12 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from gui.platform.x_window import EXPOSE, EXPOSURE_MASK
+
 _KEY_PRESS, _KEY_RELEASE = 2, 3
 _SHIFT = 1
 TAB, BACKSPACE, HOME, END = 23, 22, 110, 115
+UP, PAGE_UP, DOWN, PAGE_DOWN = 111, 112, 116, 117
 """X key codes, which name places on the keyboard: the same on all Linux systems, whatever the layout."""
 
 _ROWS = (
@@ -53,6 +56,12 @@ def send_key(keycode: int, down: bool) -> bool:
     return _send([(keycode, down, False)])
 
 
+def tap_key(keycode: int) -> bool:
+    """Press a key that is not a letter in this process's window for one drawn frame only: the toolkit would repeat it
+    if frames are slow. Returns whether the window was found."""
+    return _send([(keycode, True, False), None, (keycode, False, False)])
+
+
 def type_keys(keys: Sequence[tuple[int, bool]]) -> bool:
     """Press and release keys of letters in this process's window; return whether the window was found.
 
@@ -62,8 +71,8 @@ def type_keys(keys: Sequence[tuple[int, bool]]) -> bool:
     return _send([(code, down, shift) for code, shift in keys for down in (True, False)])
 
 
-def _send(keys: Sequence[tuple[int, bool, bool]]) -> bool:
-    """Send key events: (X key code, whether it is pressed, whether Shift is held)."""
+def _send(keys: Sequence[tuple[int, bool, bool] | None]) -> bool:
+    """Send key events: (X key code, whether it is pressed, whether Shift is held), or None to draw the window."""
     name = ctypes.util.find_library("X11")
     if name is None:
         return False
@@ -84,7 +93,12 @@ def _send(keys: Sequence[tuple[int, bool, bool]]) -> bool:
             return False
         # the toolkit drops presses whose time is not after that of the same key's last one; X servers count like this
         now = int(1000 * time.monotonic()) & 0xFFFFFFFF
-        for number, (keycode, down, shift) in enumerate(keys):
+        for number, key in enumerate(keys):
+            if key is None:
+                draw = _KeyEvent(type=EXPOSE, display=display, window=window)
+                x11.XSendEvent(handle, ctypes.c_ulong(window), 0, ctypes.c_long(EXPOSURE_MASK), ctypes.byref(draw))
+                continue
+            keycode, down, shift = key
             kind, mask = (_KEY_PRESS, 1) if down else (_KEY_RELEASE, 2)
             event = _KeyEvent(
                 type=kind, display=display, window=window, root=root, keycode=keycode, same_screen=1,

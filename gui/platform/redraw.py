@@ -1,15 +1,25 @@
-"""Repeated redraw requests: Open3D sometimes does not show a change until the next event."""
+"""Repeated redraw requests: Open3D sometimes does not show a change until the next event.
+
+It drops a frame while the last one is still being drawn. That takes seconds where a busy CPU draws a large window, so
+that its last change might never be seen. So requests are repeated until enough frames have reached the screen, where
+that is known, or else for a while.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0)
+AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+
+FRAMES = 3
+"""Frames on the screen, each after a request of its own, after which a change has surely been drawn. The first may
+have been begun before the change; a menu, or text that was laid out anew, takes two."""
 
 
 class Redraws:
-    """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds apart.
+    """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds apart,
+    and not after `FRAMES` frames that are told with `drawn`.
 
     Args:
         now: a monotonic clock in seconds.
@@ -21,6 +31,8 @@ class Redraws:
         self.pause = pause
         self._times: list[float] = []
         self._last = -float("inf")
+        self._frames = 0  # on the screen since the change
+        self._asked = False  # for a frame that is not on the screen yet
 
     def changed(self) -> None:
         """Note that something on screen has changed."""
@@ -28,6 +40,14 @@ class Redraws:
         # a due redraw stays due; otherwise steady changes would postpone it forever
         first = min(start, *self._times[:1]) if self._times else start
         self._times = [first, *(start + delay for delay in AGAIN_SECONDS)]
+        self._frames, self._asked = 0, False
+
+    def drawn(self) -> None:
+        """Note that a frame has reached the screen."""
+        self._frames += self._asked
+        self._asked = False
+        if self._frames >= FRAMES:
+            self._times = []
 
     @property
     def pausing(self) -> bool:
@@ -44,4 +64,5 @@ class Redraws:
         self._times = waiting
         if due:
             self._last = now
+            self._asked = True
         return due

@@ -9,11 +9,36 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_MIN_SIZE = 1 << 4  # PMinSize
-_BUTTONS = 0x1F00  # Button1Mask to Button5Mask
-_CARDINAL = 6
+from gui.platform.escapes import ESCAPE
 
-_Handler = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+_MIN_SIZE = 1 << 4  # PMinSize
+BUTTONS = 0x1F00
+"""Bits of the mouse buttons in the state of X: Button1Mask to Button5Mask."""
+_CARDINAL = 6
+EXPOSE, EXPOSURE_MASK = 12, 1 << 15
+"""An event that asks a window to be drawn, and its mask."""
+
+_IGNORE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda _display, _error: 0)
+
+
+@contextmanager
+def errors_ignored(x: Any, display: Any) -> Iterator[None]:
+    """Within the block, errors of the X server do not end the process.
+
+    Args:
+        x: Xlib.
+        display: the connection; None for none.
+    """
+    if not display:
+        yield
+        return
+    x.XSetErrorHandler.restype, x.XSetErrorHandler.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
+    before = x.XSetErrorHandler(ctypes.cast(_IGNORE, ctypes.c_void_p))
+    try:
+        yield
+        x.XSync(display, 0)
+    finally:
+        x.XSetErrorHandler(before)
 
 
 class SizeHints(ctypes.Structure):
@@ -48,6 +73,7 @@ class XDisplay:
         x.XGetWMNormalHints.argtypes = [handle, window, ctypes.POINTER(SizeHints), ctypes.POINTER(ctypes.c_long)]
         x.XSetWMNormalHints.argtypes = [handle, window, ctypes.POINTER(SizeHints)]
         x.XQueryPointer.argtypes = [handle, window, windows, windows, *[numbers] * 4, ctypes.POINTER(ctypes.c_uint)]
+        x.XQueryKeymap.argtypes = [handle, ctypes.c_char_p]
         x.XGetWindowProperty.argtypes = [
             handle, window, window, ctypes.c_long, ctypes.c_long, ctypes.c_int, window, windows, numbers, windows,
             windows, ctypes.POINTER(windows),
@@ -63,13 +89,28 @@ class XDisplay:
         root, one = self._x.XDefaultRootWindow(self._display), ctypes.byref(number)
         places = (ctypes.byref(window), ctypes.byref(window), one, one, one, one)
         self._x.XQueryPointer(self._display, root, *places, ctypes.byref(mask))
-        return mask.value & _BUTTONS
+        return mask.value & BUTTONS
+
+    @property
+    def escape_down(self) -> bool:
+        """Whether the Escape key is pressed now; False without X."""
+        if not self._display:
+            return False
+        keys = ctypes.create_string_buffer(32)
+        self._x.XQueryKeymap(self._display, keys)
+        return bool(keys.raw[ESCAPE // 8] >> ESCAPE % 8 & 1)
+
+    @property
+    def window(self) -> int | None:
+        """This process's window; None without X."""
+        with errors_ignored(self._x, self._display):
+            return next(self._own_windows(), None)
 
     def set_least_size(self, width: int, height: int) -> bool:
         """Ask the window manager to keep this process's windows at least this large, pixels. Returns whether there is
         a window."""
         found = False
-        with self._errors_ignored():  # windows of other programs come and go
+        with errors_ignored(self._x, self._display):  # windows of other programs come and go
             for window in self._own_windows():
                 hints = self._hints(window)
                 hints.flags |= _MIN_SIZE
@@ -80,7 +121,7 @@ class XDisplay:
 
     def least_sizes(self, pid: int) -> list[tuple[int, int]]:
         """(width, height) below which the windows of a process must not be made smaller, pixels."""
-        with self._errors_ignored():
+        with errors_ignored(self._x, self._display):
             hints = [self._hints(window) for window in self._own_windows(pid)]
         return [(one.min_width, one.min_height) for one in hints if one.flags & _MIN_SIZE]
 
@@ -121,20 +162,6 @@ class XDisplay:
         children = [int(found[number]) for number in range(count.value)]
         self._x.XFree(found)
         return children
-
-    @contextmanager
-    def _errors_ignored(self) -> Iterator[None]:
-        """Within the block, errors of the X server do not end the process."""
-        if not self._display:
-            yield
-            return
-        ignore = _Handler(lambda display, event: 0)
-        before = self._x.XSetErrorHandler(ctypes.cast(ignore, ctypes.c_void_p))
-        try:
-            yield
-            self._x.XSync(self._display, 0)
-        finally:
-            self._x.XSetErrorHandler(before)
 
     def close(self) -> None:
         """Close the connection."""

@@ -81,20 +81,29 @@ class Evaluation:
         return cls(frames, found.protocol.cameras, found.protocol.held_out)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
-        """PSNR, SSIM and, if measured, LPIPS of a frame, and what they refer to: the camera if it was evaluated, else
-        the mean ("mean of 2 cameras"); ({}, "") if the frame was not evaluated."""
+        """PSNR, SSIM and, if measured, LPIPS of a frame, and what they refer to, as in `whose`; ({}, "") if the frame
+        was not evaluated."""
         quality = self.frames.get(frame)
         if quality is None:
             return {}, ""
-        if camera in quality.cameras:
-            return quality.cameras[camera], camera
-        count = len(quality.cameras)
-        return quality.means, f"mean of {count} camera{'s' * (count != 1)}"
+        return quality.cameras.get(camera, quality.means), self.whose(camera)
 
-    @property
-    def mean(self) -> str:
-        """Which cameras a frame's figures are averaged over, for a title."""
-        return "held-out mean" if self.held_out else "training mean"
+    def whose(self, camera: str = "") -> str:
+        """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";
+        "mean" if nothing was evaluated."""
+        if camera in self.cameras:
+            return f"camera {camera}"
+        if not self.frames:
+            return "mean"
+        return f"mean of {'held-out' if self.held_out else 'training'} cameras"
+
+    def whose_briefly(self, camera: str = "") -> str:
+        """The same in fewer words: "cam05" or "held-out mean"."""
+        if camera in self.cameras:
+            return camera
+        if not self.frames:
+            return "mean"
+        return f"{'held-out' if self.held_out else 'training'} mean"
 
     @property
     def explanation(self) -> str:

@@ -11,7 +11,8 @@ from pathlib import Path
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_text import parse_json
 
-RECENT = 10
+RECENT, SHARES = 10, 30
+"""Most entries that are kept: of opened takes, of shares."""
 
 PICTURE_SIZES = {
     "640 x 360": 640 * 360,
@@ -37,7 +38,10 @@ class Preferences:
         background: initial background, one of `BACKGROUND_NAMES`.
         play_on_opening: whether playback starts when a take or stream is opened.
         panel_width: width of the left panel, em.
-        recent: folders and URLs, newest first.
+        recent: folders, files and URLs, newest first.
+        tour_shown: whether the tour has been shown.
+        folder: where a file or a folder was chosen last; "" if none was.
+        shares: what was last chosen in the dialog of a share, newest last, by its form and source.
     """
 
     picture_size: str = "960 x 540"
@@ -45,6 +49,9 @@ class Preferences:
     play_on_opening: bool = True
     panel_width: float = 18.0
     recent: list[str] = field(default_factory=list)
+    tour_shown: bool = False
+    folder: str = ""
+    shares: dict[str, dict[str, str]] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: Path | None = None) -> Preferences:
@@ -74,6 +81,21 @@ class Preferences:
         """Move a folder or URL to the front of the recent list."""
         self.recent = [name, *(other for other in self.recent if other != name)][:RECENT]
 
+    def shared(self, form: str, source: str, chosen: dict[str, str]) -> None:
+        """Keep what was chosen in the dialog of a share."""
+        name = f"{form} {source}"
+        kept = [(one, values) for one, values in self.shares.items() if one != name]
+        self.shares = dict([*kept, (name, chosen)][-SHARES:])
+
+    def last_share(self, form: str, source: str) -> dict[str, str]:
+        """What was chosen last for a form of share of a source; empty if there was none."""
+        found = self.shares.get(f"{form} {source}")
+        return {str(name): str(value) for name, value in found.items()} if isinstance(found, dict) else {}
+
     def recent_there(self) -> list[str]:
-        """Recent folders that still exist, and all URLs."""
-        return [name for name in self.recent if "://" in name or Path(name).is_dir()]
+        """Recent folders and files that still exist, and all URLs."""
+        return [name for name in self.recent if "://" in name or Path(name).exists()]
+
+    def forget(self, name: str) -> None:
+        """Remove an entry from the recent list."""
+        self.recent = [other for other in self.recent if other != name]

@@ -8,6 +8,7 @@ import io
 from pathlib import Path
 
 from pipelines.ablation.results import AblationResults
+from pipelines.reports.terminal import counted
 from pipelines.takes.atomic_files import write_bytes, write_text
 
 
@@ -52,7 +53,7 @@ def write_report(results: AblationResults, qp: int, path: Path) -> None:
         sentences = [
             f"{'Held-out' if protocol.held_out else 'Training'} cameras {', '.join(protocol.cameras)}",
             ", ".join(f"{name} {size[0]}x{size[1]}" for name, size in protocol.resolution.items()),
-            f"{len(protocol.frames)} frames",
+            counted(len(protocol.frames), "frame"),
             protocol.crop,
             f"background {list(protocol.background)}",
             f"bytes: {protocol.total_bytes_are}",

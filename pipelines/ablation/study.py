@@ -14,6 +14,7 @@ from pipelines.config.loading import digest_text
 from pipelines.events import Emit
 from pipelines.runs.runner import run
 from pipelines.takes.atomic_files import digest_of, read_model, write_model
+from pipelines.takes.drawn_mattes import for_another_take
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 
@@ -57,6 +58,7 @@ def ablate(
     base: Take | None = None
     for variant in variants:
         config = load_config(config_path, [*overrides, *variant.settings.items()])
+        config = for_another_take(config, config_path)
         take = Take.create(out / "takes" / variant.name)
         if base is None:
             base = take

@@ -53,8 +53,8 @@ def run_queue(
     done = failed = 0
     with queue.running():
         while (entry := queue.claim()) is not None:
-            starts(entry)
             try:
+                starts(entry)
                 _wait_for_others(entry.take)
                 code, message = _run(entry, command(entry), emit)
             except BaseException:

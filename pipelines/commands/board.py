@@ -100,12 +100,15 @@ def add_sync_command(commands: Any) -> None:
     sync = commands.add_parser(
         "sync",
         help="estimate time offsets between cameras",
-        description="Estimate the time offsets between cameras from sound or motion.",
+        description="Estimate the time offsets between cameras from sound or motion, or read them from timecodes.",
         allow_abbrev=False,
     )
     sync.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings; uses the section capture")
     sync.add_argument(
-        "--method", choices=("auto", "sound", "motion"), default="auto", help="what to compare (default: auto)"
+        "--method",
+        choices=("auto", "sound", "motion", "timecode"),
+        default="auto",
+        help="what to compare (default: auto, which is sound or else motion)",
     )
     sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
     sync.add_argument("--json", action="store_true", help="print JSON")
@@ -115,10 +118,11 @@ def add_sync_command(commands: Any) -> None:
 
 def _sync(arguments: argparse.Namespace) -> int:
     from pipelines.config import load_config
+    from pipelines.takes.drawn_mattes import for_another_take
     from studio.capture import open_footage, refuse_unknown_cameras
     from studio.capture.sync import check_sync
 
-    capture = load_config(arguments.config, arguments.overrides).capture
+    capture = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config).capture
     spec = capture.replace(offsets={}, masks="none", evaluation_mattes="")
     footage = open_footage(spec, None, strict=False)
     try:
@@ -131,13 +135,17 @@ def _sync(arguments: argparse.Namespace) -> int:
         import json
 
         values = {"method": report.method, "offsets": report.offsets, "confidence": report.confidence}
+        values |= {"timecodes": report.timecodes, "whole": report.whole, "unsure": list(report.unsure)}
         print(
-            json.dumps({**values, "whole": report.whole, "unsure": list(report.unsure)}, indent=1),
+            json.dumps(values, indent=1),
             file=arguments.output,
         )
         return 0
     for name, offset in report.offsets.items():
-        print(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")
+        if report.method == "timecode":
+            print(f"{name}: {offset:+.0f} frames (timecode {report.timecodes[name]})")
+        else:
+            print(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")
     for warning in report.warnings():
         print(warning)
     if not report.warnings():

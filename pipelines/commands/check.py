@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pipelines.reports.terminal import counted
 from studio.errors import StudioError
 from studio.progress import ProgressFn
 
@@ -69,7 +70,7 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
     for damage in found.damage:
         detail = f" ({damage.detail})" if damage.detail else ""
         print(f"{damage.problem}: {damage.file or f'results of the stage {damage.stage}'}{detail}")
-    print(f"{found.files} files checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
+    print(f"{counted(found.files, 'file')} checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
     if found.unchecked:
         print(f"not finished, so only partly checked: {', '.join(found.unchecked)}")
     name = shlex.quote(str(folder))
@@ -110,7 +111,7 @@ def _check_stream(arguments: argparse.Namespace) -> int:
         numbers = ", ".join(map(str, damage.groups))
         where = f" (group{'s' * (len(damage.groups) > 1)} {numbers})" if numbers else ""
         print(f"{damage.file}{where}: {damage.problem}")
-    print(f"{found.files} files checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
+    print(f"{counted(found.files, 'file')} checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
     if found.damage:
         print("To repair it: copy the stream again, or bake it again (v3studio bake TAKE --force).")
     return 1 if found.damage else 0

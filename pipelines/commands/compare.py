@@ -18,6 +18,9 @@ _NOTE = """protocols:
 
 All takes are compared with the same images and mattes: those of the first take's settings, or of --truth. Each is drawn
 with its own calibration. Figures of different protocols cannot be compared with each other.
+
+An interrupted comparison goes on where it was when the same command runs again; its finished frames are in
+DIR/.comparing until then.
 """
 
 

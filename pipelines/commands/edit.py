@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.reports.terminal import counted
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -144,7 +145,8 @@ def _count(arguments: argparse.Namespace) -> int:
         kinds = ", ".join(f"{name} {count:,}" for name, count in found.counts.items() if count)
         removed = found.removed
         print(
-            f"group {group}: {int(removed.sum()):,} of {len(removed):,} splats removed{f' ({kinds})' if kinds else ''}",
+            f"group {group}: {int(removed.sum()):,} of {counted(len(removed), 'splat')} removed"
+            f"{f' ({kinds})' if kinds else ''}",
             file=arguments.output,
         )
     return 0

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.reports.terminal import counted
 from studio.environment import keep_freed_memory
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -96,6 +97,7 @@ def _context(arguments: argparse.Namespace, stack: ExitStack) -> Context:
     from pipelines.config import load_config
     from pipelines.runs.runner import run
     from pipelines.stages.base import Context
+    from pipelines.takes.drawn_mattes import for_another_take
     from pipelines.takes.take import Take
 
     if arguments.config.is_dir():
@@ -104,7 +106,7 @@ def _context(arguments: argparse.Namespace, stack: ExitStack) -> Context:
         if not take.rig.is_file():
             raise _unknown(f"v3studio calibrate {arguments.config}")
         return context
-    config = load_config(arguments.config, arguments.overrides)
+    config = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config)
     take = Take.create(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "take")
     context = Context(take, config)
     from pipelines.stages.calibrate import has_camera_file
@@ -148,7 +150,7 @@ def _print(found: Estimate, threads: int, now: float | None) -> None:
     low, high = found.range
     screen.print(
         f"About {duration(found.seconds)}, most likely {duration(low)} to {duration(high)}; "
-        f"{found.splats:,} splats per frame; up to {_size(found.memory)} of memory"
+        f"{counted(found.splats, 'splat')} per frame; up to {_size(found.memory)} of memory"
     )
     if now is not None and now > 0.5 * threads:
         screen.print(

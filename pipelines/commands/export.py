@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import operator
 import re
 from contextlib import ExitStack
@@ -11,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.reports.terminal import counted
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
     from studio.audio import Pcm
     from studio.cameras import Camera
+    from studio.gaussians import Gaussians
     from studio.progress import ProgressFn
     from studio.splat_video import SplatVideo
 
@@ -127,14 +130,47 @@ def _export(arguments: argparse.Namespace) -> int:
             video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         json_output = arguments.output if arguments.json else None
+        note = ""
         progress = stack.enter_context(working(f"export {arguments.format}", json_output))
         if arguments.format in ("turntable", "camera-path"):
             written = _movie(video, arguments, size, progress)
         else:
-            written = _frames(video, arguments, progress)
+            seen: set[float] = set()
+            written = _frames(_noting_dilations(video, seen), arguments, progress)
+            note = _dilation_note(seen)
     if not arguments.json:
         print(f"{arguments.out}: {written}")
+        if note:
+            print(f"note: {note}")
+    elif note:
+        print(json.dumps({"kind": "note", "text": note}), file=arguments.output, flush=True)
     return 0
+
+
+def _noting_dilations(video: SplatVideo, seen: set[float]) -> SplatVideo:
+    """The same video, which adds the dilations of the frames that are read to `seen`."""
+
+    def read(index: int) -> Gaussians:
+        gaussians = video.read(index)
+        seen.add(gaussians.dilation)
+        return gaussians
+
+    return replace(video, read=read)
+
+
+def _dilation_note(seen: set[float]) -> str:
+    """What to tell of frames with these dilations that other programs draw; "" if they draw them as trained."""
+    from studio.dilation import DILATION
+
+    found = sorted(seen - {DILATION})
+    if not found:
+        return ""
+    trained = " and ".join(f"{one:g}" for one in found)
+    look = "bolder and softer" if max(found) < DILATION else "thinner" if min(found) > DILATION else "bolder or thinner"
+    return (
+        f"viewers of these files assume a dilation of {DILATION:g} square pixels; the splats were trained with "
+        f"{trained} and look {look} there"
+    )
 
 
 def _whole_stream(arguments: argparse.Namespace) -> int:
@@ -169,7 +205,7 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
             size = write_archive(reader, temporary, progress)
         frames = reader.frame_count
     if not arguments.json:
-        print(f"{arguments.out}: {frames} frames, {size:,} bytes")
+        print(f"{arguments.out}: {counted(frames, 'frame')}, {size:,} bytes")
     return 0
 
 
@@ -256,7 +292,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
                 option="--axes",
             )
         export_videogs(video, out, qp=arguments.qp, progress=progress)
-        return f"{video.frame_count} frames, {len(video.groups)} groups"
+        return f"{counted(video.frame_count, 'frame')}, {counted(len(video.groups), 'group')}"
     ending = f".{arguments.format}"
     viewer = arguments.axes == "viewer" or (arguments.axes is None and arguments.format != "ply")
     rotation = axes_of(video, ending, viewer)
@@ -274,7 +310,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
             fix=f"Specify a folder, a name without {ending}, or select one frame with --frames 0:1.",
             option="--out",
         )
-    return f"{video.frame_count} frames"
+    return counted(video.frame_count, "frame")
 
 
 def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:
@@ -300,7 +336,7 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
     count = render_movie(video, arguments.out, camera, frame, seconds, fps, arguments.crf, progress)
     sound, why = movie_sound(video, frame, seconds, fps)
     heard = ", with sound" if sound is not None else f", without sound: {why}" if why else ""
-    return f"{count} frames of {size[0]}x{size[1]}{heard}"
+    return f"{counted(count, 'frame')} of {size[0]}x{size[1]}{heard}"
 
 
 def _color(text: str) -> tuple[float, float, float]:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from pipelines.reports.terminal import counted
 from studio.errors import StudioError
 
 
@@ -65,7 +66,7 @@ def _import(arguments: argparse.Namespace) -> int:
         manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.threads)
     if not arguments.json:
         print(
-            f"{arguments.out}: {manifest.frame_count} frames in {len(manifest.groups)} groups, "
+            f"{arguments.out}: {counted(manifest.frame_count, 'frame')} in {counted(len(manifest.groups), 'group')}, "
             f"{manifest.total_bytes:,} bytes"
         )
     return 0

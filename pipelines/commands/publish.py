@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from pipelines.commands.share import add_page_options, page_text
+from pipelines.reports.terminal import counted
 
 
 def register(commands: Any) -> None:
@@ -41,7 +42,8 @@ def _publish(arguments: argparse.Namespace) -> int:
     with working("publish", arguments.output if arguments.json else None) as progress:
         done = publish(arguments.source, arguments.target, text, page=arguments.page, progress=progress)
     if not arguments.json:
-        print(f"{arguments.target}: {done.copied} files copied ({done.bytes:,} bytes), {done.present} were there")
+        copied = f"{counted(done.copied, 'file')} copied ({done.bytes:,} bytes)"
+        print(f"{arguments.target}: {copied}, {done.present} there already")
         if arguments.page:
             print(f"{PAGE_NAME} there plays it.")
         else:

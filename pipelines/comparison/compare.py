@@ -4,48 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipelines.comparison.finished_frames import ComparedFrame, FinishedFrames, FrameOfTake
+from pipelines.comparison.measuring import FrameMeasurer
 from pipelines.comparison.opened_takes import OpenedTake, open_takes
-from pipelines.comparison.results import (
-    MEASURES,
-    ComparedTake,
-    Comparison,
-    ComparisonProtocol,
-    FlickerOfFrame,
-    Measures,
-)
+from pipelines.comparison.results import MEASURES, ComparedTake, Comparison, ComparisonProtocol, Measures
 from pipelines.comparison.side_by_side import side_by_side
-from pipelines.reports.pictures import write_picture
-from pipelines.takes.atomic_files import disk_errors, read_model, remove, write_model
-from studio.comparison import EvaluationProtocol, ViewPair, flicker, measure_view, padded_box
+from pipelines.takes.atomic_files import digest_of, digest_of_file, disk_errors, read_model, remove, write_model
+from pipelines.version import program_version
+from studio.comparison import EvaluationProtocol
 from studio.errors import StudioError
+from studio.json_types import JsonData
 from studio.progress import ProgressFn, no_progress
 
 if TYPE_CHECKING:
     from studio.perceptual import Lpips
-
-
-class _Figures:
-    """What was measured of one take."""
-
-    def __init__(self) -> None:
-        self.rows: list[dict[str, Measures]] = []
-        self.flicker: list[FlickerOfFrame] = []
-        self.before: dict[str, _Residual] = {}
-
-
-@dataclass(frozen=True, eq=False)
-class _Residual:
-    """What is kept of a view for the flicker of the next frame."""
-
-    values: np.ndarray
-    matte: np.ndarray
 
 
 def compare(
@@ -64,7 +42,8 @@ def compare(
     """Measure the decoded streams of takes on the frames that all of them have.
 
     Writes `out/comparison.json` and one picture per camera and shown frame, `out/CAMERA_FRAME.png`: the footage, each
-    take, and below each take its difference from the footage.
+    take, and below each take its difference from the footage. Finished frames are kept in `out/.comparing` until then:
+    a comparison that was interrupted goes on where it was, if it is the same one (takes, footage and choices).
 
     Args:
         folders: of the takes.
@@ -81,7 +60,7 @@ def compare(
     Raises:
         StudioError: see `open_takes`; `compare.no_common_frame`; `compare.nothing_visible`; `take.not_writable` or
             `take.disk_full`, before anything is measured if that is known then.
-        Cancelled: raised by `progress`; nothing is written then.
+        Cancelled: raised by `progress`; finished frames are kept for the next call.
     """
     with ExitStack() as closing:
         takes, names = open_takes(folders, protocol, cameras, closing, truth)
@@ -95,51 +74,34 @@ def compare(
             )
         closing.enter_context(_writable(out))
         shown = {frames[at] for at in np.linspace(0, len(frames) - 1, min(pictures, len(frames))).round().astype(int)}
-        figures = [_Figures() for _ in takes]
-        drawn: dict[str, np.ndarray] = {}
+        described = _protocol(protocol, takes, names, frames, truth or folders[0], lpips)
+        key = _key(described, takes, pictures=sorted(map(int, shown)), flicker=every == 1, device=device)
+        finished = FinishedFrames(out, key)
+        measurer = FrameMeasurer(takes, names, protocol, lpips, device, flicker=every == 1)
+        compared: list[ComparedFrame] = []
         total = len(frames) * len(takes) * len(names)
         done = 0
-        for frame in frames:
-            views: dict[str, list[ViewPair]] = {name: [] for name in names}
-            for take, found in zip(takes, figures, strict=True):
-                gaussians = take.reader.gaussians(take.frames[frame])
-                row: dict[str, Measures] = {}
-                changes: list[float] = []
-                for camera in names:
-                    progress(done, total)
-                    done += 1
-                    footage = take.footage
-                    pair = ViewPair.of(
-                        gaussians,
-                        take.place.camera(footage.rig[camera]),
-                        footage.image(camera, frame),
-                        footage.evaluation_matte(camera, frame),
-                        protocol.background,
-                        device,
-                    )
-                    quality = measure_view(pair, protocol.padding, lpips)
-                    if quality is not None:
-                        row[camera] = Measures(**{k: v for k, v in asdict(quality).items() if v is not None})
-                    if every == 1:
-                        now = _Residual(pair.residual, pair.matte)
-                        if camera in found.before:
-                            changes += _flicker(found.before[camera], now, protocol.padding)
-                        found.before[camera] = now
-                    if frame in shown:
-                        views[camera].append(pair)
-                if row:
-                    found.rows.append(row)
-                if changes:
-                    border = frame in take.group_starts
-                    found.flicker.append(
-                        FlickerOfFrame(frame=frame, flicker=round(_mean(changes), 4), group_border=border)
-                    )
-            for camera, pairs in views.items():
-                if pairs:
-                    picture = side_by_side([take.name for take in takes], pairs, protocol.padding)
-                    drawn[_picture_name(camera, frame)] = picture
+
+        def tick(counts: bool) -> None:
+            nonlocal done
+            progress(done, total)
+            done += counts
+
+        for before, frame in zip((None, *frames), frames, strict=False):
+            if frame in finished.found:
+                compared.append(finished.found[frame])
+                done += len(takes) * len(names)
+                continue
+            figures, views = measurer.measure(frame, before, frame in shown, tick)
+            images = {
+                _picture_name(camera, frame): side_by_side([take.name for take in takes], pairs, protocol.padding)
+                for camera, pairs in views.items()
+            }
+            compared.append(finished.write(frame, figures, images))
         progress(total, total)
-        if not all(found.rows for found in figures):
+        rows = [[each.takes[number] for each in compared] for number in range(len(takes))]
+        if not all(any(one.cameras for one in found) for found in rows):
+            finished.remove()
             raise StudioError(
                 "compare.nothing_visible",
                 f"the matte is empty in all frames of {', '.join(names)}: nothing to measure",
@@ -147,15 +109,15 @@ def compare(
                 option="--cameras",
             )
         result = Comparison(
-            protocol=_protocol(protocol, takes, names, frames, truth or folders[0], lpips),
-            takes=tuple(_result(take, found, names) for take, found in zip(takes, figures, strict=True)),
+            protocol=described,
+            takes=tuple(_result(take, found, names) for take, found in zip(takes, rows, strict=True)),
         )
     with disk_errors(out):
         for path in _earlier_pictures(out):
             remove(path)
-        for name, picture in drawn.items():
-            write_picture(out / name, picture)
+        finished.publish(name for each in compared for name in each.pictures)
         write_model(out / "comparison.json", result)
+        finished.remove()
     return result
 
 
@@ -176,6 +138,17 @@ def _writable(out: Path) -> Iterator[None]:
         raise
 
 
+def _key(described: ComparisonProtocol, takes: Sequence[OpenedTake], **choices: JsonData) -> str:
+    """Digest of everything that the figures and pictures are made from."""
+    truth = takes[0].footage
+    settings = truth.spec.model_dump(mode="json", exclude={"root"})
+    sources = [
+        [take.name, take.reader.manifest.manifest_sha256, digest_of_file(take.take.rig), sorted(take.group_starts)]
+        for take in takes
+    ]
+    return digest_of([program_version(), described.to_json(), settings, truth.digest(), sources, choices])
+
+
 def _picture_name(camera: str, frame: int) -> str:
     return f"{camera}_{frame:06d}.png".replace("/", "_")
 
@@ -190,35 +163,23 @@ def _earlier_pictures(out: Path) -> list[Path]:
     return [out / name for name in names]
 
 
-def _flicker(before: _Residual, now: _Residual, padding: int | None) -> list[float]:
-    """Flicker in the box around the performer of both frames; none if one of the mattes is empty."""
-    if before.values.shape != now.values.shape:
-        return []
-    box: tuple[slice, ...] | None = (slice(None), slice(None))
-    if padding is not None:
-        if not ((before.matte > 127).any() and (now.matte > 127).any()):
-            return []
-        box = padded_box(np.maximum(before.matte, now.matte), padding)
-    return [] if box is None else [flicker(before.values[box], now.values[box])]
-
-
-def _result(take: OpenedTake, found: _Figures, names: Sequence[str]) -> ComparedTake:
+def _result(take: OpenedTake, found: Sequence[FrameOfTake], names: Sequence[str]) -> ComparedTake:
+    rows = [one.cameras for one in found if one.cameras]
     by_camera = {
-        name: _means([row[name] for row in found.rows if name in row])
-        for name in names
-        if any(name in row for row in found.rows)
+        name: _means([row[name] for row in rows if name in row]) for name in names if any(name in row for row in rows)
     }
-    values = [one.flicker for one in found.flicker]
-    borders = [one.flicker for one in found.flicker if one.group_border]
+    by_frame = [one.flicker for one in found if one.flicker is not None]
+    values = [one.flicker for one in by_frame]
+    borders = [one.flicker for one in by_frame if one.group_border]
     return ComparedTake(
-        **_means([_means(list(row.values())) for row in found.rows]).to_json(),
+        **_means([_means(list(row.values())) for row in rows]).to_json(),
         name=take.name,
         folder=str(take.take.root),
         cameras=by_camera,
         trained_on=tuple(name for name in names if name in take.trained_on),
         flicker=round(_mean(values), 4) if values else None,
         flicker_at_group_borders=round(_mean(borders), 4) if borders else None,
-        flicker_by_frame=tuple(found.flicker),
+        flicker_by_frame=tuple(by_frame),
         total_bytes=take.reader.manifest.played_bytes,
         stream_frames=take.reader.frame_count,
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pipelines.stages.base import Context
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_by_group
+from studio.training.pruning import prune_rounds, splats_after_pruning
 from studio.training.settings import TrainSettings
 
 
@@ -78,19 +79,12 @@ class Work:
     @property
     def pruning_rounds(self) -> int:
         """Rounds of pruning and fine-tuning of a keyframe."""
-        splats, rounds = self.splats_before_pruning, 0
-        while rounds < self.train.prune_rounds or splats > self.train.max_splats:
-            splats -= max(1, int(splats * self.train.prune_ratio))
-            rounds += 1
-        return rounds
+        return prune_rounds(self.train, self.splats_before_pruning)
 
     @property
     def splats(self) -> int:
         """Of a trained frame."""
-        splats = self.splats_before_pruning
-        for _ in range(self.pruning_rounds):
-            splats -= max(1, int(splats * self.train.prune_ratio))
-        return splats
+        return splats_after_pruning(self.train, self.splats_before_pruning)
 
     def waves(self, seconds_of_group: dict[int, float]) -> float:
         """Seconds until all groups are done, `at_once` in parallel, in order.

@@ -76,7 +76,12 @@ def _evaluate(rest: dict[str, JsonData]) -> list[str]:
         if isinstance(lowest, int | float):
             words.append(f"lowest frame {lowest:.{digits}f}{unit}")
     per_frame = rest.pop("bytes_per_frame", None)
-    return [*words, f"{size_words(per_frame)} per frame" if isinstance(per_frame, int | float) else ""]
+    words.append(f"{size_words(per_frame)} per frame" if isinstance(per_frame, int | float) else "")
+    flicker, borders = rest.pop("flicker", None), rest.pop("flicker_at_group_borders", None)
+    if isinstance(flicker, int | float):
+        at = f" ({borders:.1f} at group borders)" if isinstance(borders, int | float) else ""
+        words.append(f"flicker {flicker:.1f} of 255 levels{at}")
+    return words
 
 
 _WORDS = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pipelines.reports.terminal import console
+from pipelines.reports.terminal import console, counted
 from pipelines.takes.evaluation import Quality, read_evaluation
 from pipelines.takes.take import Take
 
@@ -72,7 +72,8 @@ def print_playback(report: PlaybackReport) -> None:
         table.add_row(name, "", f"{values[0] / 1000:.1f}", *(f"{value:.2f}" for value in values[1:]))
     screen.print(table)
     screen.print(
-        f"{report.shown} frames in {report.seconds:.2f} s: {report.fps:.1f} frames per second, {report.dropped} dropped"
+        f"{counted(report.shown, 'frame')} in {report.seconds:.2f} s: {report.fps:.1f} frames per second, "
+        f"{report.dropped} dropped"
         + (f", {sum(group.frame_count for group in report.skipped)} damaged" if report.skipped else "")
     )
 

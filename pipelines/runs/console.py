@@ -18,7 +18,7 @@ from pipelines.events import (
     Warned,
 )
 from pipelines.reports.summary_words import summary_words
-from pipelines.reports.terminal import console, duration
+from pipelines.reports.terminal import console, counted, duration
 from studio.standard_output import NativeLines, discard
 
 
@@ -173,8 +173,9 @@ def _note(event: Progress) -> str:
     parts = [event.label]
     if isinstance(figures.get("psnr"), float):
         parts.append(f"PSNR {figures['psnr']:.1f} dB")
-    if isinstance(figures.get("splats"), int):
-        parts.append(f"{figures['splats']:,} splats")
+    splats = figures.get("splats")
+    if isinstance(splats, int):
+        parts.append(counted(splats, "splat"))
     return ", ".join(part for part in parts if part)
 
 

@@ -50,6 +50,7 @@ class StageStatus:
         units_done, units, unit: finished units, all units, and their name ("frames"); 0, 0, "" if it has none.
         seconds: duration of the finished run.
         summary: main figures of the finished run.
+        needs: the stages that must run first, in order.
     """
 
     stage: str
@@ -60,6 +61,7 @@ class StageStatus:
     unit: str = ""
     seconds: float | None = None
     summary: Mapping[str, JsonData] | None = None
+    needs: tuple[str, ...] = ()
 
 
 def current_params(stage: Stage, context: Context) -> Params:
@@ -105,10 +107,12 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
     If the footage cannot be read, a finished stage is still done, with a note in `reason`.
     """
     record = read_record(context.take, stage.name)
-    found = StageStatus(stage.name, STALE if record else MISSING)
+    direct = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
+    needed = {name for dependency in direct for name in (*upstream[dependency].needs, dependency)}
+    waiting = [name for name in upstream if name in needed]
+    found = StageStatus(stage.name, STALE if record else MISSING, needs=tuple(waiting))
     if record:
         found = replace(found, seconds=record.seconds, summary=record.summary)
-    waiting = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
     try:
         reason = _why_not_done(stage, context, record, waiting)
         units = stage.units(context) if reason and not waiting else None

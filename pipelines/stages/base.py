@@ -33,6 +33,14 @@ if TYPE_CHECKING:
 _LEAST_PAUSE = 0.2
 """Shortest interval in seconds between two progress events of a stage."""
 
+_WARM_SHARE, _WARM_SECONDS = 0.03, 30.0
+"""Progress and seconds of a stage; before either is reached, its time left is unknown. No more seconds than these, nor
+half of all, are taken for warming up."""
+
+_LEAST_SHARE = 0.03
+"""Least share of a run, by the weights of its stages, from which the time left of the whole is estimated: the first
+stages are short, and how they compare to training differs with footage and machine."""
+
 
 @dataclass
 class Context:
@@ -45,6 +53,7 @@ class Context:
         cancellation: flag that cancels the run.
         clock: work time in seconds; does not advance while the run is paused.
         executor: runs groups elsewhere; None: stages run them in this process.
+        most_cached: see `TakeFootage`.
     """
 
     take: Take
@@ -53,11 +62,12 @@ class Context:
     cancellation: Cancellation = field(default_factory=Cancellation)
     clock: Callable[[], float] = time.monotonic
     executor: Executor | None = None
+    most_cached: int | None = None
 
     @cached_property
     def footage(self) -> TakeFootage:
         """The footage, opened on first access."""
-        return TakeFootage(self.take, self.config)
+        return TakeFootage(self.take, self.config, self.most_cached)
 
     @property
     def edits(self) -> EditList:
@@ -133,6 +143,7 @@ class StageReporter:
         self._last = -_LEAST_PAUSE
         self._fraction = 0.0
         self._left = Countdown()
+        self._warming = [(0.0, 0.0)]  # seconds and fraction while the stage warms up
         self._lock = threading.Lock()
 
     def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:
@@ -152,7 +163,7 @@ class StageReporter:
 
     def _progress(self, fraction: float, label: str, figures: Mapping[str, JsonData]) -> None:
         now = self.context.clock()
-        raw = _seconds_left(now - self._clock, fraction)
+        raw = self._seconds_left(now - self._clock, fraction)
         # estimates of the time left may grow, but progress never decreases
         fraction = self._fraction = max(self._fraction, fraction)
         if now - self._last < _LEAST_PAUSE and fraction < 1:
@@ -166,8 +177,14 @@ class StageReporter:
             spent = self.before + now - self._began
             # seconds per weight, of all stages so far and this one
             pace = (spent + raw) / (self.earlier + self.own)
-            total_left = self.run.estimate(now, raw + self.later * pace) if fraction < 1 or self.later else 0.0
-            self.total_fraction = max(self.total_fraction, min(1.0, spent / max(spent + total_left, 1e-9)))
+            if not self.later and fraction == 1:
+                total_left = 0.0
+            elif self._weighed(fraction) >= _LEAST_SHARE or not self.later:
+                total_left = self.run.estimate(now, raw + self.later * pace)
+            else:
+                total_left = self.run.at(now)
+            if total_left is not None:
+                self.total_fraction = max(self.total_fraction, min(1.0, spent / max(spent + total_left, 1e-9)))
         self.context.emit(
             Progress(
                 stage=self.stage,
@@ -180,9 +197,26 @@ class StageReporter:
             )
         )
 
+    def _seconds_left(self, elapsed: float, fraction: float) -> float | None:
+        """From the pace since the stage has warmed up, until when it is far slower than later; None before."""
+        if elapsed <= _WARM_SECONDS:
+            self._warming.append((elapsed, fraction))
+        if fraction < 1 and (elapsed < 2 or fraction < 0.01 or (fraction < _WARM_SHARE and elapsed < _WARM_SECONDS)):
+            return None
+        warm = min(elapsed / 2, _WARM_SECONDS)
+        since, behind = next(one for one in reversed(self._warming) if one[0] <= warm)
+        if behind >= fraction:
+            since = behind = 0.0
+        return (elapsed - since) * (1 - fraction) / max(fraction - behind, 1e-9)
+
+    def _weighed(self, fraction: float) -> float:
+        """Share of the run that is done, by the weights of its stages."""
+        return (self.earlier + self.own * fraction) / max(self.earlier + self.own + self.later, 1e-9)
+
     def start_clock(self) -> None:
         """Start the clock for estimates of the time left; earlier checks and warm-up do not count."""
         self._clock = self.context.clock()
+        self._warming = [(0.0, 0.0)]
 
     def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
         """A progress callback for library functions, mapped to the range `start` to `stop` of this stage."""
@@ -214,13 +248,6 @@ class StageReporter:
         if not isinstance(message, Message):
             message = Message(f"{self.stage}.warning", message)
         self._emit(Warned.of(message, stage=self.stage))
-
-
-def _seconds_left(elapsed: float, fraction: float) -> float | None:
-    """None during the first two seconds and the first percent: earlier estimates are too noisy."""
-    if fraction < 1 and (elapsed < 2 or fraction < 0.01):
-        return None
-    return elapsed * (1 - fraction) / fraction
 
 
 class Stage(Protocol):

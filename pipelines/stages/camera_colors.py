@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +54,7 @@ def ensure_camera_colors(context: Context, reporter: StageReporter, key: str, st
         context.cancellation.check()
 
     points = context.take.initialize_group(context.groups[0].index) / "points.ply"
-    if not points.is_file():
+    if context.config.train.color_chart_frame is None and not points.is_file():
         raise StudioError(
             "training.no_first_points",
             "the colors of the cameras are fitted to the first group, which has no initial points yet",
@@ -69,6 +70,51 @@ def ensure_camera_colors(context: Context, reporter: StageReporter, key: str, st
 
 
 def _fit(context: Context, reporter: StageReporter, key: str) -> None:
+    frame = context.config.train.color_chart_frame
+    if frame is None:
+        _fit_to_splats(context, reporter, key)
+    else:
+        _fit_to_chart(context, reporter, key, frame)
+
+
+def _fit_to_chart(context: Context, reporter: StageReporter, key: str, frame: int) -> None:
+    from studio.capture.color_chart import fit_chart_colors, reasons
+
+    def tell(done: int, total: int, **figures: Any) -> None:
+        context.cancellation.check()
+        reporter.progress(0.0, f"colors of cameras: chart in image {done} of {total}")
+
+    footage = context.footage.calibrated
+    fit = fit_chart_colors(footage, frame, footage.train_cameras, tell)
+    _write(context, key, frame, fit.matrices)
+    for name in fit.matrices:
+        reporter.log(
+            f"colors of {name}: {fit.before[name]:.1f} levels of 255 from the mean camera on the chart, "
+            f"{fit.after[name]:.1f} after the correction"
+        )
+    if fit.without:
+        reporter.warn(
+            Message(
+                "training.no_color_chart",
+                f"the colors of {', '.join(fit.without)} are not corrected: in frame {frame}, {reasons(fit.without)}",
+                fix="Choose a frame in which all cameras see the ColorChecker, or leave these cameras out.",
+                fields={"cameras": tuple(fit.without), "frame": frame, "setting": "train.color_chart_frame"},
+            )
+        )
+
+
+def _write(context: Context, key: str, frame: int, matrices: Mapping[str, Any]) -> None:
+    write_model(
+        context.take.camera_colors,
+        CameraColors(
+            key=key,
+            frame=int(frame),
+            cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()},
+        ),
+    )
+
+
+def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
     import torch
 
     from studio.training import fit_camera_colors
@@ -94,14 +140,7 @@ def _fit(context: Context, reporter: StageReporter, key: str) -> None:
         progress=tell,
     )
     names = [view.camera.name for view in views]
-    write_model(
-        context.take.camera_colors,
-        CameraColors(
-            key=key,
-            frame=int(group.keyframe),
-            cameras={name: tuple(map(tuple, one.tolist())) for name, one in zip(names, matrices, strict=True)},
-        ),
-    )
+    _write(context, key, group.keyframe, dict(zip(names, matrices, strict=True)))
     _tell(reporter, names, matrices)
     without = [name for name in context.footage.calibrated.train_cameras if name not in names]
     if without:

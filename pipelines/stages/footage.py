@@ -12,6 +12,7 @@ import numpy as np
 from pipelines.config import Config
 from pipelines.stages.edited import trained_edits
 from pipelines.stages.params import Params, settings_affecting
+from pipelines.takes.drawn_mattes import file_of_garbage, with_garbage_of
 from pipelines.takes.edits import read_edits
 from pipelines.takes.path_here import path_here
 from pipelines.takes.take import Take
@@ -29,22 +30,25 @@ class TakeFootage:
     Attributes:
         take: the take.
         config: its settings.
+        most_cached: see `open_footage`; of the footage without cameras, and again of that with them.
     """
 
     take: Take
     config: Config
+    most_cached: int | None = None
 
     @cached_property
     def capture(self) -> CaptureSettings:
         """The settings of the footage, with its folder on this machine: where it is mounted here (`run.paths`), or the
-        mirror of a folder in object storage, which is listed on first access.
+        mirror of a folder in object storage, which is listed on first access; and with the path of garbage mattes in
+        the take.
 
         Raises:
             StudioError: the store cannot be listed (`storage.*`).
         """
         from studio.storage import is_address, mirrored
 
-        capture = self.config.capture
+        capture = with_garbage_of(self.config.capture, self.take)
         if is_address(capture.root):
             return capture.replace(root=mirrored(capture.root, capture.disk_cache_gigabytes))
         here = path_here(capture.root, self.config.run.paths)
@@ -81,11 +85,14 @@ class TakeFootage:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid."""
+        """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid. So
+        do they when the take is moved or copied."""
         from studio.capture import open_footage
 
         everything = self.capture.replace(start=None, stop=None, step=1)
-        return open_footage(everything, None, strict=False).digest()
+        garbage = file_of_garbage(self.config.capture, self.take)
+        names = {} if garbage is None else {garbage: self.config.capture.garbage_mattes}
+        return open_footage(everything, None, strict=False).digest(names)
 
     def forget_cameras(self) -> None:
         """Reopen the calibrated footage on next access, after the cameras have changed."""
@@ -104,8 +111,9 @@ class TakeFootage:
 
         run = self.config.run
         return open_footage(
-            self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads
-        )
+            self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads,
+            most_cached=self.most_cached,
+        )  # fmt: skip
 
 
 def performer_over(footage: Footage, camera: str, frame: int, background: Sequence[float]) -> np.ndarray:

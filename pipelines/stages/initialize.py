@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 _FEWEST_POINTS = 4
 """That a keyframe can be trained from."""
 
-_LARGEST_GAPS = 0.1
-"""Share of the directions around the performer without a camera nearby that is worth a warning."""
-
 
 class TrainingViews(Sequence["FootageView"]):
     """The training views of one frame, read on access: those of a large rig do not fit into memory together.
@@ -205,7 +202,7 @@ class InitializeStage:
         self, context: Context, reporter: StageReporter, points: np.ndarray, normals: np.ndarray
     ) -> None:
         """Log how well the training cameras cover the performer, and warn of gaps."""
-        from studio.coverage import coverage
+        from studio.coverage import LARGEST_GAPS, coverage
 
         footage = context.footage.calibrated
         found = coverage([footage.rig[name] for name in footage.train_cameras], points, normals, footage.rig.up)
@@ -217,7 +214,7 @@ class InitializeStage:
             f"the nearest training camera ({found.farthest:.0f} degrees at most); {unseen}% of the surface faces fewer "
             "than two cameras"
         )
-        if found.outside > _LARGEST_GAPS:
+        if found.outside > LARGEST_GAPS:
             reporter.warn(
                 Message(
                     "coverage.gaps",

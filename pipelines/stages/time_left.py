@@ -7,6 +7,9 @@ import math
 _SHARE = 0.1
 """Time constant of corrections as a share of the time left: a correction is mostly made after a tenth of the rest."""
 
+_EARLY = 0.25
+"""The same at first, as a share of the time since the first estimate."""
+
 _LEAST_SECONDS = 5.0
 """Shortest time constant."""
 
@@ -38,7 +41,7 @@ class Countdown:
             self._left, self._began = seconds, now
         else:
             # the first estimates are the least certain, so they are corrected faster
-            constant = max(_LEAST_SECONDS, min(now - self._began, _SHARE * min(expected, seconds)))
+            constant = max(_LEAST_SECONDS, min(_EARLY * (now - self._began), _SHARE * min(expected, seconds)))
             self._left = expected + (1 - math.exp(-(now - self._at) / constant)) * (seconds - expected)
         self._at = now
         return self._left

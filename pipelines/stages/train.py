@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pipelines.config.renamed import first_name, first_names
 from pipelines.events.cancellation import Cancellation
+from pipelines.reports.terminal import counted
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.camera_colors import camera_colors_key, ensure_camera_colors
 from pipelines.stages.footage_check import footage_check
@@ -23,7 +24,7 @@ from pipelines.takes.frame_files import read_about
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import InitialPointsReport, TrainedGroup
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 
 class TrainStage:
@@ -116,9 +117,8 @@ class TrainStage:
         jobs = {}
         for group in groups:
             if finished[group.index] < len(group.frames):
-                reporter.log(
-                    f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already trained"
-                )
+                of = counted(len(group.frames), "frame")
+                reporter.log(f"group {group.index}: {finished[group.index]} of {of} are already trained")
                 jobs[group.index] = partial(self._train, context, work, group)
         with self._checked(context, groups, finished, work):
             run_groups(jobs, at_once, threads_of_groups(context), work.stop)
@@ -127,7 +127,7 @@ class TrainStage:
         with context.take.group_locked(self.name, group.index, work.check):
             finished = self._finished(context, group)
             if finished < len(group.frames):
-                work.train(group, finished, self._keys(context, group))
+                work.train(group, finished, self._keys_to_write(context, group))
 
     def group_key(self, context: Context, group: Group) -> str:
         """See `GroupStage`: the key of the last frame covers those before it."""
@@ -141,11 +141,11 @@ class TrainStage:
         """See `GroupStage`."""
         refuse_too_little_memory(context)
         finished = self._finished(context, group)
-        reporter.log(f"group {group.index}: {finished} of {len(group.frames)} frames are already trained")
+        reporter.log(f"group {group.index}: {finished} of {counted(len(group.frames), 'frame')} are already trained")
         clock = TrainClock((group,), {group.index: finished}, context.config.train)
         work = GroupWork(context, reporter, clock, context.threads)
         self._colors(context, reporter, work.stop)
-        job = partial(work.train, group, finished, self._keys(context, group))
+        job = partial(work.train, group, finished, self._keys_to_write(context, group))
         with self._checked(context, (group,), {group.index: finished}, work):
             run_groups({group.index: job}, 1, threads_of_groups(context), work.stop)
 
@@ -160,8 +160,19 @@ class TrainStage:
 
     def _colors(self, context: Context, reporter: StageReporter, stop: Cancellation) -> None:
         """Fit the colors of the cameras if that is wanted and not done yet."""
-        if context.config.train.camera_colors:
+        settings = context.config.train
+        if settings.camera_colors:
             ensure_camera_colors(context, reporter, camera_colors_key(context, self._keyframe_recipe(context)), stop)
+        elif settings.color_chart_frame is not None:
+            reporter.warn(
+                Message(
+                    "training.chart_unused",
+                    f"train.color_chart_frame is {settings.color_chart_frame}, but the colors of the cameras are not "
+                    "corrected",
+                    fix="Turn train.camera_colors on, or remove the frame of the chart.",
+                    fields={"setting": "train.camera_colors", "frame": settings.color_chart_frame},
+                )
+            )
 
     def _keyframe_recipe(self, context: Context) -> Params:
         return without(self._recipe(context), *settings_affecting(context.config, "later_frames"))
@@ -194,6 +205,22 @@ class TrainStage:
         for frame in group.frames[1:]:
             keys.append(digest_of([first_name(self.name), self.version, keys[-1], named, frame]))
         return keys
+
+    def _keys_to_write(self, context: Context, group: Group) -> list[str]:
+        """The keys of frames that are trained now: without the group's report they would name other initial points.
+
+        Raises:
+            StudioError: the report is missing, or a network file system does not show it here yet.
+        """
+        report = context.take.initialize_group(group.index) / "report.json"
+        if not report.is_file():
+            raise StudioError(
+                "train.no_initial_points",
+                "the report of the group's initial points is missing, or this machine does not see it yet",
+                file=report,
+                fix="Run again. If that does not help, run `v3studio initialize TAKE --force`.",
+            )
+        return self._keys(context, group)
 
     def _finished(self, context: Context, group: Group, recipe: Params | None = None) -> int:
         """Number of valid trained frames of the group, from the first without gaps."""

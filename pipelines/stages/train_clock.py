@@ -7,9 +7,13 @@ from collections.abc import Mapping, Sequence
 from pipelines.takes.groups import Group
 from studio.training.settings import TrainSettings
 
-_MOTION_STEP = 5
-"""Time of a step of motion in steps of keyframes or fine-tuning: it renders several views, and its network is trained
-(docs/measurements/training.md: 15 s for 120 steps of motion, 73 s for 3200 steps of a keyframe)."""
+_MOTION_NETWORK, _MOTION_VIEW = 0.5, 0.75
+"""Time of a step of motion in steps of keyframes or fine-tuning: that of its network, and of each view (sample capture,
+quickstart with two views, 2 cores: 78 s for the 3200 steps of a keyframe, 14 s for 170 steps of motion and 250 of
+fine-tuning; the network takes a quarter of a motion step, docs/measurements/training.md)."""
+
+_HALF_SIZE = 0.57
+"""Time of a view at half size in that of one at full size (docs/measurements/training.md: 19 ms instead of 33.5)."""
 
 
 class TrainClock:
@@ -30,7 +34,7 @@ class TrainClock:
         rounds = max(1, settings.prune_rounds)
         self._steps = {
             True: settings.keyframe_iterations + rounds * settings.prune_finetune_iterations,
-            False: _MOTION_STEP * settings.motion_iterations + settings.finetune_iterations,
+            False: _motion_step(settings) * settings.motion_iterations + settings.finetune_iterations,
         }
         self._seconds: dict[bool, list[float]] = {True: [], False: []}
         self._current: dict[int, tuple[bool, float]] = {}
@@ -64,3 +68,9 @@ class TrainClock:
         if other:
             return self._steps[kind] * (sum(other) / len(other)) / max(1, self._steps[not kind])
         return float(self._steps[kind])
+
+
+def _motion_step(settings: TrainSettings) -> float:
+    """Mean time of a step of motion, in steps of keyframes or fine-tuning."""
+    share = settings.motion_half_size
+    return _MOTION_NETWORK + _MOTION_VIEW * settings.motion_views * (1 - share + share * _HALF_SIZE)

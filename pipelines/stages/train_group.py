@@ -84,6 +84,7 @@ class GroupWork:
         timings = self._timings(group, finished)
         previous = read_frame(take.trained_frame(group.index, group.first + finished - 1)) if finished else None
         before = read_frame(take.trained_frame(group.index, group.first + finished - 2)) if finished > 1 else None
+        third = read_frame(take.trained_frame(group.index, group.first + finished - 3)) if finished > 2 else None
         # decode the images of the next frame while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:
             views: Future[list[TrainingView]] = ahead.submit(self._views, group.frames[finished], tell=True)
@@ -93,7 +94,7 @@ class GroupWork:
                 if position + 1 < len(group.frames):
                     views = ahead.submit(self._views, group.frames[position + 1])
                 started = self.context.clock()
-                gaussians = self._frame(group, position, previous, before, current, keys)
+                gaussians = self._frame(group, position, previous, before, third, current, keys)
                 seconds = self.context.clock() - started
                 with self._lock:
                     self.clock.finished(group, position, seconds)
@@ -102,7 +103,7 @@ class GroupWork:
                 self._write(group, position, gaussians, keys[position], timings)
                 self._written(group.index, position + 1)
                 self._tell(group, position, gaussians, seconds)
-                previous, before = gaussians, previous
+                previous, before, third = gaussians, previous, before
 
     def _frame(
         self,
@@ -110,6 +111,7 @@ class GroupWork:
         position: int,
         previous: Gaussians | None,
         before: Gaussians | None,
+        third: Gaussians | None,
         views: list[TrainingView],
         keys: list[str],
     ) -> Gaussians:
@@ -133,6 +135,7 @@ class GroupWork:
             views,
             self.settings,
             before_previous=None if before is None else before.to(device),
+            third_last=None if third is None else third.to(device),
             warm_start=warm_start,
             seed=seed,
             progress=self._progress(group, position),

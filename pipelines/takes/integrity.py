@@ -40,7 +40,7 @@ class Damage(BaseModel):
 
     stage: str
     """The stage that wrote it, and that has to run again; "" for what no run makes again: files of kept bakes, and
-    edits.json, marks.json and camera_path.json."""
+    edits.json, garbage.yaml, marks.json and camera_path.json."""
 
     problem: Problem | Literal["damaged"]
     """changed: another content than recorded; missing; damaged: its own checksum is wrong, or it cannot be read."""
@@ -159,11 +159,13 @@ def _notes_of_kept(take: Take) -> dict[Path, Callable[[Path], object]]:
 def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
     """Files that no stage writes, and what reads each."""
     from pipelines.takes.edits import read_edits
+    from studio.capture.mattes.garbage_polygons import read_garbage_polygons
     from studio.export.camera_path import read_path_keys
 
     return {
         take.edits: read_edits,
         take.marks: read_marks,
+        take.garbage: read_garbage_polygons,
         take.camera_path: lambda path: read_path_keys(path, 1.0),
     }
 

@@ -51,6 +51,25 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         StudioError: `take.damaged`.
     """
+    rows = _rows(path)
+    return _columns(rows, "x", "y", "z"), _columns(rows, "red", "green", "blue").astype(np.float32) / 255
+
+
+def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read what `write_points` wrote: positions and normals, (N, 3) float32.
+
+    Raises:
+        StudioError: `take.damaged`.
+    """
+    rows = _rows(path)
+    return _columns(rows, "x", "y", "z"), _columns(rows, "nx", "ny", "nz")
+
+
+def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
+    return np.column_stack([rows[name] for name in names])
+
+
+def _rows(path: Path) -> np.ndarray:
     fix = "Run `v3studio initialize --force`."
     try:
         header, _, body = read_bounded(path, _MAX_BYTES).partition(b"end_header\n")
@@ -62,7 +81,4 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
     count = int(found[1]) if found else -1
     if count < 0 or len(body) != count * _POINT.itemsize:
         raise StudioError("take.damaged", "the file is damaged", file=path, fix=fix, stage="initialize")
-    rows = np.frombuffer(body, dtype=_POINT)
-    points = np.column_stack([rows["x"], rows["y"], rows["z"]])
-    colors = np.column_stack([rows["red"], rows["green"], rows["blue"]]).astype(np.float32) / 255
-    return points, colors
+    return np.frombuffer(body, dtype=_POINT)

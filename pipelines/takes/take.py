@@ -14,6 +14,7 @@ Layout::
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
     camera_path.json                            camera path for movies, if any
+    garbage.yaml                                garbage mattes that were drawn in the window, if any
     edits.json                                  trim, crop box, removed floaters, world, if any
     .v3studio/                                  lock, records of finished stages, work in progress
 """
@@ -258,6 +259,11 @@ class Take:
     def edits(self) -> Path:
         """edits.json: what is trimmed, cropped, removed and moved after training."""
         return self.root / "edits.json"
+
+    @property
+    def garbage(self) -> Path:
+        """garbage.yaml: garbage mattes that were drawn in the window."""
+        return self.root / "garbage.yaml"
 
     @property
     def private(self) -> Path:

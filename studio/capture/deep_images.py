@@ -46,7 +46,7 @@ def read_deep_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarr
         raise StudioError("footage.image_missing", "image not found", file=path) from None
     except OSError as error:
         _refuse(path, str(error.strerror))
-    values = _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _by_opencv(path, data)
+    values = _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _by_opencv(path, data, transfer)
     if values.ndim == 2:
         values = np.repeat(values[:, :, None], 3, axis=2)
     color, alpha = values[:, :, :3], values[:, :, 3:]
@@ -98,7 +98,8 @@ def _channels(path: Path, frame: VideoFrame) -> np.ndarray:
     return values.astype(np.float32) / np.float32(2**bits - 1)
 
 
-def _by_opencv(path: Path, data: bytes) -> np.ndarray:
+def _by_opencv(path: Path, data: bytes, transfer: TransferFunction) -> np.ndarray:
+    """(H, W) or (H, W, 3 or 4), float32, 0..1 for integers; uint16 as stored if the values are sRGB."""
     import cv2
 
     try:
@@ -109,6 +110,8 @@ def _by_opencv(path: Path, data: bytes) -> np.ndarray:
         _refuse(path, "not an image, damaged, or of a kind that OpenCV cannot read")
     if values.ndim == 3:
         values = values[:, :, [2, 1, 0, 3][: values.shape[2]]]
+    if values.dtype == np.uint16 and transfer in ("auto", "srgb"):
+        return np.asarray(values)
     white = {"uint8": 255, "uint16": 65535}.get(values.dtype.name, 1)
     return np.asarray(values, np.float32) / np.float32(white)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from studio.errors import StudioError
@@ -13,7 +13,7 @@ HASH_WHOLE_BELOW = 512 << 20
 """Total size in bytes up to which file contents are hashed; see `digest_files`."""
 
 
-def digest_files(root: Path, paths: Iterable[Path]) -> str:
+def digest_files(root: Path, paths: Iterable[Path], names: Mapping[Path, str] | None = None) -> str:
     """SHA-256 of files by name, size and contents.
 
     If the total size of the files exceeds `HASH_WHOLE_BELOW`, modification times are used instead of contents. Below
@@ -23,6 +23,7 @@ def digest_files(root: Path, paths: Iterable[Path]) -> str:
     Args:
         root: folder to which file names are relative, for files below it.
         paths: the files, in any order.
+        names: names of files that are neither below it nor always at the same path.
 
     Returns:
         64 hexadecimal digits.
@@ -31,12 +32,14 @@ def digest_files(root: Path, paths: Iterable[Path]) -> str:
         StudioError: `footage.file_unreadable`.
     """
     digest = hashlib.sha256()
-    unique = sorted(set(paths))
+    other_names = names or {}
+    # named ones last, as their place among the others depends on their path
+    unique = sorted(set(paths), key=lambda path: (path in other_names, other_names.get(path, ""), path))
     try:
         states = [path.stat() for path in unique]
         read = sum(state.st_size for state in states) <= HASH_WHOLE_BELOW
         for path, state in zip(unique, states, strict=True):
-            name = path.relative_to(root) if path.is_relative_to(root) else path
+            name = Path(other_names.get(path, path.relative_to(root) if path.is_relative_to(root) else path))
             stored = read_pointer(path)
             if stored is not None:
                 digest.update(f"{name.as_posix()}\0{stored.size}\0{stored.tag}".encode())

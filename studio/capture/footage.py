@@ -91,7 +91,14 @@ class Footage:
         # A separate cache: in a shared one, the maps of a large rig would evict all images.
         self._undistortion_maps = ByteCache(cache.limit // 4)
         self._rig = Rig(tuple(warp.camera for warp in self._warps.values())) if self._warps is not None else None
-        self._digest: str | None = None
+        self._digests: dict[tuple[tuple[Path, str], ...], str] = {}
+
+    @property
+    def filmed_fps(self) -> float | None:
+        """Frames per second that the files give, before `spec.step`; None if they give none, as image sequences, or
+        differ."""
+        rates = {source.fps for source in self._sources.values() if source.fps}
+        return max(rates) if rates and max(rates) <= 1.005 * min(rates) else None
 
     @property
     def rig(self) -> Rig:
@@ -206,11 +213,16 @@ class Footage:
         source = self._source(camera)
         return source.chroma if self._warp(camera).is_identity else None
 
-    def digest(self) -> str:
-        """Hexadecimal digest of `files()`: names, sizes and contents (see `digest_files`)."""
-        if self._digest is None:
-            self._digest = digest_files(self.spec.root, self.files())
-        return self._digest
+    def digest(self, names: Mapping[Path, str] | None = None) -> str:
+        """Hexadecimal digest of `files()`: names, sizes and contents.
+
+        Args:
+            names: see `digest_files`.
+        """
+        key = tuple(sorted((names or {}).items()))
+        if key not in self._digests:
+            self._digests[key] = digest_files(self.spec.root, self.files(), names)
+        return self._digests[key]
 
     def files(self) -> list[Path]:
         """All files that images and mattes depend on."""

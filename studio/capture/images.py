@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +15,7 @@ from studio.errors import StudioError
 from studio.storage import cached_object
 
 if TYPE_CHECKING:
-    from PIL.Image import Image
+    from PIL.ImageFile import ImageFile
 
 _ALPHA_MODES = ("RGBA", "LA", "PA", "RGBa", "La")
 _FIX = "Replace the file or exclude the frame."
@@ -56,15 +57,19 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
         transfer: what its values are, see `CaptureSettings.transfer`.
 
     Returns:
-        (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8. Gray images have three equal channels; 16-bit
-        images are rounded to 8 bits.
+        (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8. Gray images have three equal channels; 16-bit PNG
+        and TIFF images are rounded to 8 bits.
 
     Raises:
         StudioError: `footage.image_missing`, or `footage.image_unreadable` if it is truncated or not an image.
     """
     if is_deep(path, transfer):
-        return read_deep_image(path, transfer)
+        found = read_deep_image(path, transfer)
+        return _color_of(found) if found.shape[2] == 4 and _has_padding(path) else found
     with _open(path) as image:
+        if _has_deep_color(image):
+            found = read_deep_image(path, transfer)
+            return found if _is_transparent(image) else _color_of(found)
         try:
             image.load()
             if image.mode.startswith("I;16") or image.mode in ("I", "F"):
@@ -86,7 +91,7 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
     return found
 
 
-def _open(path: Path) -> Image:
+def _open(path: Path) -> ImageFile:
     from PIL import Image, UnidentifiedImageError
     from PIL.Image import MAX_IMAGE_PIXELS, DecompressionBombError
 
@@ -108,8 +113,32 @@ def _open(path: Path) -> Image:
         ) from None
 
 
-def _is_transparent(image: Image) -> bool:
+def _is_transparent(image: ImageFile) -> bool:
     return image.mode in _ALPHA_MODES or "transparency" in image.info
+
+
+def _has_padding(path: Path) -> bool:
+    """Whether the fourth channel of an image means nothing: OpenCV takes it for alpha."""
+    if path.suffix.lower() not in (".tif", ".tiff"):
+        return False
+    with contextlib.suppress(StudioError), _open(path) as image:  # some kinds are read by OpenCV only
+        return not _is_transparent(image)
+    return False
+
+
+def _color_of(image: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(image[:, :, :3])
+
+
+def _has_deep_color(image: ImageFile) -> bool:
+    """Whether the image has 16 bits per channel and Pillow would drop the lower ones instead of rounding. Pillow has no
+    such color mode; its name for how the file stores pixels tells. Rare kinds that OpenCV reads otherwise stay with
+    Pillow: premultiplied alpha, and one color as transparent."""
+    if not image.tile or image.format not in ("PNG", "TIFF") or "transparency" in image.info:
+        return False
+    stored = image.tile[0][3]
+    name = stored[0] if isinstance(stored, tuple) else stored
+    return str(name).startswith(("RGB;16", "RGBA;16", "RGBX;16", "LA;16"))
 
 
 def _reason(error: Exception) -> str:

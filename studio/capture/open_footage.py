@@ -33,6 +33,7 @@ def open_footage(
     cache_folder: Path | None = None,
     device: str = "auto",
     threads: int = 0,
+    most_cached: int | None = None,
 ) -> Footage:
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
@@ -47,6 +48,8 @@ def open_footage(
         cache_folder: where to cache backgrounds estimated from the footage (masks "median_background") and mattes of
             a matting model for other processes; None caches them in memory only.
         device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
+        most_cached: bytes that decoded images may take, if that is less than what the settings allow; None: no such
+            limit.
 
     Returns:
         the footage.
@@ -84,7 +87,8 @@ def open_footage(
     notes = [_found(spec, pattern, sources, frames), fps_note, video_notes]
     if sound is not None:
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
-    cache = ByteCache(_cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20)
+    limit = _cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20
+    cache = ByteCache(limit if most_cached is None else min(limit, most_cached))
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask

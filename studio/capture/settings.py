@@ -96,6 +96,11 @@ class DifferenceSettings(Settings):
     mask_shadows: bool = True
     """Masks from clean plates, median or screen: treat darkened background as shadow rather than performer."""
 
+    mask_colored_shadows: bool = False
+    """With mask_shadows, masks from clean plates or median: treat background as shadow also where its color changes, as
+    in shadows of colored lights, or where it is very dark (down to 0.12). Before a set without texture, and where it is
+    thin, a performer as dark as such a shadow, or lighter than it, can be lost; see docs/guides/mattes.md."""
+
     mask_components: int = Field(default=0, ge=0)
     """Masks from clean plates, median, screen or model: maximum number of connected components per camera, largest
     first. 0: no limit (except noise)."""
@@ -115,8 +120,8 @@ class ScreenSettings(Settings):
 
     garbage_mattes: Annotated[str, Heading("Garbage mattes")] = ""
     """Where the performer never is, for all sources of masks: the pattern of images that are black there and white
-    elsewhere, such as garbage/{camera}.png, or a YAML file with polygons, such as garbage.yaml. Cameras without one are
-    not restricted. See docs/guides/mattes.md."""
+    elsewhere, such as garbage/{camera}.png, or a YAML file with polygons, such as garbage.yaml; take:garbage.yaml is
+    what was drawn in the window. Cameras without one are not restricted. See docs/guides/mattes.md."""
 
     @field_validator("key_color", mode="wrap")
     @classmethod

@@ -1,9 +1,9 @@
-"""Synchronization check: offsets between cameras, estimated from sound or from motion in the images."""
+"""Synchronization check: offsets between cameras, from sound, motion in the images, or timecodes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from studio.capture.footage import Footage
 from studio.capture.media import open_media
 from studio.capture.patterns import VIDEO_EXTENSIONS
+from studio.capture.timecode import Timecode, read_timecode, timecode_offsets
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
@@ -28,17 +29,20 @@ class SyncReport:
     """Offsets between cameras.
 
     Attributes:
-        method: "sound" or "motion".
+        method: "sound", "motion" or "timecode".
         offsets: camera to lag in frames, including fractions: its frame f + offset was taken at the same time as frame
             f of the others. The median is 0. Cameras with an unknown offset are not included.
-        confidence: camera to its highest correlation with another camera, 0..1.
-        unsure: cameras whose offset is unknown because their signal does not correlate with any other.
+        confidence: camera to its highest correlation with another camera, 0..1; empty with timecodes.
+        unsure: cameras whose offset is unknown because their signal does not correlate with any other, or because they
+            have no timecode.
+        timecodes: camera to the label at its start, such as 01:00:00:00; empty with other methods.
     """
 
     method: str
     offsets: dict[str, float]
     confidence: dict[str, float]
     unsure: tuple[str, ...]
+    timecodes: dict[str, str] = field(default_factory=dict)
 
     @property
     def whole(self) -> dict[str, int]:
@@ -51,20 +55,26 @@ class SyncReport:
         found = []
         for name, offset in self.whole.items():
             frames = f"{abs(offset)} frame{'s' if abs(offset) > 1 else ''}"
+            what = f"is {frames} {'late' if offset > 0 else 'early'}"
+            if self.method == "timecode":  # what comes late in a file was filmed by a camera that started early
+                what = f"started {frames} {'earlier' if offset > 0 else 'later'} than the others"
             found.append(
                 Message(
                     "sync.offset",
-                    f"Camera '{name}' is {frames} {'late' if offset > 0 else 'early'} according to its {self.method}",
+                    f"Camera '{name}' {what} according to its {self.method}",
                     value=offset,
                     fix=f"Set capture.offsets to {{{name}: {offset}}}.",
                     fields={"camera": name, "method": self.method, "setting": "capture.offsets"},
                 )
             )
         for name in self.unsure:
+            why = f"its {self.method} does not match any other camera"
+            if self.method == "timecode":
+                why = "it has no timecode"
             found.append(
                 Message(
                     "sync.unknown",
-                    f"Camera '{name}': its {self.method} does not match any other camera, so its offset is unknown",
+                    f"Camera '{name}': {why}, so its offset is unknown",
                     fields={"camera": name, "method": self.method},
                 )
             )
@@ -151,13 +161,15 @@ def check_sync(
 
     Args:
         footage: opened without offsets.
-        method: "sound", "motion", or "auto": sound if all cameras have it, otherwise motion.
-        seconds: largest offset to search, in seconds.
+        method: "sound", "motion", "timecode", or "auto": sound if all cameras have it, otherwise motion. Timecodes are
+            only right if the cameras' clocks were set to each other, so they have to be asked for.
+        seconds: largest offset to search, in seconds; timecodes have no limit.
         progress: called for each camera and frame when motion is measured; may raise `Cancelled`.
 
     Raises:
-        StudioError: `sync.seconds`, `sync.one_camera`, `sync.no_sound` (method "sound"), or `sync.too_few_frames`
-            (method "motion" needs 12).
+        StudioError: `sync.seconds`, `sync.one_camera`, `sync.no_sound` (method "sound"), `sync.too_few_frames`
+            (method "motion" needs 12), or with method "timecode" `sync.no_timecode`, `sync.no_overlap`, and those of
+            `read_timecode` and `timecode_offsets`.
     """
     if not 0 < seconds < float("inf"):
         raise StudioError(
@@ -169,6 +181,8 @@ def check_sync(
     names = footage.camera_names
     if len(names) < 2:
         raise StudioError("sync.one_camera", "The footage has only one camera; there is nothing to synchronize")
+    if method == "timecode":
+        return _by_timecode(footage)
     sounds = _sounds(footage) if method in ("auto", "sound") else {}
     if method == "sound" and len(sounds) < len(names):
         silent = next(name for name in names if name not in sounds)
@@ -196,6 +210,45 @@ def check_sync(
         {name: round(lag, 3) for name, lag in lags.items() if np.isfinite(lag)},
         {name: round(value, 3) for name, value in best.items()},
         unsure,
+    )
+
+
+def _by_timecode(footage: Footage) -> SyncReport:
+    """Offsets from the start timecodes of the videos."""
+    found: dict[str, Timecode] = {}
+    for name in footage.camera_names:
+        file = footage.file_of(name, footage.frames_of(name)[0])
+        if file is not None and file.suffix.lower() in VIDEO_EXTENSIONS:
+            timecode = read_timecode(file)
+            if timecode is not None:
+                found[name] = timecode
+    without = tuple(name for name in footage.camera_names if name not in found)
+    if len(found) < 2:
+        raise StudioError(
+            "sync.no_timecode",
+            f"{len(found)} of {len(footage.camera_names)} cameras have a timecode; it takes two to compare",
+            value=len(found),
+            fix="Synchronize by sound or motion.",
+            cameras=without,
+        )
+    offsets = timecode_offsets(found)
+    frames = {name: footage.frames_of(name) for name in offsets}
+    spans = {name: (frames[name][0] - lag, frames[name][-1] - lag) for name, lag in offsets.items()}
+    last, first = max(spans, key=lambda name: spans[name][0]), min(spans, key=lambda name: spans[name][1])
+    if spans[last][0] > spans[first][1]:
+        raise StudioError(
+            "sync.no_overlap",
+            f"Camera '{first}' ends before camera '{last}' starts ({found[first].text} and {found[last].text}), "
+            "according to their timecodes",
+            fix="Leave one of them out with capture.cameras, or synchronize by sound or motion.",
+            cameras=(first, last),
+        )
+    return SyncReport(
+        "timecode",
+        {name: float(lag) for name, lag in offsets.items()},
+        {},
+        without,
+        {name: timecode.text for name, timecode in found.items()},
     )
 
 

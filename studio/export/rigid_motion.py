@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -31,11 +32,10 @@ def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
     turn = torch.from_numpy(matrices_to_quats(rotation))[None]
     quats = quat_multiply(turn, gaussians.unit_quats.detach().cpu().double())
     sh = _sh_rotation(matrix, gaussians.sh_degree) @ gaussians.sh.detach().cpu().double()
-    return Gaussians(
+    return replace(
+        gaussians,
         means=(gaussians.means.detach().cpu().double() @ matrix.T).to(device, dtype),
         quats=quats.to(device, dtype),
-        log_scales=gaussians.log_scales,
-        logit_opacities=gaussians.logit_opacities,
         sh=sh.to(device, dtype),
     )
 

@@ -66,7 +66,7 @@ def camera_numbers(pinhole: Pinhole) -> np.ndarray:
 
 
 class _Rasterize(torch.autograd.Function):
-    """forward(attributes..., offsets, background, pinhole, near, alpha_max) -> image, alpha, depth, radii."""
+    """forward(attributes..., offsets, background, pinhole, near, alpha_max, dilation) -> image, alpha, depth, radii."""
 
     @staticmethod
     def forward(
@@ -81,6 +81,7 @@ class _Rasterize(torch.autograd.Function):
         pinhole: Pinhole,
         near: float,
         alpha_max: float,
+        dilation: float,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         kernels = load_kernels()
         splats = [tensor.detach().contiguous() for tensor in (means, quats, log_scales, logits, sh)]
@@ -98,6 +99,7 @@ class _Rasterize(torch.autograd.Function):
             height,
             near,
             alpha_max,
+            dilation,
             means.new_zeros(3) if background is None else background.detach().contiguous(),
             image,
             alpha,
@@ -117,7 +119,11 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, *outputs: Tensor | None) -> tuple[Tensor | None, ...]:
         *splats, image, alpha, depth = ctx.saved_tensors
         d_image, d_alpha, d_depth = (None if g is None else g.detach().contiguous() for g in outputs[:3])
-        gradients = [torch.empty_like(tensor) for tensor in splats]
+        # motion trains the means only, which takes fewer sums over the pixels of each splat
+        gradients = [
+            torch.empty_like(one) if needed else None
+            for one, needed in zip(splats, ctx.needs_input_grad[:5], strict=True)
+        ]
         d_offsets = image.new_empty((len(splats[0]), 2)) if ctx.has_offsets and ctx.needs_input_grad[5] else None
         load_kernels().backward(
             ctx.frame,
@@ -137,7 +143,7 @@ class _Rasterize(torch.autograd.Function):
             d_background = (1 - alpha)[..., None] * d_image
             if ctx.one_background:
                 d_background = d_background.sum((0, 1))
-        return (*gradients, d_offsets, d_background, None, None, None)
+        return (*gradients, d_offsets, d_background, None, None, None, None)
 
 
 def rasterize_cpu(
@@ -188,5 +194,6 @@ def rasterize_cpu(
         pinhole,
         near,
         alpha_max,
+        gaussians.dilation,
     )
     return Render(image=image, alpha=alpha, depth=depth, radii=radii)

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.rasterizer.types import ALPHA_MIN, DILATION, Pinhole, Render
+from studio.rasterizer.types import ALPHA_MIN, Pinhole, Render
 
 TILE = 16
 """Tile size of gsplat, pixels."""
@@ -176,7 +176,7 @@ def rasterize_cuda(
         view.world_to_camera[None],
         view.intrinsics[None],
         *view.projected_size,
-        eps2d=DILATION,
+        eps2d=gaussians.dilation,
         near_plane=near,
         opacities=opacities.detach(),  # only used to bound the footprint
     )

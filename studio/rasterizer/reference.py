@@ -1,7 +1,7 @@
 """The definition of the rasterizer in plain PyTorch: any floating dtype, any device, gradients by autograd.
 
 The other backends are tested against this one. It follows 3DGS (Kerbl et al. 2023, sections 4 and 6), and gsplat where
-the two differ: EWA projection with a dilation of 0.3 square pixels; footprints that end only where alpha falls below
+the two differ: EWA projection with the splats' own dilation; footprints that end only where alpha falls below
 1/255; front-to-back blending, in which a pixel stops before the splat that would reduce its transmittance to 1e-4.
 Splats of equal depth are blended in their order in the tensors.
 """
@@ -13,7 +13,7 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.rasterizer.spherical_harmonics import sh_colors
-from studio.rasterizer.types import ALPHA_MIN, DILATION, TRANSMITTANCE_MIN, Pinhole, Render
+from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole, Render
 from studio.torch_rotations import quats_to_matrices
 
 TILE = 16
@@ -66,9 +66,10 @@ def project(
     factor = jacobian @ rotation @ quats_to_matrices(gaussians.quats) * gaussians.scales[:, None, :]
     u, v = factor.unbind(-2)
     xx, xy, yy = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
-    cov2d = torch.stack([xx + DILATION, xy, yy + DILATION], -1)
+    dilation = gaussians.dilation
+    cov2d = torch.stack([xx + dilation, xy, yy + dilation], -1)
     # |u|^2 |v|^2 - (u.v)^2 = |u x v|^2 (Lagrange); the left side would cancel for needle-shaped splats.
-    det = torch.linalg.cross(u, v).square().sum(-1) + DILATION * (xx + yy) + DILATION**2
+    det = torch.linalg.cross(u, v).square().sum(-1) + dilation * (xx + yy) + dilation**2
 
     directions = torch.nn.functional.normalize(like - center, dim=-1)
     return means2d, cov2d, det, depths, sh_colors(directions, gaussians.sh)

@@ -10,9 +10,6 @@ from torch import Tensor
 from studio.cameras import Camera
 from studio.errors import StudioError
 
-DILATION = 0.3
-"""Added to the diagonal of each 2D covariance, square pixels. As in 3DGS, it keeps splats about a pixel wide."""
-
 ALPHA_MIN = 1.0 / 255.0
 """A splat does not contribute to a pixel where its alpha is below this value (3DGS)."""
 

@@ -110,7 +110,7 @@ def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
     """
     if len(gaussians) == 0:
         raise StudioError("splat_file.no_splats", "there are no splats to write", file=path)
-    arrays = {name: tensor.float().numpy() for name, tensor in gaussians.state_dict().items()}
+    arrays = {name: tensor.float().numpy() for name, tensor in gaussians.on_cpu().items()}
     for name, values in arrays.items():
         if not np.isfinite(values).all():
             raise StudioError(
@@ -163,4 +163,4 @@ def from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Gaussians:
             fix="Fix the file.",
             splat=int(flat.argmax()),
         )
-    return Gaussians(**{name: torch.from_numpy(array) for name, array in values.items()})
+    return Gaussians.from_state_dict({name: torch.from_numpy(array) for name, array in values.items()})

@@ -58,6 +58,7 @@ class MotionBake:
 
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:
         self._count, self._splats, self._degree = len(frames), len(frames[0]), frames[0].sh_degree
+        self._dilation = frames[0].dilation
         order: np.ndarray | None = None
         values: list[np.ndarray] = []
         for components in component_frames(frames):
@@ -183,6 +184,7 @@ class MotionBake:
                 sh_degree=self._degree,
                 bounding_box=self._box,
                 bytes=side_entry.bytes + video.bytes,
+                dilation=self._dilation,
                 tile=tile,
                 columns=columns,
                 rows=rows,

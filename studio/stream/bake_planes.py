@@ -182,6 +182,7 @@ def _entry(
             side=plane_side(len(keyframe)),
             bounding_box=box,
             bytes=total,
+            dilation=keyframe.dilation,
             components=tuple(
                 ComponentEntry(name=wanted[row].name, min=float(low[row]), max=float(high[row]), planes=tuple(files))
                 for row, files in entries.items()

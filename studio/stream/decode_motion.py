@@ -94,6 +94,7 @@ class MotionFrame(DecodedFrame):
             log_scales=torch.from_numpy(np.ascontiguousarray(values[6:9].T)),
             logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
             sh=torch.from_numpy(sh),
+            dilation=tables.group.dilation,
         )
 
 

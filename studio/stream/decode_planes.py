@@ -42,7 +42,7 @@ class PlanesFrame(DecodedFrame):
                 codes = join_bytes(flat[index], flat[index + 1], mirrored=entry.planes[1].part == "low_mirrored")
                 row[:] = dequantize(codes, entry.min, entry.max, LEVELS_16)
             index += len(entry.planes)
-        return arrays.gaussians()
+        return arrays.gaussians(group.dilation)
 
 
 class PlanesDecoder(GroupDecoder):

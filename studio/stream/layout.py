@@ -114,14 +114,16 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
         (C, N) float32, rows as `components(sh_degree)`.
 
     Raises:
-        StudioError: the keyframe is empty, a frame differs in its number of splats or SH degree, or a value is not
-            finite.
+        StudioError: the keyframe is empty, a frame differs in its number of splats, SH degree or dilation, or a value
+            is not finite.
     """
     # NumPy instead of torch: the operations are small, and torch's thread pool costs more than they do.
     previous: np.ndarray | None = None
+    first: Gaussians | None = None
     shape: tuple[int, int] | None = None
     for number, frame in enumerate(frames):
         found = (len(frame), frame.sh_degree)
+        first = frame if first is None else first
         if shape is None:
             shape = found
             if len(frame) == 0:
@@ -136,7 +138,17 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
                 frame=number,
                 expected=shape,
             )
-        arrays = {name: tensor.numpy().astype(np.float32, copy=False) for name, tensor in frame.state_dict().items()}
+        if frame.dilation != first.dilation:
+            raise StudioError(
+                "bake.mixed_dilations",
+                f"frame {number} of the group is drawn with a dilation of {frame.dilation:g} square pixels, but its "
+                f"keyframe with {first.dilation:g}",
+                value=frame.dilation,
+                fix="Train the group again.",
+                frame=number,
+                expected=first.dilation,
+            )
+        arrays = {name: tensor.numpy().astype(np.float32, copy=False) for name, tensor in frame.on_cpu().items()}
         for name, array in arrays.items():
             if not np.isfinite(array).all():
                 raise StudioError(
@@ -206,7 +218,7 @@ class ComponentArrays:
             *self._quats.T,
         ]
 
-    def gaussians(self) -> Gaussians:
+    def gaussians(self, dilation: float) -> Gaussians:
         """Gaussians that share the memory. Quaternions are as stored: close to unit length, not normalized.
 
         One that is too short to tell a rotation, which no baker writes, becomes the identity; its splat is not seen.
@@ -222,4 +234,5 @@ class ComponentArrays:
             log_scales=torch.from_numpy(self._log_scales),
             logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
             sh=torch.from_numpy(self._sh),
+            dilation=dilation,
         )

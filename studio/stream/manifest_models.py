@@ -7,8 +7,17 @@ import math
 import re
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
+from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.layout import Component, channels, components, plane_side, tile_side
@@ -145,6 +154,7 @@ class GroupEntry(Model):
         sh_degree: 0 to 3.
         bounding_box: of the means of all its frames.
         bytes: total size of its files.
+        dilation: of its splats, see `Gaussians`. Left out of the JSON where it is `DILATION`.
     """
 
     index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
@@ -154,6 +164,14 @@ class GroupEntry(Model):
     sh_degree: Annotated[int, Field(ge=0, le=3)]
     bounding_box: Box
     bytes: Annotated[int, Field(ge=1)]
+    dilation: Annotated[float, Field(ge=MIN_DILATION, le=MAX_DILATION, allow_inf_nan=False)] = DILATION
+
+    @model_serializer(mode="wrap")
+    def _without_default(self, handler: SerializerFunctionWrapHandler) -> JsonObject:
+        values: JsonObject = handler(self)
+        if self.dilation == DILATION:
+            del values["dilation"]
+        return values
 
     @property
     def files(self) -> tuple[FileEntry, ...]:

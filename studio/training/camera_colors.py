@@ -24,13 +24,11 @@ from studio.training.keyframe import initial_gaussians, scene_extent
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Stepper, check_finite
-from studio.training.views import TrainingView
+from studio.training.views import TrainingView, interior
 
 RIDGE = 1e-3
 """Weight of the squared difference from neutral against the mean squared error of colors in 0 to 1."""
 
-_INSIDE = 0.99
-_BORDER = 2  # pixels of the outline that are not used: mattes and splats are soft there
 _FIGURES_EVERY = 20
 
 
@@ -65,7 +63,7 @@ def fit_camera_colors(
     generator = torch.Generator().manual_seed(seed)
     extent = scene_extent(points)
     stepper = Stepper(views, settings, generator)
-    optimizer = SplatOptimizer(initial_gaussians(points, colors, 0), settings.rates, extent)
+    optimizer = SplatOptimizer(initial_gaussians(points, colors, 0, settings.dilation), settings.rates, extent)
     matrices = neutral().expand(len(views), 3, 4)
     steps, every = settings.camera_color_iterations, settings.camera_color_every
     for iteration in range(1, steps + 1):
@@ -103,13 +101,6 @@ def camera_colors(gaussians: Gaussians, views: Sequence[TrainingView]) -> Tensor
             target, backdrop = view.composited(black), view.backdrop(black)
             if backdrop is not None:
                 target = target - (1 - render.alpha)[..., None] * backdrop
-        found.append(fit_color(render.image, render.alpha, target, _inside(view.matte), RIDGE).cpu())
+        found.append(fit_color(render.image, render.alpha, target, interior(view.matte), RIDGE).cpu())
     matrices = torch.stack(found)
     return matrices - matrices.mean(0) + neutral()
-
-
-def _inside(matte: Tensor) -> Tensor:
-    """(H, W) bool: at least two pixels from the outline."""
-    inside = (matte > _INSIDE).float()
-    eroded = 1 - torch.nn.functional.max_pool2d(1 - inside[None, None], 2 * _BORDER + 1, 1, _BORDER)[0, 0]
-    return eroded > 0.5 if bool((eroded > 0.5).any()) else matte > 0.5

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.torch_rotations import rotate_vectors
+from studio.training.attribution import Shares
+from studio.training.error_density import ErrorDensity
 from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
@@ -20,10 +24,15 @@ _HUGE_SHARE = 0.1
 
 
 def density_control(
-    count: int, extent: float, settings: TrainSettings, device: torch.device
-) -> DensityControl | Relocation:
-    """The densification strategy selected by `settings.strategy`; arguments as for `DensityControl`."""
-    return Relocation(settings) if settings.strategy == "mcmc" else DensityControl(count, extent, settings, device)
+    count: int, extent: float, settings: TrainSettings, device: torch.device, shares: Callable[[Gaussians], Shares]
+) -> DensityControl | Relocation | ErrorDensity:
+    """The densification strategy selected by `settings.strategy`; arguments as for `DensityControl` and
+    `ErrorDensity`."""
+    if settings.strategy == "mcmc":
+        return Relocation(settings)
+    if settings.strategy == "error":
+        return ErrorDensity(settings, shares)
+    return DensityControl(count, extent, settings, device)
 
 
 class DensityControl:

@@ -60,6 +60,7 @@ def train_interframe(
     settings: TrainSettings,
     *,
     before_previous: Gaussians | None = None,
+    third_last: Gaussians | None = None,
     warm_start: dict[str, Tensor] | None = None,
     seed: int = 0,
     progress: ProgressFn = no_progress,
@@ -74,6 +75,7 @@ def train_interframe(
         settings: see `TrainSettings`.
         before_previous: splats of frame t-2 of the same group, from which the velocity is computed (with
             `settings.motion_velocity`); None if t-1 is the keyframe.
+        third_last: splats of frame t-3 of the same group (with `settings.motion_acceleration`); None if there is none.
         warm_start: `InterframeResult.motion` of frame t-1 (with `settings.motion_warm_start`).
         seed: equal seeds and inputs give equal splats, bit for bit.
         progress: called with completed and total steps and `phase` ("motion" or "fine-tune"), and regularly also with
@@ -103,6 +105,7 @@ def train_interframe(
     warped, motion = _move(
         previous,
         before_previous,
+        third_last,
         warm_start,
         views,
         settings,
@@ -133,6 +136,7 @@ def train_interframe(
 def _move(
     previous: Gaussians,
     before_previous: Gaussians | None,
+    third_last: Gaussians | None,
     warm_start: dict[str, Tensor] | None,
     views: Sequence[TrainingView],
     settings: TrainSettings,
@@ -149,6 +153,9 @@ def _move(
     start = previous.means
     if settings.motion_velocity and before_previous is not None:
         velocity = previous.means - before_previous.means
+        if settings.motion_acceleration and third_last is not None:
+            earlier = before_previous.means - third_last.means
+            velocity = velocity + settings.motion_acceleration * (velocity - earlier)
         if settings.motion_velocity_neighbors:
             velocity = local_median(velocity, neighbors(previous.means, settings.motion_velocity_neighbors))
         # Nothing would ever stop splats that are too faint to be drawn: they have no gradients.
@@ -164,7 +171,8 @@ def _move(
     optimizer = field.optimizer(settings.motion_learning_rate)
     rates = [group.rate for group in optimizer.groups]
     corners = field.corners(previous.means)
-    stepper = Stepper(views, settings, generator)
+    at_half_size = round(settings.motion_half_size * iterations)
+    stepper = Stepper([view.half_size() for view in views] if at_half_size else views, settings, generator)
     near = neighbors(previous.means, settings.motion_neighbors) if settings.motion_neighbors else None
 
     def rotated_quats(means: Tensor) -> Tensor:
@@ -174,6 +182,8 @@ def _move(
 
     quats = rotated_quats(start)
     for iteration in range(1, iterations + 1):
+        if iteration == at_half_size + 1:
+            stepper.views = views
         moved = replace(previous, means=start + field(corners), quats=quats)
         if iteration % _ROTATE_EVERY == 0:
             quats = rotated_quats(moved.means)

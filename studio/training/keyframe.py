@@ -8,10 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from studio.dilation import DILATION
 from studio.errors import StudioError
 from studio.gaussians import SH_C0, Gaussians
 from studio.progress import ProgressFn, no_progress
+from studio.training.attribution import Shares, shares
 from studio.training.densify import density_control
+from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import Refinement
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
@@ -27,13 +30,14 @@ _FIRST_OPACITY = 0.1
 _FIGURES_EVERY = 20
 
 
-def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int) -> Gaussians:
+def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int, dilation: float = DILATION) -> Gaussians:
     """Initial splats as in 3DGS: isotropic, with the mean distance to the three nearest points as scale.
 
     Args:
         points: (N, 3) world positions, N >= 4.
         colors: (N, 3) RGB in 0 to 1.
         sh_degree: 0 to 3; coefficients above degree 0 start at zero.
+        dilation: that they are drawn with, square pixels.
 
     Raises:
         StudioError: `training.too_few_points`: fewer than four points; `training.points_not_finite`: a coordinate is
@@ -66,7 +70,7 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int) -> Gaussia
     sh = torch.zeros(n, (sh_degree + 1) ** 2, 3, device=points.device)
     sh[:, 0] = (colors.float() - 0.5) / SH_C0
     logit = torch.full((n,), _FIRST_OPACITY, device=points.device).logit()
-    return Gaussians(points.float(), quats, size.log()[:, None].repeat(1, 3), logit, sh)
+    return Gaussians(points.float(), quats, size.log()[:, None].repeat(1, 3), logit, sh, dilation)
 
 
 def scene_extent(points: Tensor) -> float:
@@ -80,15 +84,6 @@ def scene_extent(points: Tensor) -> float:
 def keyframe_steps(settings: TrainSettings, splats: int) -> int:
     """Number of training steps of a keyframe that has `splats` splats when pruning begins."""
     return settings.keyframe_iterations + prune_rounds(settings, splats) * settings.prune_finetune_iterations
-
-
-def prune_rounds(settings: TrainSettings, splats: int) -> int:
-    """Number of pruning rounds: at least `settings.prune_rounds`, and enough to reach `settings.max_splats`."""
-    rounds = 0
-    while rounds < settings.prune_rounds or splats > settings.max_splats:
-        splats -= max(1, int(splats * settings.prune_ratio))
-        rounds += 1
-    return rounds
 
 
 def train_keyframe(
@@ -156,9 +151,9 @@ class _Run:
         self._generator = torch.Generator().manual_seed(seed)
         self._stepper = Stepper(views, settings, self._generator)
         self._refinement = Refinement(self._stepper, settings)
-        start = initial_gaussians(points, colors, settings.sh_degree)
+        start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
-        self._density = density_control(len(start), self._extent, settings, points.device)
+        self._density = density_control(len(start), self._extent, settings, points.device, self._shares)
         self.done = 0
         self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
         self._pruned = 0
@@ -183,10 +178,21 @@ class _Run:
         self._refine()
         due = settings.keyframe_iterations + self._pruned * settings.prune_finetune_iterations
         if self._pruned < self._rounds and self.done == due:
-            prune_by_opacity(self.optimizer, settings.prune_ratio)
+            self._prune()
             self._pruned += 1
         if settings.prune_finetune_iterations:
             self._advance(self.optimizer.gaussians, None)
+
+    def _shares(self, gaussians: Gaussians) -> Shares:
+        return shares(gaussians, self._stepper.views)
+
+    def _prune(self) -> None:
+        optimizer, settings = self.optimizer, self._settings
+        if settings.prune_by == "contribution":
+            worth = self._shares(optimizer.gaussians.detach()).weight
+        else:
+            worth = optimizer.gaussians.logit_opacities.detach()
+        prune(optimizer, worth, pruned_in_round(settings, len(optimizer), self._pruned))
 
     def _refine(self) -> None:
         """Refine the mattes if due, and set the dropout."""
@@ -278,9 +284,7 @@ class _Run:
             ) from None
 
 
-def prune_by_opacity(optimizer: SplatOptimizer, ratio: float) -> None:
-    """Remove the fraction `ratio` of the splats with the lowest opacity: at least one splat, but never all."""
-    count = len(optimizer)
-    drop = min(count - 1, max(1, int(count * ratio)))
-    order = torch.argsort(optimizer.gaussians.logit_opacities.detach(), stable=True)
-    optimizer.keep(order[drop:].sort().values)
+def prune(optimizer: SplatOptimizer, worth: Tensor, count: int) -> None:
+    """Remove the `count` splats with the lowest `worth`, (N,); the others keep their order."""
+    order = torch.argsort(worth, stable=True)
+    optimizer.keep(order[count:].sort().values)

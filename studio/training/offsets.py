@@ -92,6 +92,7 @@ class SplatOffsets:
             selected.log_scales + self.log_scales,
             selected.logit_opacities + self.logit_opacities,
             selected.sh + self.sh,
+            selected.dilation,
         )
 
     def to_tensors(self) -> dict[str, Tensor]:

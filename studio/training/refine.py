@@ -115,7 +115,7 @@ class Refinement:
         if self._splats is None:
             return {}
         decided = {"refined": torch.tensor(bool(self.refined)), "siting_shift": torch.tensor(self._siting_shift)}
-        return {**decided, **{f"splats.{name}": value for name, value in self._splats.items()}}
+        return {**decided, **{f"splats.{name}": value for name, value in self._splats.state_dict().items()}}
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Continue from a `state()`, bit for bit."""
@@ -123,6 +123,6 @@ class Refinement:
             return
         parts = {name.removeprefix("splats."): value for name, value in state.items() if name.startswith("splats.")}
         device = self._stepper.views[0].device
-        splats = Gaussians(**{name: value.to(device) for name, value in parts.items()})
+        splats = Gaussians.from_state_dict(parts).to(device)
         self.refined, self._siting_shift = bool(state["refined"]), float(state["siting_shift"])
         self._set(splats, [drawn_matte(splats, view) for view in self._stepper.views] if self.refined else [])

@@ -6,6 +6,7 @@ Kheradmand et al., "3D Gaussian Splatting as Markov Chain Monte Carlo", 2024.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -133,4 +134,4 @@ def _shared(gaussians: Gaussians, chosen: Tensor) -> Gaussians:
     opacity, factor = shared_opacity_and_scale(picked.opacities, copies)
     opacity = opacity.clamp(_DEAD, 1 - 1e-6)
     log_scales = picked.log_scales + factor.log()[:, None]
-    return Gaussians(picked.means, picked.quats, log_scales, torch.logit(opacity), picked.sh)
+    return replace(picked, log_scales=log_scales, logit_opacities=torch.logit(opacity))

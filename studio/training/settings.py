@@ -6,7 +6,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from studio.settings import Affects, Heading, Settings
+from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
+from studio.settings import Affects, Heading, Settings, Unbounded
 
 GROUP_SIZE = 20
 """Frames per group in the paper."""
@@ -65,6 +66,12 @@ class TrainSettings(Settings):
     scale_reg: float = Field(default=0.2, ge=0)
     """Keyframe: weight of the mean scale relative to the performer's size (Kheradmand et al. 2024, section 4.4)."""
 
+    dilation: float = Field(default=DILATION, ge=MIN_DILATION, le=MAX_DILATION)
+    """Added to the 2D covariance of each splat wherever it is drawn, in square pixels of that picture, here of the
+    training images. Below 0.3, outlines and details are sharper, above all in pictures of another size than the
+    training images. The stream carries the value, and the players here draw with it. Viewers of exported splats assume
+    0.3."""
+
     background: Literal["random", "black", "white"] = "random"
     """Background color behind the performer during training. random: a new color at each step, from which splats learn
     their coverage."""
@@ -119,6 +126,11 @@ class TrainSettings(Settings):
     camera_color_every: int = Field(default=150, ge=1)
     """Steps after which they are fitted again."""
 
+    color_chart_frame: Annotated[int | None, Unbounded("frame numbers are those of the footage")] = None
+    """With camera_colors: frame in which cameras see a ColorChecker Classic (24 patches), counted as capture.start
+    counts; it may lie before that. The matrices are then fitted to its patches instead of to splats. Cameras that do
+    not see it are not corrected. `v3studio colors` shows what is found. null: no chart."""
+
     crop_margin: Annotated[float, Heading("Crops")] = Field(default=0.15, ge=0, le=10)
     """Padding of the performer's bounding box that images are cropped to, as a fraction of the box size (16 pixels are
     added)."""
@@ -126,9 +138,13 @@ class TrainSettings(Settings):
     keyframe_iterations: Annotated[int, Heading("Keyframe")] = Field(default=12_000, ge=1)
     """Training steps of the keyframe before pruning."""
 
-    strategy: Literal["default", "mcmc"] = "default"
+    strategy: Literal["default", "mcmc", "error"] = "default"
     """Densification strategy. default: clone and split, as in 3DGS. mcmc: relocate dead splats and grow to
-    densify_max_splats (Kheradmand et al. 2024)."""
+    densify_max_splats (Kheradmand et al. 2024). error: move splats that hardly contribute to where the pictures are
+    wrong, and grow to densify_max_splats."""
+
+    relocate_ratio: float = Field(default=0.05, ge=0, lt=1)
+    """Strategy error: fraction of the splats that each densification moves."""
 
     mcmc_noise: float = Field(default=1.0, ge=0)
     """Strength of the exploration noise of strategy mcmc; 1 as published."""
@@ -143,13 +159,13 @@ class TrainSettings(Settings):
     """Steps between densifications."""
 
     densify_gradient: float = Field(default=2e-4, gt=0)
-    """Mean screen-space gradient (NDC) above which a splat is cloned or split."""
+    """Strategy default: mean screen-space gradient (NDC) above which a splat is cloned or split."""
 
     densify_max_splats: int = Field(default=300_000, ge=1)
     """No densification above this number of splats (before pruning)."""
 
     opacity_reset_every: int = Field(default=3_000, ge=1)
-    """Steps between opacity resets; none in the last quarter of densification."""
+    """Strategy default: steps between opacity resets; none in the last quarter of densification."""
 
     sh_degree_every: int = Field(default=1_000, ge=1)
     """Steps after which the next degree of the spherical harmonics is added to training, up to sh_degree."""
@@ -157,11 +173,16 @@ class TrainSettings(Settings):
     prune_ratio: Annotated[float, Heading("Pruning")] = Field(default=0.3, gt=0, lt=1)
     """Fraction of the splats, lowest opacity first, removed in each pruning round. The paper uses 0.3."""
 
+    prune_by: Literal["opacity", "contribution"] = "opacity"
+    """Which splats are removed: those with the lowest opacity, as in the paper, or those that contribute least to what
+    the training cameras see (the sum of their blending weights)."""
+
     prune_rounds: int = Field(default=1, ge=0, le=50)
     """Minimum number of pruning rounds; more follow until there are at most max_splats."""
 
     max_splats: int = Field(default=100_000, ge=1, le=10_000_000)
-    """Maximum number of splats after pruning. The paper stays below 100,000."""
+    """Maximum number of splats after pruning. Rounds after prune_rounds remove no more than needed for it. The paper
+    stays below 100,000."""
 
     prune_finetune_iterations: int = Field(default=2_000, ge=0)
     """Training steps after each pruning round, without densification."""
@@ -185,6 +206,14 @@ class TrainSettings(Settings):
     motion_velocity_neighbors: Annotated[int, _LATER] = Field(default=24, ge=0, le=1000)
     """Use the median velocity of each splat and this many nearest neighbors, which removes the noise of single splats.
     0: each splat's own velocity."""
+
+    motion_acceleration: Annotated[float, _LATER] = Field(default=0.0, ge=0, le=1)
+    """Fraction of the last change of the velocity that the first guess adds to the velocity, from the third frame after
+    a keyframe on, with motion_velocity. 0: constant velocity."""
+
+    motion_half_size: Annotated[float, _LATER] = Field(default=0.0, ge=0, le=1)
+    """Fraction of the motion steps, from the first one, that compare images at half their width and height, which takes
+    30% less time (docs/measurements/training.md). 0: all steps at full size, as in the paper."""
 
     motion_warm_start: Annotated[bool, _LATER] = False
     """Initialize the network with the previous frame's weights (and without the velocity) instead of from scratch."""

@@ -23,6 +23,7 @@ class SplatOptimizer:
     def __init__(self, gaussians: Gaussians, rates: LearningRates, extent: float, train_means: bool = True) -> None:
         self._rates = rates
         self._extent = extent
+        self._dilation = gaussians.dilation
         self._leaves = {
             name: tensor.detach().clone().contiguous().requires_grad_(name != "means" or train_means)
             for name, tensor in _by_leaf(gaussians).items()
@@ -49,8 +50,8 @@ class SplatOptimizer:
         sh = self._leaves["sh_dc"]
         if "sh_rest" in self._leaves:
             sh = torch.cat([sh, self._leaves["sh_rest"]], dim=1)
-        leaves = self._leaves
-        return Gaussians(leaves["means"], leaves["quats"], leaves["log_scales"], leaves["logit_opacities"], sh)
+        parts = {name: self._leaves[name] for name in ("means", "quats", "log_scales", "logit_opacities")}
+        return Gaussians(**parts, sh=sh, dilation=self._dilation)
 
     def set_means_progress(self, fraction: float) -> None:
         """Set the exponentially decayed rate of the means; `fraction` is 0 at the first step and 1 at the last."""

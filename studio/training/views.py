@@ -19,6 +19,10 @@ CACHED_PIXELS = 400_000
 bytes per pixel."""
 
 
+_INSIDE = 0.99
+_BORDER = 2  # pixels of the outline that are not used: mattes and splats are soft there
+
+
 class TrainingView:
     """One camera's image of one frame.
 
@@ -133,6 +137,30 @@ class TrainingView:
         view.color = matrix.to(self.device, torch.float32)
         return view
 
+    def half_size(self) -> TrainingView:
+        """The same view at half the width and height: means of 2x2 pixels, without an odd last row or column.
+
+        Without a plate, pixels of the image count as much as the performer covers them, so that `composited` is the
+        mean as well. The chroma grid does not fit the smaller image and is dropped.
+        """
+        width, height = self.camera.width // 2, self.camera.height // 2
+        camera = self.camera.cropped(0, 0, 2 * width, 2 * height).resized(width, height)
+        covered = self.matte[..., None]
+        matte = _halved(covered)
+        if self._plate is None:
+            image = _halved(self.image * covered) / matte.clamp_min(1e-6)
+        else:
+            image = _halved(self.image)
+
+        def stored(half: Tensor) -> Tensor:
+            return half if self._image.is_floating_point() else (half * 255 + 0.5).to(torch.uint8)
+
+        plate = None if self.plate is None else stored(_halved(self.plate))
+        size = (self.full_size[0] // 2, self.full_size[1] // 2)
+        view = TrainingView(camera, stored(image), stored(matte)[..., 0], size, plate)
+        view.color = self.color
+        return view
+
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3) target image over a (3,) background color.
 
@@ -162,6 +190,11 @@ def _floats(image: Tensor) -> Tensor:
     return image if image.is_floating_point() else image / 255
 
 
+def _halved(image: Tensor) -> Tensor:
+    """(H // 2, W // 2, C) means of 2x2 pixels of an (H, W, C) image of floats."""
+    return torch.nn.functional.avg_pool2d(image.permute(2, 0, 1), 2).permute(1, 2, 0).contiguous()
+
+
 def surroundings(matte: Tensor) -> Tensor:
     """(H, W) mask, 1 on and around the performer: the matte dilated by 2% of the performer's size, at least 4 px."""
     inside = matte > 0.5
@@ -172,6 +205,13 @@ def surroundings(matte: Tensor) -> Tensor:
         size, padding = [2 * reach * on + 1 for on in axis], [reach * on for on in axis]
         grown = torch.nn.functional.max_pool2d(grown, size, stride=1, padding=padding)
     return grown[0, 0]
+
+
+def interior(matte: Tensor) -> Tensor:
+    """(H, W) bool: at least two pixels from the outline; all of a performer that is too thin to have an inside."""
+    inside = (matte > _INSIDE).float()
+    eroded = 1 - torch.nn.functional.max_pool2d(1 - inside[None, None], 2 * _BORDER + 1, 1, _BORDER)[0, 0]
+    return eroded > 0.5 if bool((eroded > 0.5).any()) else matte > 0.5
 
 
 def matte_box(matte: np.ndarray, margin: float, name: str) -> tuple[int, int, int, int]:

@@ -200,8 +200,8 @@ class RunningWindow:
     def across_frame(self, frame: int) -> float:
         """Position of a frame on the timeline widget, 0 to 1."""
         state = self.states()[-1]
-        left, width = state["timeline_left"], state["widgets"]["timeline"][2]
-        return float((left + (frame + 0.5) / state["frames"] * (width - left)) / width)
+        left, width = state["timeline_left"], state["timeline_width"]
+        return float((left + (frame + 0.5) / state["frames"] * width) / state["widgets"]["timeline"][2])
 
     def stage(self, name: str) -> None:
         """Click a stage in the list."""
@@ -211,10 +211,20 @@ class RunningWindow:
         # during playback there is always another picture to render
         self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)
 
+    @property
+    def _whole(self) -> str:
+        """The widget whose upper left corner is that of the window's content."""
+        return "start page" if self.states() and self.states()[-1]["start"] else "stages"
+
+    def choose(self, name: str) -> None:
+        """Click a part of the start page."""
+        self.wait_for(f"{name} on the start page", lambda s: name in s["start_places"])
+        self.click("start page", *self.states()[-1]["start_places"][name])
+
     def menu(self, title: str, row: int, separators: int = 0) -> None:
         """Choose an item of a menu by its row and the number of separators above it. The toolkit draws menus without
         reporting their frames; the offsets were measured at its default font size."""
-        left, top = self.point("stages", 0.0, 0.0)
+        left, top = self.point(self._whole, 0.0, 0.0)
         middles = {"File": 22, "Edit": 61, "View": 104, "Mark": 151, "Export": 203, "Share": 257, "Help": 306}
         across = left + middles[title]
         self.press(across, top - 12)
@@ -239,11 +249,11 @@ class RunningWindow:
 
     def drag(self, widget: str, start: tuple[float, float], end: tuple[float, float], button: int = 1) -> None:
         """Drag across a widget in steps."""
-        self.send("mousemove", *self.point(widget, *start))
+        first, last = self.point(widget, *start), self.point(widget, *end)
         places = [
-            self.point(widget, *(a + step / 8 * (b - a) for a, b in zip(start, end, strict=True)))
-            for step in range(1, 9)
+            tuple(round(a + step / 8 * (b - a)) for a, b in zip(first, last, strict=True)) for step in range(1, 9)
         ]
+        self.send("mousemove", *first)
         self.send("mousedown", button)
         for place in places:
             self.send("mousemove", *place)
@@ -270,7 +280,7 @@ class RunningWindow:
         """Press a key, with the pointer in the window, because there is no window manager to give it the focus."""
         if not self._entered:
             self._entered = True
-            self.send("mousemove", *self.point("stages", 0.9, 0.98))
+            self.send("mousemove", *self.point(self._whole, 0.9, 0.98))
         self.send("keydown", name)
         self.send("keyup", name)
 

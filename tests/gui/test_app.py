@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -79,13 +80,13 @@ sys.exit(main())
 """
 
 
-def test_a_window_survives_a_callback_that_fails(open_window: Callable) -> None:
-    window = open_window(program=("-c", FAILING))
-    window.wait_for("a window", lambda s: s["pictures"] >= 0)
+def test_a_window_survives_a_callback_that_fails(open_window: Callable, stream_folder: Path) -> None:
+    window = open_window(str(stream_folder), program=("-c", FAILING))
+    window.wait_for("a window", lambda s: s["shown"] is not None)
     window.key("space")
-    window.wait_for("the message", lambda s: s["dialog"] == "message")
-    window.click("dialog close")
-    window.wait_for("no message", lambda s: not s["dialog"])
+    window.wait_for("the message", lambda s: "the space bar is stuck" in s["notice"])
+    window.click("notice dismiss")
+    window.wait_for("no message", lambda s: s["notice"] == "")
     assert "RuntimeError: the space bar is stuck" in window.stderr.read_text()
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 

@@ -34,7 +34,8 @@ def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, art
     window.click("numbers")
     window.wait_for("kinds", lambda s: s["dialog"] == "edit kinds")
     window.click("dialog choice1")
-    window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"])
+    state = window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"])
+    assert state["widgets"]["dialog height"][2] >= 16 * 16, "16 em: three numbers can be read"
     window.enter_text("dialog height", "0.1")
     window.key("Return")
     window.wait_for("a ground", lambda s: s["dialog"] == "" and "ground" in s["edits"])

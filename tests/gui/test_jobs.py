@@ -388,3 +388,19 @@ def test_a_run_on_a_cluster_is_not_paused(workspace: Workspace, take_copy: Path)
         assert "on a cluster cannot be paused" in workspace.message
         assert (workspace.paused, is_paused(child.pid)) == (False, False)
         child.kill()
+
+
+def test_time_left_is_not_told_before_it_is_known() -> None:
+    run = RunState()
+    run.apply(StageStarted(stage="train", reason="never run"))
+    run.apply(Progress(stage="train", fraction=0.01, seconds_left=None))
+    assert run.stage_words() == "1%, estimating"
+
+
+def test_the_log_has_a_line_about_what_is_no_run() -> None:
+    workspace = Workspace()
+    before = workspace.run.changes
+    workspace.note("Shared: pages/one")
+    workspace.note("Share failed: the disk is full", failed=True)
+    assert list(workspace.run.lines) == [("", "Shared: pages/one"), ("error", "Share failed: the disk is full")]
+    assert workspace.run.changes > before, "the panel draws it"

@@ -17,7 +17,8 @@ from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.mark_views import show_view, view_of
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import TimelinePlots, plots_of
-from gui.presenters.run.inspector import figures_picture, log_lines, review_blocks
+from gui.presenters.run.inspector import figures_picture, review_blocks
+from gui.presenters.run.log import LogRow, log_rows
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
@@ -108,7 +109,7 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished_
     player.transport.seek(3)
     settle(player)
     shown = {block.title: dict(block.rows) for block in review_blocks(player, evaluation, Marks(None), 1.0)}
-    quality = shown["Quality, mean of 1 camera"]
+    quality = shown["Quality, mean of held-out cameras"]
     assert quality["PSNR trained"] == f"{row['psnr_trained']:.2f} dB"
     assert quality["PSNR decoded"] == f"{row['psnr_decoded']:.2f} dB"
     assert quality["SSIM decoded"] == f"{row['ssim_decoded']:.4f}"
@@ -117,7 +118,7 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished_
     assert float(shown["Speed"]["decode"].split()[0]) > 0
     assert evaluation.series("psnr_decoded", 7) == [*(one["psnr_decoded"] for one in written["frames"]), None, None]
     figures, whose = evaluation.figures(3, "cam4")
-    assert (whose, figures["psnr_decoded"]) == ("cam4", row["cameras"]["cam4"]["psnr_decoded"])
+    assert (whose, figures["psnr_decoded"]) == ("camera cam4", row["cameras"]["cam4"]["psnr_decoded"])
     assert evaluation.figures(99) == ({}, "")
 
 
@@ -223,12 +224,13 @@ def test_plots_show_the_frame_and_clicks_find_it() -> None:
 
 def test_long_log_lines_are_broken_and_nothing_is_lost() -> None:
     text = "a_long_path_without_any_break_" * 20
-    lines = log_lines([("", text), ("error", "short")], 200, 16.0)
-    assert "".join(part for kind, part in lines if kind == "") == text
-    assert lines[-1] == ("error", "error  short")
+    rows = log_rows([("", text), ("error", "short")], 300, 16.0)
+    assert "".join(row.text for row in rows if row.kind == "") == text
+    assert (rows[-1].kind, rows[-1].text, rows[-1].clock) == ("error", "Error: short", "")
     noon = datetime(2024, 5, 17, 12, 0, 1).timestamp()
-    timed = log_lines([("warning", "word " * 30), ("", "later")], 200, 16.0, [noon, noon + 61])
-    assert timed[0][1].startswith("12:00:01 warning  word")
-    assert all(kind == "warning" and part.startswith("   ") for kind, part in timed[1:-1])
-    assert timed[-1] == ("", "12:01:02  later")
+    timed = log_rows([("warning", "word " * 30), ("", "later")], 300, 16.0, [noon, noon + 61])
+    assert timed[0].text.startswith("Warning: word")
+    assert timed[0].clock == "12:00:01"
+    assert all(row.kind == "warning" and not row.clock and not row.first for row in timed[1:-1])
+    assert timed[-1] == LogRow("", "later", "12:01:02", True)
     assert figures_picture([], 100, 50, 16.0).shape == (50, 100, 3)

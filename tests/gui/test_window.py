@@ -55,7 +55,7 @@ def test_plays_seeks_turns_and_closes(
     window.wait_for("the next group", lambda s: s["frame"] == 8 and s["shown"] == 8)
     window.click("timeline", window.across_frame(5), 0.9)
     before = window.wait_for("frame 5 by a click", lambda s: s["frame"] == 5 and s["shown"] == 5)
-    window.drag("timeline", (window.across_frame(1), 0.3), (window.across_frame(10), 0.3))
+    window.drag("timeline", (window.across_frame(1), 0.6), (window.across_frame(10), 0.6))
     window.wait_for("frame 10 by a drag", lambda s: s["frame"] == 10 and s["shown"] == 10)
 
     # the screen shows the colors of the body, and orbiting changes them
@@ -77,11 +77,15 @@ def test_plays_seeks_turns_and_closes(
 
 def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path: Path, artifacts: Path) -> None:
     window = open_window(str(tmp_path))
-    state = window.wait_for("a message", lambda s: "neither a take" in s["message"])
+    state = window.wait_for("a notice on the start page", lambda s: "neither a take" in s["notice"] and s["start"])
     assert state["shown"] is None
     shot = artifacts / "window_message.png"
-    seen = window.inside("viewport")
-    wait_until("on the screen", lambda: int((_pixels(window.screenshot(shot))[seen].min(-1) > 150).sum()) > 300)
+    across, down = window.point("notice copy")
+    seen = slice(down - 45, down - 15), slice(across - 40, across + 300)  # the text is above the buttons
+    # (222, 110, 102): the color of failures
+    wait_until("on the screen", lambda: int((_pixels(window.screenshot(shot))[seen][..., 0] > 190).sum()) > 300)
+    window.key("Escape")
+    window.wait_for("no notice", lambda s: s["notice"] == "" and s["start"])
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 

@@ -111,6 +111,11 @@ def test_nothing_overlaps_and_nothing_is_cut_off(
     window.wait_for("paused", lambda s: not s["playing"])
     window.click("difference")
     window.wait_for("a comparison", lambda s: s["compare"] == "difference")
+    if width > 960:
+        window.key("j")
+        window.wait_for("the log, and no strip of the figures", lambda s: "inspector" not in s["widgets"])
+        window.key("j")
+        window.wait_for("the figures again", lambda s: "inspector" in s["widgets"])
     window.key("i")
     state = window.wait_for("the other state", lambda s: s["figures"] == (width <= 960))
     state = window.wait_for("its panels", lambda s: ("inspector" in s["widgets"]) == (width <= 960) and s["settled"])
@@ -121,7 +126,9 @@ def test_nothing_overlaps_and_nothing_is_cut_off(
 
 
 def _check_frames(state: dict[str, Any], width: int, height: int) -> None:
-    frames = {name: np.array(frame) for name, frame in state["widgets"].items() if not name.startswith("dialog")}
+    frames = {
+        name: np.array(frame) for name, frame in state["widgets"].items() if not name.startswith(("dialog", "hint"))
+    }
     frames = {name: frame for name, frame in frames.items() if not name.startswith("setting") and frame[2] > 0}
     assert len(frames) > 15
     for one, a in frames.items():

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 STAGES = ("capture", "calibrate", "initialize", "train", "bake", "review")
-SETTLED = 60.0
+SETTLED = 120.0
 """Seconds in which a view must have drawn its picture, or have said why it has none, on a busy machine."""
 
 
@@ -92,13 +92,16 @@ def main(paths: Path, results: Path) -> int:
             for path in json.loads(paths.read_text()):
                 print(f"== {path}", file=sys.stderr, flush=True)
                 before = self.player.opened
-                self.notices.clear()
+                while self.notices.dismiss():
+                    pass
+                self.notices.clear("open")
                 self.player.message = ""
                 self.open(path)
                 while self.opening:
                     yield
                 said = [self.player.message, self.notices.text]
                 opened, late = self.player.opened is not before, []
+                self.player.transport.pause()  # while it plays, a slow view always has the next frame to draw
                 for stage in STAGES if opened else ():
                     self.select(stage)
                     self.player.transport.seek(self.player.transport.last)
@@ -111,6 +114,7 @@ def main(paths: Path, results: Path) -> int:
                     said += [self.views.message, self.workspace.message, self.stages.error.text]
                     said += [self.stages.error.text, *self.player.left_out]
                 said += [words for row in self.workspace.rows() for words in (row.words, row.detail)]
+                said.append(self.notices.text)  # what failed since
                 texts = tuple(dict.fromkeys(filter(None, said)))
                 row = Shown(path, opened, texts, self.dialogs.name, tuple(late))
                 with results.open("a") as file:

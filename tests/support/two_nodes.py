@@ -30,7 +30,7 @@ cpus = int(sys.argv[1])
 cluster = Cluster(initialize_head=True, head_node_args={"wait": False, "num_cpus": cpus, "include_dashboard": False})
 second = cluster.add_node(wait=False, num_cpus=cpus)
 cluster.wait_for_nodes(600)
-print("ready", cluster.address, flush=True)
+print("ready", cluster.address, second.node_id[:4], flush=True)
 for line in sys.stdin:
     if line.strip() == "kill":
         cluster.remove_node(second, allow_graceful=False)
@@ -46,11 +46,12 @@ class TwoNodes:
 
     Attributes:
         address: of the head node.
+        second: what the name of the second node ends with in events.
     """
 
     def __init__(self, process: subprocess.Popen[str], errors: IO[str]) -> None:
         self._process, self._errors = process, errors
-        self.address = self._answer("ready")
+        self.address, self.second = self._answer("ready").split()
 
     def kill_second(self) -> None:
         """Kill all processes of the second node, as when its power fails."""

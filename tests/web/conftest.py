@@ -70,10 +70,18 @@ class _Chromium:
     def __init__(self, playwright: Any) -> None:
         self._playwright = playwright
         self._running: Any = None
+        self._failure: str | None = None
 
     def get(self) -> Any:
+        """Raises at once after a start that failed, since each further one would wait for its minutes, too."""
+        if self._failure is not None:
+            pytest.fail(f"Chromium did not start for an earlier test: {self._failure}")
         if self._running is None or not self._running.is_connected():
-            self._running = self._playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            try:
+                self._running = self._playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            except Exception as error:
+                self._failure = str(error).splitlines()[0]
+                raise
         return self._running
 
     def kill(self) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -96,15 +97,19 @@ def bake(
     ladder: Sequence[int] = (),
     paged: bool = False,
     clicks: Sequence[float] | None = None,
+    dilations: Sequence[float] = (),
     **options: Any,
 ) -> Path:
     """Bake a stream of the figure into a folder; `ladder`: QPs of its renditions, `paged`: all groups but one in a
-    page, `clicks`: sound with clicks at these times, `options`: further settings."""
+    page, `clicks`: sound with clicks at these times, `dilations`: of each group, `options`: further settings."""
     rungs = tuple(Rung(qp=one) for one in ladder)
     settings = BakeSettings(profile=profile, qp=qp, preset="ultrafast", ladder=rungs, **options)  # type: ignore[arg-type]
     entries, first = [], 0
     for index, frames in enumerate(lengths):
-        entries.append(bake_group(body(frames, splats + 40 * index, degree, index), folder, index, first, settings))
+        figure = body(frames, splats + 40 * index, degree, index)
+        if dilations:
+            figure = [replace(frame, dilation=dilations[index]) for frame in figure]
+        entries.append(bake_group(figure, folder, index, first, settings))
         first += frames
     view = {"suggested_camera": camera(0).to_dict(), "up": [0.0, -1.0, 0.0], "background": [0.0, 0.0, 0.0]}
     audio = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import functools
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -52,6 +53,24 @@ def test_ten_cameras_see_what_the_rasterizer_draws(site, baked, open_page, ten_p
         found.append(psnr(page.picture(support.camera_values(view), background), drawn))
     assert page.renderer == renderer
     assert min(found) >= PSNR, found
+
+
+@pytest.mark.parametrize("profile", ["motion", "planes"])
+@pytest.mark.parametrize("renderer", ["webgl2", "webgpu"])
+def test_each_group_is_drawn_with_its_dilation(site, baked, open_page, renderer, profile):
+    """In a small picture, where splats are about a pixel wide, it shows."""
+    shutil.copytree(baked(profile=profile, dilations=(0.05, 0.9)), site.stream)
+    page = open_page(f"?renderer={renderer}&t=0")
+    view = support.camera(70, distance=2.6, size=(64, 80))
+    python = support.PythonFrames(site.stream)
+    for frame, dilation in ((2, 0.05), (6, 0.9), (3, 0.05)):
+        gaussians = python.gaussians(frame)
+        assert gaussians.dilation == dilation
+        page.seek_frame(frame)
+        found = page.picture(support.camera_values(view))
+        assert psnr(found, support.draw(gaussians, view)) >= PSNR
+        assert psnr(found, support.draw(replace(gaussians, dilation=0.3), view)) < PSNR - 10  # it would be seen
+    python.close()
 
 
 def test_webgl2_takes_over_when_the_webgpu_device_is_lost(site, baked, open_page, ten_pictures):

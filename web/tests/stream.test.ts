@@ -251,6 +251,7 @@ void test("manifests out of bounds are refused with the place", () => {
       channels: { offset: number; step: number }[];
       blocks: { radius: number };
       bytes: number;
+      dilation?: unknown;
     }[];
   };
   const edit = (change: (values: Edit) => void) => (values: unknown) => {
@@ -262,6 +263,7 @@ void test("manifests out of bounds are refused with the place", () => {
   refused(edit((v) => (v.groups[0].side.path = "/etc/passwd")), /groups\.0\.side\.path/);
   refused(edit((v) => (v.groups[1].side.path = v.groups[0].side.path)), /path twice/);
   refused(edit((v) => (v.groups[0].channels[2].step = 0)), /channels\.2\.step/);
+  for (const dilation of [0, 1.5, -0.1, null, "0.1"]) refused(edit((v) => (v.groups[1].dilation = dilation)), /groups\.1\.dilation/);
   refused(edit((v) => (v.groups[0].blocks.radius = 1e-300)), /groups\.0\.blocks\.radius/);
   refused(edit((v) => (v.groups[0].channels[6].offset = 90)), /groups\.0.*log_scale_0 beyond/);
   refused(edit((v) => (v.groups[0].channels[10].step = 1e9)), /groups\.0.*sh_0_y beyond/);
@@ -289,6 +291,17 @@ void test("a manifest of version 3 has groups in renditions and in pages", () =>
   assert.throws(() => parsePage(text.replaceAll('"qp34"', '"qp35"'), page, manifest), /id/);
   assert.throws(() => parsePage("[]", page, manifest), /StreamError|not an object|object/);
   assert.throws(() => parsePage('{"format":"v3studio-stream-page","groups":[]}', page, manifest), /groups/);
+});
+
+void test("a group without a dilation has that of 3DGS", () => {
+  const text = new TextDecoder().decode(bytes("planes.json"));
+  const read = (dilation?: number): number => {
+    const values = JSON.parse(text) as { groups: { dilation?: number }[]; total_bytes: number };
+    if (dilation !== undefined) values.groups[0].dilation = dilation;
+    values.total_bytes += JSON.stringify(values).length - text.length;
+    return parseManifest(JSON.stringify(values), JSON.stringify(values).length).groups[0][0].dilation;
+  };
+  assert.deepEqual([read(), read(0.001), read(0.05), read(1)], [0.3, 0.001, 0.05, 1]);
 });
 
 void test("manifests of version 3 out of bounds are refused", () => {

@@ -26,16 +26,23 @@ def _font(size: int, mono: bool) -> Any:
     return ImageFont.load_default(size)
 
 
-@lru_cache(maxsize=4096)
+KEPT_TEXTS = 1024
+"""Drawn lines of text that are kept: a few times as many as a window shows. Others come as long as numbers change."""
+
+
+@lru_cache(maxsize=KEPT_TEXTS)
 def _glyphs(text: str, size: int, mono: bool) -> np.ndarray:
-    """(h, w) float32 coverage of a line of text; the height depends only on the font size."""
+    """(h, w) uint8 coverage of a line of text, 255 = whole; the height depends only on the font size."""
     from PIL import Image, ImageDraw
 
-    font = _font(size, mono)
-    width, height = max(int(font.getlength(text) + 0.999), 1), _line_height(size, mono)
-    image = Image.new("L", (width, height))
-    ImageDraw.Draw(image).text((0, 0), text, fill=255, font=font)
-    return np.asarray(image, np.float32) / 255
+    image = Image.new("L", (_width(text, size, mono), _line_height(size, mono)))
+    ImageDraw.Draw(image).text((0, 0), text, fill=255, font=_font(size, mono))
+    return np.asarray(image)
+
+
+@lru_cache(maxsize=4096)
+def _width(text: str, size: int, mono: bool) -> int:
+    return max(int(_font(size, mono).getlength(text) + 0.999), 1)
 
 
 def _line_height(size: int, mono: bool) -> int:
@@ -45,7 +52,12 @@ def _line_height(size: int, mono: bool) -> int:
 
 def text_width(text: str, size: int, mono: bool = False) -> int:
     """Width of a line of text in pixels."""
-    return _glyphs(text, size, mono).shape[1] if text else 0
+    return _width(text, size, mono) if text else 0
+
+
+def glyph_height(size: int) -> int:
+    """Height of a line of text from the top of the highest glyph to the bottom of the lowest, pixels."""
+    return _line_height(size, mono=False)
 
 
 def fitted(text: str, size: int, width: float) -> str:
@@ -188,7 +200,7 @@ class Canvas:
         last_x, last_y = min(left + cover.shape[1], self.width), min(top + cover.shape[0], self.height)
         if last_x <= first_x or last_y <= first_y:
             return
-        part = cover[first_y - top : last_y - top, first_x - left : last_x - left, None]
+        part = cover[first_y - top : last_y - top, first_x - left : last_x - left, None] / np.float32(255)
         below = self.pixels[first_y:last_y, first_x:last_x]
         self.pixels[first_y:last_y, first_x:last_x] = np.round(below + (np.array(color, np.float32) - below) * part)
 

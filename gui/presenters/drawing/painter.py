@@ -85,13 +85,11 @@ def draw_frustum(
     color: RGB,
     picture: np.ndarray | None = None,
     thickness: int = 1,
-) -> tuple[float, float] | None:
-    """Draw a camera's frustum with its image; return the pixel of its center, None if it is behind the viewer."""
+) -> None:
+    """Draw a camera's frustum with its image."""
     center, corners = frustum(camera, length)
     if picture is not None:
         draw_quad(canvas, view, corners, picture, 0.9)
     for number in range(4):
         draw_line(canvas, view, center, corners[number], color, thickness)
         draw_line(canvas, view, corners[number], corners[(number + 1) % 4], color, thickness)
-    pixel, depth = project(view, center[None])
-    return (float(pixel[0, 0]), float(pixel[0, 1])) if depth[0] > NEAR else None

@@ -19,10 +19,16 @@ RAISED: RGB = (49, 53, 60)
 LINE: RGB = (60, 65, 73)
 """Thin lines and grids."""
 
+DIALOG: RGB = (45, 45, 45)
+"""Background of dialogs, as the toolkit draws it."""
+
+BORDER: RGB = (128, 128, 128)
+"""Border of buttons, as the toolkit draws it."""
+
 TEXT: RGB = (222, 226, 232)
-DIM: RGB = (140, 148, 160)
+DIM: RGB = (152, 160, 171)
 FAINT: RGB = (92, 99, 110)
-"""Not for text: it lacks contrast."""
+"""Not for text, as it lacks contrast, except that of buttons which cannot be pressed."""
 
 ACCENT: RGB = (86, 190, 222)
 """The accent: selection, running stages, the playhead, decoded splats."""
@@ -34,7 +40,19 @@ SECOND: RGB = (188, 193, 201)
 
 GOOD: RGB = (120, 184, 132)
 FAIR: RGB = (222, 178, 92)
-BAD: RGB = (222, 110, 102)
+BAD: RGB = (234, 132, 124)
+
+SERIES: tuple[RGB, ...] = (
+    SECOND,
+    ACCENT,
+    (242, 164, 104),
+    (160, 204, 120),
+    (214, 150, 222),
+    (232, 200, 96),
+    (126, 168, 240),
+    (240, 144, 154),
+)
+"""Of curves in one plot, in order; they repeat."""
 
 STATE_COLORS: dict[str, RGB] = {
     "done": GOOD,
@@ -45,6 +63,23 @@ STATE_COLORS: dict[str, RGB] = {
     "running": ACCENT,
     "waiting": ACCENT_DARK,
 }
+
+
+_TEXTS = {
+    "TEXT": TEXT, "DIM": DIM, "ACCENT": ACCENT, "SECOND": SECOND, "GOOD": GOOD, "FAIR": FAIR, "BAD": BAD,
+}  # fmt: skip
+_GROUNDS = {"GROUND": GROUND, "PANEL": PANEL, "RAISED": RAISED, "DIALOG": DIALOG}
+
+AXES: tuple[RGB, RGB, RGB] = (BAD, GOOD, (110, 150, 235))
+"""Colors of the x, y and z axes."""
+
+TEXT_PAIRS: tuple[tuple[str, RGB, RGB], ...] = (
+    *((f"{text} on {ground}", _TEXTS[text], _GROUNDS[ground]) for text in _TEXTS for ground in _GROUNDS),
+    ("TEXT on ACCENT_DARK", TEXT, ACCENT_DARK),
+    ("TEXT on BLACK", TEXT, BLACK),
+    *((f"GROUND on {axis}", GROUND, color) for axis, color in zip("xyz", AXES, strict=True)),
+)
+"""What text is drawn in, and on: name, color, background."""
 
 
 def unit(color: RGB) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height, text_width, wrapped
-from gui.presenters.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, RGB, TEXT
+from gui.presenters.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, FAINT, LINE, PANEL, RAISED, RGB, TEXT
 from gui.presenters.run.camera_path import PathKey
 
 THUMBNAIL = (16, 9)
@@ -163,7 +163,7 @@ class PathList:
         x = self.width - 0.5 * em - len(ROW_BUTTONS) * side
         for name in ROW_BUTTONS:
             enabled = not (name == "up" and number == 0) and not (name == "down" and number == count - 1)
-            _icon(canvas, name, x + 0.3 * em, y + 0.3 * em, 0.85 * em, TEXT if enabled else LINE)
+            _icon(canvas, name, x + 0.3 * em, y + 0.3 * em, 0.85 * em, TEXT if enabled else FAINT)
             if enabled:
                 self.areas.append(((x, y, side, side), name, number))
             x += side
@@ -180,7 +180,7 @@ class PathList:
         size, em = round(0.9 * self.em), self.em
         canvas.rect(x, y, wide, 1.7 * em, ACCENT_DARK if pressed else RAISED)
         canvas.frame(x, y, wide, 1.7 * em, LINE)
-        canvas.text(x + wide / 2, y + 0.85 * em - 0.6 * size, label, size, TEXT if on else LINE, align="middle")
+        canvas.text(x + wide / 2, y + 0.85 * em - 0.6 * size, label, size, TEXT if on else FAINT, align="middle")
 
 
 def _icon(canvas: Canvas, name: str, x: float, y: float, side: float, color: RGB) -> None:

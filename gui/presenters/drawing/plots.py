@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gui.presenters.drawing.canvas import Canvas
-from gui.presenters.drawing.palette import DIM, LINE, PANEL, RGB, TEXT
+from gui.presenters.drawing.canvas import Canvas, text_width
+from gui.presenters.drawing.palette import DIM, LINE, PANEL, RGB, SERIES, TEXT
 
 
 def ticks(low: float, high: float, count: int = 4) -> list[float]:
@@ -46,6 +46,7 @@ def curve(
     Args:
         area: x, y, width, height in the canvas.
         series: positions and values of each line.
+        color: of the value above, and of a single line; several have those of `SERIES` (`legend` names them).
         x_words: labels below the left and right ends of the axis.
     """
     x, y, width, height = area
@@ -59,7 +60,10 @@ def curve(
         np.array([(a, b) for a, b in zip(xs, ys, strict=True) if math.isfinite(a) and math.isfinite(b)])
         for xs, ys in series
     ]
-    lines = [line for line in lines if len(line)]
+    several = len(lines) > 1
+    colors = [SERIES[index % len(SERIES)] if several else color for index in range(len(lines))]
+    drawn = [(line, one) for line, one in zip(lines, colors, strict=True) if len(line)]
+    lines = [line for line, _ in drawn]
     canvas.text(left, top + high + 3, x_words[0], size, DIM)
     canvas.text(left + wide, top + high + 3, x_words[1], size, DIM, align="right")
     if not lines:
@@ -74,8 +78,28 @@ def curve(
         canvas.rect(left, row, wide, 1, LINE)
         canvas.text(left - 6, row - 0.62 * size, number(tick), size, DIM, align="right")
     span = max(x_limits[1] - x_limits[0], 1e-12)
-    for line in lines:
+    for line, own in drawn:
         across = left + wide * (line[:, 0] - x_limits[0]) / span
         down = top + high * (1 - (line[:, 1] - low) / (high_value - low))
-        canvas.line(np.column_stack([across, down]), color, 2)
-        canvas.dot(across[-1], down[-1], 3, color)
+        canvas.line(np.column_stack([across, down]), own, 2)
+        canvas.dot(across[-1], down[-1], 3, own)
+
+
+def legend(canvas: Canvas, x: float, y: float, width: float, size: int, title: str, names: Sequence[str]) -> None:
+    """Draw a title and names with dots in the colors of several lines of `curve`, as many as there is room for; an
+    ellipsis stands for the rest.
+
+    Args:
+        x, y: upper left corner.
+        width: room, pixels.
+        size: of the text, pixels.
+    """
+    used = canvas.text(x, y, title, size, DIM, width=width) + 0.8 * size
+    for number, name in enumerate(names):
+        wide = text_width(name, size) + 1.7 * size
+        if used + wide + (size if number + 1 < len(names) else 0) > width:
+            canvas.text(x + used, y, "…", size, DIM)
+            return
+        canvas.dot(x + used + 0.3 * size, y + 0.62 * size, 0.28 * size, SERIES[number % len(SERIES)])
+        canvas.text(x + used + 0.8 * size, y, name, size, TEXT)
+        used += wide

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from gui.presenters.scene.compose import SplatLayer
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 
@@ -32,3 +33,23 @@ def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, f
         image = rasterize(moved, camera, color).image
         pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: it has no other references
     return np.ascontiguousarray(pixels.cpu().numpy())
+
+
+def draw_layer(gaussians: Gaussians, camera: Camera) -> SplatLayer:
+    """Render over black, with opacity and depth, on the GPU if there is one.
+
+    Args:
+        gaussians: the splats, on any device.
+        camera: pinhole view.
+
+    Raises:
+        StudioError: the rasterizer rejects the splats or the camera.
+    """
+    from studio.rasterizer import preferred_device, rasterize
+
+    device = preferred_device()
+    with torch.no_grad():
+        moved = gaussians.to(device)
+        render = rasterize(moved, camera, torch.zeros(3, dtype=moved.means.dtype, device=device))
+    image, alpha, depth = (one.float().cpu().numpy() for one in (render.image, render.alpha, render.depth))
+    return SplatLayer(image, alpha, depth)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,17 +11,23 @@ import torch
 
 from gui.presenters.drawing.canvas import Canvas
 from gui.presenters.drawing.painter import draw_line, draw_points, project
-from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, RGB, TEXT
+from gui.presenters.drawing.palette import ACCENT, AXES, BAD, DIM, FAIR, TEXT
 from gui.presenters.edits.handles import Handle
+from gui.presenters.scene.compose import Color, SplatLayer, blend
+from gui.presenters.scene.contents import Lines
+from gui.presenters.scene.fragments import Fragments, line_fragments
 from studio.cameras import Camera
 from studio.edits.edit_list import CropBox, EditList, Ground
 from studio.gaussians import SH_C0, Gaussians
 
-AXES: tuple[RGB, RGB, RGB] = (BAD, GOOD, (110, 150, 235))
-"""Of x, y and z."""
-
 MANY = 3000
 """Selected splats from which on their dots are small."""
+
+HIDDEN = 0.22
+"""Strength of lines that splats hide."""
+
+OPAQUE = 0.5
+"""Opacity of the splats in a pixel from which on they hide what is behind them."""
 
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 
@@ -52,7 +58,7 @@ def colored(gaussians: Gaussians, removed: np.ndarray, selected: np.ndarray, sho
         chosen = torch.from_numpy(mask)
         sh[chosen] = 0
         sh[chosen, 0] = (torch.tensor(color, dtype=sh.dtype) / 255 - 0.5) / SH_C0
-    found = Gaussians(gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.logit_opacities, sh)
+    found = replace(gaussians, sh=sh)
     return found if show_removed else found[torch.from_numpy(~removed)]
 
 
@@ -63,24 +69,43 @@ def draw_selected(canvas: Canvas, view: Camera, means: np.ndarray) -> None:
         draw_points(canvas, view, means.astype(np.float64), colors, 2 if len(means) < MANY else 1)
 
 
-def draw_box(canvas: Canvas, view: Camera, box: CropBox, active: bool) -> None:
-    """Draw the edges of a box."""
+def over(splats: SplatLayer, background: Color) -> np.ndarray:
+    """(H, W, 3) uint8: splats before a background, RGB in 0 to 1."""
+    image = splats.image + (1 - splats.alpha[..., None]) * np.array(background, np.float32)
+    found: np.ndarray = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return found
+
+
+def draw_lines(canvas: Canvas, view: Camera, lines: Lines, splats: SplatLayer) -> None:
+    """Draw lines on the picture of the splats; what these hide is drawn faintly."""
+    found = line_fragments(view, lines)
+    hidden = (splats.alpha.reshape(-1)[found.pixels] > OPAQUE) & (splats.depth.reshape(-1)[found.pixels] < found.depth)
+    cover = np.where(hidden, HIDDEN, 1.0) * found.cover
+    image = canvas.pixels.reshape(-1, 3).astype(np.float32) / 255
+    blend(image, Fragments(found.pixels, found.depth, cover, found.colors))
+    canvas.pixels[:] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(canvas.pixels.shape)
+
+
+def box_lines(box: CropBox, active: bool) -> Lines:
+    """The edges of a box."""
     corners = box.corners
-    for start, end in _EDGES:
-        draw_line(canvas, view, corners[start], corners[end], ACCENT if active else DIM, 2 if active else 1)
+    ends = [(corners[start], corners[end]) for start, end in _EDGES]
+    return Lines.of(ends, ACCENT if active else DIM, 2.0 if active else 1.0)
 
 
-def draw_ground(canvas: Canvas, view: Camera, ground: Ground, around: np.ndarray, reach: float, active: bool) -> None:
-    """Draw a grid on the plane, `reach` to each side of the point below `around` (3,)."""
+def ground_lines(ground: Ground, around: np.ndarray, reach: float, active: bool) -> Lines:
+    """A grid on the plane, `reach` to each side of the point below `around` (3,)."""
     normal = ground.unit
     middle = around + (ground.height - around @ normal) * normal
     first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     first /= np.linalg.norm(first)
     second = np.cross(normal, first)
-    for step in np.linspace(-reach, reach, 9):
-        for one, other in ((first, second), (second, first)):
-            start, end = middle + step * one - reach * other, middle + step * one + reach * other
-            draw_line(canvas, view, start, end, ACCENT if active else DIM)
+    ends = [
+        (middle + step * one - reach * other, middle + step * one + reach * other)
+        for step in np.linspace(-reach, reach, 9)
+        for one, other in ((first, second), (second, first))
+    ]
+    return Lines.of(ends, ACCENT if active else DIM)
 
 
 def draw_handles(canvas: Canvas, view: Camera, handles: Sequence[Handle], held: str) -> None:

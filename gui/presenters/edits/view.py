@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from gui.presenters.drawing.canvas import Canvas
+from gui.presenters.drawing.canvas import Canvas, wrapped
 from gui.presenters.drawing.palette import FAIR, TEXT
-from gui.presenters.drawing.splats import draw
+from gui.presenters.drawing.splats import draw_layer
 from gui.presenters.edits import picture
+from gui.presenters.edits.frame import EditedFrame
 from gui.presenters.edits.handles import (
     Handle,
     crop_handles,
@@ -24,66 +24,20 @@ from gui.presenters.edits.handles import (
     picked,
     up_of,
 )
+from gui.presenters.edits.histogram import HistogramPlace, bars, draw_histogram
 from gui.presenters.edits.picture import Stroke
 from gui.presenters.edits.session import change, edits_of
+from gui.presenters.edits.tools import BRUSH, TOOLS, hint
 from gui.presenters.playback import compare
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.viewpoint import BACKGROUNDS
 from gui.presenters.run.workspace import Workspace
+from gui.presenters.scene.compose import SplatLayer
 from gui.presenters.stages.stage_view import OrbitView, Size
+from pipelines.reports.terminal import counted
 from pipelines.takes.edit_words import describe
-from pipelines.takes.edited import edits_of_group, read_paths
-from pipelines.takes.frame_files import read_frame
 from studio.cameras import Camera
 from studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
-from studio.edits.selection import Paths, Selection, select
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-
-Choice = tuple[str, str, str]
-
-EDIT_CHOICES: tuple[Choice, ...] = (
-    ("done", "Done", "Leave the edits and show the take again"),
-    ("", "", ""),
-    ("in", "In", "In point: the first frame to keep is this one"),
-    ("out", "Out", "Out point: the last frame to keep is this one"),
-    ("", "", ""),
-    ("look", "Orbit", "Drags turn the view"),
-    ("crop", "Crop", "Drag the faces of a box; splats outside are removed"),
-    ("ground", "Ground", "Drag a plane up or down; splats below are removed"),
-    ("floaters", "Floaters", "Select small clusters and faint splats; Numbers sets the limits"),
-    ("lasso", "Lasso", "Draw around splats to select them; right drags pan"),
-    ("brush", "Brush", "Paint over splats to select them; right drags pan"),
-    ("remove", "Remove", "Remove what is selected, in all frames"),
-    ("remove here", "Remove in group", "Remove what is selected in this group of frames only"),
-    ("", "", ""),
-    ("origin", "Origin", "Click the point that becomes the origin"),
-    ("up", "Up", "Click a point, then one straight above it: up becomes +y"),
-    ("scale", "Scale", "Click two points, and say how far apart they are"),
-    ("", "", ""),
-    ("numbers", "Numbers", "Set the crop box, the ground, the floaters or the world in numbers"),
-    ("list", "List", "List the edits, and remove some"),
-    ("removed", "Removed", "Draw what is removed in red"),
-)
-TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale")
-BRUSH = 0.03
-"""Radius of the brush, relative to the height of the picture."""
-
-FLOATERS = Floaters(opacity=0.02, share=0.005)
-"""Limits that are suggested."""
-
-SEEN = 0.1
-"""Opacity of splats that are clicked, and that a new box surrounds."""
-
-HINTS = {
-    "crop": "Drag the dots on the faces.",
-    "ground": "Drag the dot up or down.",
-    "lasso": "Draw around what should go.",
-    "brush": "Paint over what should go.",
-    "origin": "Click the new origin.",
-    "up": "Click a point, then one straight above it.",
-    "scale": "Click two points whose distance you know.",
-}
 
 
 @dataclass(frozen=True)
@@ -134,11 +88,11 @@ class EditView(OrbitView):
         self._stroke: Stroke | None = None
         self._handle: Handle | None = None
         self._from = (0.0, 0.0)
+        self._limiting = False
         self._dragged: EditList | None = None
         self._size: Size = (960, 540)
-        self._paths: tuple[object, Paths] | None = None
-        self._frame: tuple[object, Gaussians] | None = None
-        self._selected: dict[EditList, Selection] = {}
+        self._edited = EditedFrame()
+        self._proposed: Floaters | None = None
         self._seen = self._reach = np.zeros((0, 3))
         self.counts: dict[str, int] = {}
 
@@ -168,19 +122,21 @@ class EditView(OrbitView):
     def choose_tool(self, tool: str) -> None:
         """Take another tool; what was selected but not removed is let go."""
         self.tool, self.clicks, self._stroke, self._handle, self.pending = tool, (), None, None, None
+        self._proposed = None
         self._suggest()
 
-    def _suggest(self) -> None:
-        """Begin with a box around the performer, a plane under the feet, limits of floaters."""
+    def _suggest(self) -> bool:
+        """Begin with a box around the performer, a plane under the feet, limits of floaters. Returns whether it did."""
         edits, points = self.edits, np.concatenate([self._seen, self._reach])
         if self.pending is not None:
-            return
+            return False
         if self.tool == "crop" and edits.crop is None and len(points):
             self.pending = edits.with_(crop=default_crop(points, edits, self.up))
         elif self.tool == "ground" and edits.ground is None and len(points):
             self.pending = edits.with_(ground=default_ground(points, self.up))
-        elif self.tool == "floaters":
-            self.pending = edits.with_(floaters=edits.floaters or FLOATERS)
+        elif self.tool == "floaters" and (edits.floaters or self._proposed) is not None:
+            self.pending = edits.with_(floaters=edits.floaters or self._proposed)
+        return self.pending is not None
 
     def press(self, key: str) -> None:
         """Press a button that needs no dialog."""
@@ -198,6 +154,14 @@ class EditView(OrbitView):
         """The pressed buttons."""
         return {self.tool, *(["removed"] if self.show_removed else [])}
 
+    @property
+    def idle_buttons(self) -> set[str]:
+        """Buttons that would do nothing now. Limits may select in other groups only, or bring splats back."""
+        drawn = self.tool in ("lasso", "brush")
+        if self.pending is None or self.pending == self.edits or (drawn and not self.counts.get("selected")):
+            return {"remove", "remove here"}
+        return set() if drawn else {"remove here"}
+
     def remove_selected(self, here: bool = False) -> None:
         """Remove what is selected.
 
@@ -207,6 +171,12 @@ class EditView(OrbitView):
         edits = self.pending
         if edits is None:
             self.refused = "Nothing is selected. Draw with the lasso or the brush, or choose Floaters."
+            return
+        if edits == self.edits:
+            self.refused = "That is removed already. Change it with Numbers (#)."
+            return
+        if self.tool in ("lasso", "brush") and self.settled and not self.counts.get("selected"):
+            self.refused = "Nothing is selected in this group. Select splats first."
             return
         if self.tool in ("lasso", "brush") and edits.regions:
             frames = (self.frame, self.frame) if here else None
@@ -255,6 +225,10 @@ class EditView(OrbitView):
 
     def grabs(self, x: float, y: float) -> bool:
         """Whether a press at a pixel grabs a handle or begins to draw."""
+        if self.tool == "floaters" and self._histogram.holds(x, y):
+            self._limiting = True
+            self._limit(x)
+            return True
         view = self._view()
         if self.tool in ("lasso", "brush"):
             self.pending = None
@@ -266,6 +240,9 @@ class EditView(OrbitView):
 
     def pull(self, x: float, y: float) -> None:
         """Drag what was grabbed to a pixel."""
+        if self._limiting:
+            self._limit(x)
+            return
         if self._stroke is not None:
             last = self._stroke.points[-1]
             if abs(x - last[0]) + abs(y - last[1]) >= 2:
@@ -283,6 +260,7 @@ class EditView(OrbitView):
 
     def release(self) -> None:
         """Let go: a drag is written, a drawing selects."""
+        self._limiting = False
         stroke, self._stroke = self._stroke, None
         if stroke is not None:
             self._select(stroke)
@@ -290,6 +268,17 @@ class EditView(OrbitView):
             self._handle = None
             if self.pending is not None and self.pending != self.edits:
                 self.commit(self.pending, "crop box" if self.tool == "crop" else "ground plane")
+
+    @property
+    def _histogram(self) -> HistogramPlace:
+        return HistogramPlace.of(self._size, self.em)
+
+    def _limit(self, x: float) -> None:
+        """Select splats below the opacity at a column of the histogram, besides what other limits select."""
+        edits = self.pending or self.edits
+        floaters = edits.floaters or Floaters(opacity=1.0)
+        limits = floaters.model_copy(update={"opacity": self._histogram.opacity_at(x)})
+        self.pending = edits.with_(floaters=limits)
 
     def _select(self, stroke: Stroke) -> None:
         edits, points = self.edits, stroke.points
@@ -351,7 +340,11 @@ class EditView(OrbitView):
         """See `StageView`."""
         self._size = size
         self._suggest()
-        return super().poll(size)
+        found = super().poll(size)
+        if self._suggest():  # from what was just drawn
+            again = super().poll(size)
+            return found if again is None else again
+        return found
 
     def state(self) -> Hashable:
         """See `StageView`."""
@@ -364,72 +357,68 @@ class EditView(OrbitView):
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
         assert isinstance(state, _State)
-        take = self.workspace.take
-        files, starts = take.trained_files() if take is not None else ([], ())
-        if take is None or not files:
-            raise StudioError("take.not_trained", "there is nothing to edit yet", fix="Run Train.")
-        frame = min(state.frame, len(files) - 1)
-        group = bisect_right(starts, frame) - 1
-        indices = range(starts[group], (*starts[1:], len(files))[group])
-        key = (take.root, group, indices, files[indices[0]].stat().st_mtime_ns)
-        if self._paths is None or self._paths[0] != key:
-            self._paths, self._selected = (key, read_paths(take, group, indices)), {}
-        if self._frame is None or self._frame[0] != (key, frame):
-            self._frame = ((key, frame), read_frame(files[frame]))
-        gaussians, paths = self._frame[1], self._paths[1]
-        found = self._selection(edits_of_group(state.edits, indices), paths)
+        edited = self._edited
+        edited.read(self.workspace.take, state.frame)
+        found = edited.selection(state.edits)
         removed = found.removed
-        selected = np.zeros_like(removed)
+        selected = back = np.zeros_like(removed)
         if state.pending is not None:
-            selected = self._selection(edits_of_group(state.pending, indices), paths).removed & ~removed
-        at = indices.index(frame)
-        visible = ~removed & (paths.opacities[at] > SEEN)
-        if not visible.any():
-            visible = ~removed
-        self._seen = paths.means[at][visible].astype(np.float64)
-        self.counts = found.counts | {"removed": int(removed.sum()), "selected": int(selected.sum())}
+            pending = edited.selection(state.pending).removed
+            selected, back = pending & ~removed, removed & ~pending
+        elif state.tool == "floaters":
+            self._proposed = edited.proposed_floaters(state.edits)
+        self._seen = edited.seen(removed)
+        sums = {"removed": removed, "selected": selected, "back": back}
+        self.counts = found.counts | {name: int(one.sum()) for name, one in sums.items()}
         view = OrbitCamera(*_orbit_of(state.view)).camera(*size)
         canvas = Canvas(1, 1)
-        shown = picture.colored(gaussians, removed, selected, state.show_removed)
-        canvas.pixels = draw(shown, view, BACKGROUNDS[state.background]).copy()
-        picture.draw_selected(canvas, view, paths.means[at][selected])
-        self._draw_over(canvas, view, state)
-        trim = state.edits.trim
-        outside = "   trimmed off" if trim is not None and frame not in trim.range else ""
-        words = f"group {group}: {len(removed) - int(removed.sum()):,} of {len(removed):,} splats kept{outside}"
-        compare.label(canvas, 0.6 * state.em, 0.6 * state.em, words, size=round(0.9 * state.em))
-        pending = state.pending is not None and (int(selected.sum()) or state.tool in ("floaters", "lasso", "brush"))
-        hint = HINTS.get(state.tool, "")
-        if pending:
-            count = f"{int(selected.sum()):,} splats selected."
-            hint = count if state.tool in ("lasso", "brush") else f"{count} {hint}"
-        if hint:
-            color = FAIR if pending else TEXT
-            compare.label(canvas, 0.6 * state.em, 2.5 * state.em, hint, color=color, size=round(0.9 * state.em))
+        shown = picture.colored(edited.gaussians, removed, selected, state.show_removed)
+        splats = draw_layer(shown, view)
+        canvas.pixels = picture.over(splats, BACKGROUNDS[state.background])
+        at = edited.indices.index(edited.number)
+        picture.draw_selected(canvas, view, edited.paths.means[at][selected])
+        self._draw_over(canvas, view, state, splats)
+        if state.tool == "floaters":
+            limits = (state.pending or state.edits).floaters
+            kept = ~(found.crop | found.ground | found.regions)
+            opacities, limit = edited.paths.opacities.max(axis=0), limits.opacity if limits is not None else None
+            below = int((kept & (opacities < limit)).sum()) if limit is not None else 0
+            draw_histogram(canvas, HistogramPlace.of(size, state.em), bars(opacities, kept), limit, below)
+        self._say(canvas, state)
         return canvas.pixels
 
-    def _draw_over(self, canvas: Canvas, view: Camera, state: _State) -> None:
+    def _say(self, canvas: Canvas, state: _State) -> None:
+        """Write what is kept, and what to do next."""
+        edited, size = self._edited, round(0.9 * state.em)
+        trim, total = state.edits.trim, len(edited.gaussians)
+        outside = "   trimmed off" if trim is not None and edited.number not in trim.range else ""
+        kept = total - self.counts["removed"]
+        words = f"group {edited.group}: {kept:,} of {counted(total, 'splat')} kept{outside}"
+        compare.label(canvas, 0.6 * state.em, 0.6 * state.em, words, size=size)
+        pending, selected, back = state.pending, self.counts["selected"], self.counts["back"]
+        floaters = pending.floaters if pending is not None else None
+        in_use = floaters is not None and floaters == state.edits.floaters
+        words = hint(state.tool, None if pending is None else selected, back, floaters, in_use)
+        color = FAIR if pending is not None and selected + back else TEXT
+        lines = wrapped(words, size, canvas.width - 2 * state.em) if words else []
+        for number, line in enumerate(lines):
+            compare.label(canvas, 0.6 * state.em, (2.5 + 1.6 * number) * state.em, line, color=color, size=size)
+
+    def _draw_over(self, canvas: Canvas, view: Camera, state: _State, splats: SplatLayer) -> None:
         edits = state.pending or state.edits
         seen = self._seen if len(self._seen) else np.zeros((1, 3))
         middle, reach = np.median(seen, axis=0), float(np.linalg.norm(np.ptp(seen, axis=0))) or 1.0
         if edits.ground is not None:
-            picture.draw_ground(canvas, view, edits.ground, middle, 0.6 * reach, state.tool == "ground")
+            lines = picture.ground_lines(edits.ground, middle, 0.6 * reach, state.tool == "ground")
+            picture.draw_lines(canvas, view, lines, splats)
         if edits.crop is not None:
-            picture.draw_box(canvas, view, edits.crop, state.tool == "crop")
+            picture.draw_lines(canvas, view, picture.box_lines(edits.crop, state.tool == "crop"), splats)
         if edits.world is not None or state.tool in ("origin", "up", "scale"):
             picture.draw_world(canvas, view, edits, 0.25 * reach)
         picture.draw_clicks(canvas, view, state.clicks)
         picture.draw_handles(canvas, view, self._handles(edits), state.held)
         if state.stroke is not None:
             picture.draw_stroke(canvas, state.stroke)
-
-    def _selection(self, edits: EditList, paths: Paths) -> Selection:
-        """What edits remove of the group; the last few are kept."""
-        if edits not in self._selected:
-            while len(self._selected) > 3:
-                self._selected.pop(next(iter(self._selected)))
-            self._selected[edits] = select(edits, paths)
-        return self._selected[edits]
 
     @property
     def status(self) -> str:

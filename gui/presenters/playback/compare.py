@@ -10,7 +10,10 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas, text_width
 from gui.presenters.drawing.palette import ACCENT, GROUND, RGB, TEXT
 
-MODES = ("single", "side by side", "wipe", "difference")
+MODES = ("single", "side by side", "wipe", "difference", "scene")
+ALONE = ("single", "scene")
+"""Modes that compare nothing."""
+
 WHATS = ("truth", "trained", "decoded", "other")
 LABELS = {"truth": "footage", "trained": "trained", "decoded": "decoded"}
 

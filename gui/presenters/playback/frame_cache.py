@@ -42,6 +42,12 @@ class FrameCache:
             while len(self._frames) > AHEAD + 2 and sum(held for _, held in self._frames.values()) > self._limit:
                 self._frames.popitem(last=False)
 
+    @property
+    def held(self) -> int:
+        """Bytes of the frames in the cache."""
+        with self._lock:
+            return sum(size for _, size in self._frames.values())
+
     def clear(self) -> None:
         """Empty the cache."""
         with self._lock:

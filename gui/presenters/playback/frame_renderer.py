@@ -16,6 +16,8 @@ from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.other_source import OTHER, OtherSource
 from gui.presenters.playback.sources import FrameSource
+from gui.presenters.scene.contents import SceneWanted
+from gui.presenters.scene.render import Place, SceneRenderer
 from pipelines.stages.base import Context
 from pipelines.stages.footage import performer_over
 from studio.cameras import Camera, Rig
@@ -51,6 +53,7 @@ class RenderRequest:
         rig: the capture cameras, used if the footage cannot be opened.
         points: (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so
             that the narrow pictures contain the performer.
+        scene: what mode "scene" shows.
     """
 
     sources: dict[str, FrameSource]
@@ -68,11 +71,12 @@ class RenderRequest:
     rig: Rig | None
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     home: OrbitCamera = field(default_factory=OrbitCamera)
+    scene: SceneWanted | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the pictures, from left to right."""
-        if self.mode == "single":
+        if self.mode in compare.ALONE:
             return (self.what,)
         if self.mode == "side by side":
             order = (*(["truth"] if self.camera else []), "trained", "decoded", OTHER)
@@ -95,6 +99,7 @@ class RenderRequest:
         """Whether it results in the same picture."""
         return (
             self.orbit is other.orbit
+            and (self.scene and self.scene.key) == (other.scene and other.scene.key)
             and self.context is other.context
             and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded", OTHER))
             and (self.frame, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
@@ -118,6 +123,7 @@ class Picture:
         box: rectangle of the (left) picture in the image; the wipe moves within it.
         camera: the capture camera; "" for the free view.
         label: `RenderRequest.label`.
+        cameras, ends: of a scene: name and (N, 2) pixels of frusta and of the ends of the view axes.
     """
 
     image: np.ndarray
@@ -130,6 +136,8 @@ class Picture:
     box: Box = field(default_factory=lambda: Box(0, 0, 1, 1))
     camera: str = ""
     label: tuple[object, ...] = ()
+    cameras: tuple[Place, ...] = ()
+    ends: tuple[Place, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +155,11 @@ class FrameRenderer:
 
     Args:
         draw: renders Gaussians.
+        scene: renders scenes.
     """
 
     draw: DrawFn
+    scene: SceneRenderer = field(default_factory=SceneRenderer)
     _kept: OrderedDict[tuple[object, ...], _Part] = field(default_factory=OrderedDict)
     _reduced_of: tuple[object, float] = (None, 1.0)
 
@@ -160,6 +170,8 @@ class FrameRenderer:
             StudioError: a missing or damaged frame or image.
         """
         capture = capture_camera(request)
+        if request.scene is not None:
+            return self._scene(request, request.scene, capture)
         names = request.names
         apart = request.mode == "side by side"
         where = compare.boxes(request.size, len(names) if apart else 1)
@@ -187,12 +199,30 @@ class FrameRenderer:
             request.label,
         )
 
+    def _scene(self, request: RenderRequest, wanted: SceneWanted, capture: Camera | None) -> Picture:
+        source = request.sources.get(request.what)
+        if source is None:
+            raise StudioError("playback.no_source", f"no {request.what} frames yet", value=request.what)
+        start = time.perf_counter()
+        gaussians = source.gaussians(request.frame)
+        loaded = time.perf_counter()
+        width, height = request.size
+        view = request.orbit.camera(width, height)
+        if capture is not None:
+            view = request.image_zoom.camera(capture, width, height)
+        found = self.scene(gaussians, view, wanted, request.frame, request.background)
+        return Picture(
+            found.image, request.frame, request.what, len(gaussians), loaded - start, time.perf_counter() - loaded,
+            request.mode, Box(0, 0, width, height), request.camera, request.label, found.cameras, found.ends,
+        )  # fmt: skip
+
     def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
         source = request.sources.get(name)
         seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
         holder = request.context if name == "truth" else source
         key = (name, id(holder), request.frame, seen_by, request.background, box.width, box.height)
-        kept = self._kept.get(key)
+        pictures = self._kept  # `forget` replaces them, on another thread
+        kept = pictures.get(key)
         if kept is None:
             start = time.perf_counter()
             if name == "truth":
@@ -212,10 +242,10 @@ class FrameRenderer:
                 else:
                     image = faded(image, getattr(source, "view_range", None), camera, request.background)
                 kept = _Part(image, len(gaussians), loaded - start, time.perf_counter() - loaded, holder)
-        self._kept[key] = kept
-        self._kept.move_to_end(key)
-        while len(self._kept) > KEPT_PICTURES:
-            self._kept.popitem(last=False)
+        pictures[key] = kept
+        pictures.move_to_end(key)
+        while len(pictures) > KEPT_PICTURES:
+            pictures.popitem(last=False)
         return kept
 
     def _reduced(self, request: RenderRequest, box: Box) -> float:
@@ -229,7 +259,8 @@ class FrameRenderer:
 
     def forget(self) -> None:
         """Empty the cache: something else was opened, or files have changed."""
-        self._kept.clear()
+        self._kept = OrderedDict()
+        self.scene.reader.forget()
 
 
 def capture_camera(request: RenderRequest) -> Camera | None:

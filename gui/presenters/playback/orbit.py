@@ -15,6 +15,9 @@ from studio.cameras import Camera
 
 _MAX_PITCH = math.radians(89.0)
 _TURN = math.radians(0.4)  # per pixel dragged
+FILLED = 0.92
+"""Share of a picture that is filled by what it must show, see `OrbitCamera.filling`."""
+
 _ZOOM_STEP = 0.9  # distance factor of one notch of the wheel
 
 
@@ -162,6 +165,28 @@ class OrbitCamera:
         pixels, depth = camera.project(points)
         across = np.abs(pixels[depth > 1e-6, 0] - 0.5 * width)
         return min(1.0, 0.5 * 0.85 * width / max(float(across.max(initial=0.0)), 1e-6))
+
+    def filling(self, points: np.ndarray, width: int, height: int) -> Camera:
+        """The pinhole camera that looks in this direction and whose picture the points fill but for a small margin.
+
+        Args:
+            points: (N, 3) world coordinates; those behind the view are ignored.
+            width, height: size of the picture, pixels.
+        """
+        camera = self.camera(width, height)
+        if len(points) == 0:
+            return camera
+        pixels, depth = camera.project(points)
+        pixels = pixels[depth > 1e-6]
+        if not len(pixels):
+            return camera
+        low, high = np.quantile(pixels, (0.002, 0.998), axis=0)  # a stray splat does not count
+        size = np.array([width, height], np.float64)
+        factor = FILLED * float((size / np.maximum(high - low, 1e-6)).min())
+        K = camera.K.copy()
+        K[:2, :2] *= factor
+        K[:2, 2] = 0.5 * size - factor * (0.5 * (low + high) - K[:2, 2])
+        return Camera("viewer", width, height, K, camera.world_to_camera)
 
     def camera(self, width: int, height: int, reduced: float = 1.0) -> Camera:
         """The pinhole camera to render with: square pixels, principal point at the center; `reduced` below 1 shows more

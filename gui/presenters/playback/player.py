@@ -10,7 +10,7 @@ import numpy as np
 
 from gui.presenters.drawing.splats import draw
 from gui.presenters.loading import first_whole, load
-from gui.presenters.playback.compare import LABELS, MODES, WHATS
+from gui.presenters.playback.compare import ALONE, LABELS, MODES, WHATS
 from gui.presenters.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
@@ -21,7 +21,11 @@ from gui.presenters.playback.stream_audio import StreamAudio
 from gui.presenters.playback.stream_source import LeftOut, StreamSource
 from gui.presenters.playback.transport import Transport
 from gui.presenters.playback.viewpoint import BACKGROUNDS, Viewpoint
+from gui.presenters.scene.contents import SceneWanted, Surface
+from gui.presenters.scene.render import SceneRenderer, no_mesh
+from gui.presenters.scene.rest import Rest
 from gui.presenters.worker import Done, LatestWorker
+from pipelines.reports.terminal import counted
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
@@ -37,11 +41,15 @@ class PlayerPresenter(Viewpoint):
         draw_function: renders Gaussians; tests replace it.
         now: a clock in seconds that never runs backwards.
         output: makes the device that sound is played on.
+        read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
 
     Attributes:
         filmed: frame numbers in the footage's files; empty if unknown.
+        filmed_groups: first frame of each group of the footage; empty if unknown.
         audio: the sound of the open stream; None if it has none.
         on_screen: whether the viewport shows the player.
+        still: whether the scene rests.
+        em: the window's font size, pixels.
     """
 
     def __init__(
@@ -49,16 +57,18 @@ class PlayerPresenter(Viewpoint):
         draw_function: DrawFn = draw,
         now: Callable[[], float] = time.monotonic,
         output: Callable[[], Output] = SoundDevice,
+        read_mesh: Callable[[Path], Surface] = no_mesh,
     ) -> None:
         super().__init__()
         self._now = now
         self._output = output
-        self._renderer = FrameRenderer(draw_function)
+        self._renderer = FrameRenderer(draw_function, SceneRenderer(read_mesh))
         self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._renderer, "v3studio viewport")
         self._asked: RenderRequest | None = None
         self._shown = Rate(now)
         self._contents: tuple[object, ...] = ()
         self.filmed: Sequence[int] = ()
+        self.filmed_groups: Sequence[int] = ()
         self.wipe = 0.5
         self.transport = Transport(1, FALLBACK_FPS, now=now)
         self.picture: Picture | None = None
@@ -66,6 +76,9 @@ class PlayerPresenter(Viewpoint):
         self.on_screen = True
         self.audio: StreamAudio | None = None
         self._left_out: tuple[int, str] | None = None
+        self._rest = Rest(now)
+        self.still = False
+        self.em = 16.0
 
     # What is open
 
@@ -81,6 +94,7 @@ class PlayerPresenter(Viewpoint):
     def adopt(self, opened: Opened, first: Gaussians | None) -> None:
         """Show the result of `load`."""
         self._close_sources()
+        self._renderer.forget()
         self.opened, self.context = opened, None
         self._load_sound()
         self._contents = take_contents(opened.take) if opened.take else ()
@@ -92,6 +106,16 @@ class PlayerPresenter(Viewpoint):
         self.picture = None
         self._asked = self._left_out = None
         self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, 3) world: where splats are in any frame, which pictures should contain."""
+        return self._points
+
+    @property
+    def contents(self) -> tuple[object, ...]:
+        """Changes when frames of the open take are trained or baked."""
+        return self._contents
 
     @property
     def other(self) -> OtherSource | None:
@@ -116,12 +140,12 @@ class PlayerPresenter(Viewpoint):
         self._asked = None
         if self.what not in (*sources, "truth"):
             self.what = opened.default.name
-        if other is None and self.mode != "single" and len(sources) < 2 and not self.camera:
+        if other is None and self.mode not in ALONE and len(sources) < 2 and not self.camera:
             self.mode = "single"
         if before is not None:
             before.close()
         self._fit_transport()
-        if other is not None and self.mode == "single":
+        if other is not None and self.mode in ALONE:
             self.choose_mode("wipe")
 
     def refresh(self) -> bool:
@@ -227,7 +251,7 @@ class PlayerPresenter(Viewpoint):
         if self.opened is None or not self.opened.sources:
             self.message = NOTHING_TO_SHOW
             return False
-        if len(self.opened.sources) < 2 and not self.camera:
+        if mode != "scene" and len(self.opened.sources) < 2 and not self.camera:
             why = self.why_not("truth")
             if why:
                 self.message = f"Nothing to compare with. {why}"
@@ -236,7 +260,7 @@ class PlayerPresenter(Viewpoint):
         if self.what == "truth" and self.opened.default is not None:
             self.what = self.opened.default.name
         self.mode = mode
-        self._zoom_follows |= self.camera != "" and self.image_zoom == ImageZoom()
+        self._zoom_follows |= mode != "scene" and self.camera != "" and self.image_zoom == ImageZoom()
         self._fit_zoom()
         return True
 
@@ -282,8 +306,25 @@ class PlayerPresenter(Viewpoint):
         return RenderRequest(
             self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
             self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
-            self.opened.rig, self._points, self.home,
+            self.opened.rig, self._points, self.home, self._scene(),
         )  # fmt: skip
+
+    def _scene(self) -> SceneWanted | None:
+        """What the scene shows; None if it is not on screen."""
+        opened = self.opened
+        if self.mode != "scene" or opened is None:
+            return None
+        group = opened.group(self.transport.frame, self.filmed_groups)
+        return SceneWanted(
+            opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self._points,
+            self.still, self.em,
+        )  # fmt: skip
+
+    def rests(self) -> bool:
+        """Whether a scene has rested long enough for a picture at full resolution. Call at each tick."""
+        view = (self.mode, self.orbit.key, self.camera, self.image_zoom, self.what, self.scene_parts, self.frame)
+        self.still = self._rest.rests(view, self.transport.playing) and self.mode == "scene"
+        return self.still
 
     @property
     def label(self) -> object:
@@ -370,7 +411,7 @@ class PlayerPresenter(Viewpoint):
         if not current:
             parts.append("drawing")
         elif picture.splats:
-            parts.append(f"{picture.splats:,} splats")
+            parts.append(counted(picture.splats, "splat"))
         count = len(self.left_out)
         if count:
             parts.append(f"{count} damaged group{'s' * (count != 1)} skipped")

@@ -82,6 +82,18 @@ class Opened:
         """The source to show first; None if there is none yet."""
         return next(iter(self.sources.values()), None)
 
+    def group(self, frame: int, starts: Sequence[int] = ()) -> int:
+        """The number of a frame's group in the take's folders. The groups of its stream can be others: a trim drops
+        some, and `bake.first_group_size` divides one.
+
+        Args:
+            frame: counted from 0 in the take.
+            starts: first frame of each group of the footage; if empty, the groups that are trained are used.
+        """
+        trained = self.sources.get("trained")
+        known = starts or (trained.group_starts if trained is not None else ())
+        return max(bisect_right(known, frame) - 1, 0)
+
 
 class TrainedSource:
     """A take's trained frames, from frame 0 up to the first gap, without the splats that its edits remove.

@@ -29,10 +29,10 @@ class _Request:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What it is a picture of."""
+        """What it is a picture of, apart from `contents`."""
         camera = self.camera
         view = (camera.K.tobytes(), camera.world_to_camera.tobytes(), camera.width, camera.height)
-        return (str(self.place), self.contents, *view, self.frame, self.size)
+        return (str(self.place), *view, self.frame, self.size)
 
 
 class Thumbnails:
@@ -40,15 +40,22 @@ class Thumbnails:
 
     def __init__(self) -> None:
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._draw, "v3studio thumbnails")
-        self._pictures: OrderedDict[tuple[object, ...], np.ndarray | None] = OrderedDict()
+        self._pictures: OrderedDict[tuple[object, ...], tuple[object, np.ndarray | None]] = OrderedDict()
         self._source: FrameSource | None = None
         self._source_of: object = None
         self._asked = False
 
     def get(
-        self, place: Path | str, contents: object, camera: Camera, frame: int, size: tuple[int, int]
+        self,
+        place: Path | str,
+        contents: object,
+        camera: Camera,
+        frame: int,
+        size: tuple[int, int],
+        ask: bool = True,
     ) -> np.ndarray | None:
-        """A picture if it is there; else it is asked for, unless another one is being drawn.
+        """A picture if it is there; else it is asked for, unless another one is being drawn. Until the new one is
+        there, the last one with other contents is returned.
 
         Args:
             place: what is open.
@@ -56,15 +63,16 @@ class Thumbnails:
             camera: the view.
             frame: counted from 0.
             size: (width, height) of the picture, pixels.
+            ask: whether one that is not there, or has other contents, is drawn.
         """
         request = _Request(place, contents, camera, frame, size)
-        if request.key in self._pictures:
+        held = self._pictures.get(request.key)
+        if held is not None:
             self._pictures.move_to_end(request.key)
-            return self._pictures[request.key]
-        if not self._asked:
+        if ask and not self._asked and (held is None or held[0] != contents):
             self._asked = True
             self._worker.ask(request)
-        return None
+        return held[1] if held is not None else None
 
     def poll(self) -> bool:
         """Call at each tick; returns whether there is a new picture. One that failed is not asked for again."""
@@ -72,7 +80,7 @@ class Thumbnails:
         if done is None:
             return False
         self._asked = False
-        self._pictures[done.request.key] = done.result
+        self._pictures[done.request.key] = done.request.contents, done.result
         while len(self._pictures) > KEPT:
             self._pictures.popitem(last=False)
         return True

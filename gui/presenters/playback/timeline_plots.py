@@ -33,6 +33,7 @@ class Plot:
         unit: shown after the numbers.
         bars: whether values are bars that begin at zero; else a line on an axis with its own limits.
         other: values of the bake or take that it is compared with, a line; none if there is none.
+        short: the title where there is less room.
     """
 
     title: str
@@ -41,6 +42,7 @@ class Plot:
     unit: str
     bars: bool = False
     other: Sequence[float | None] = ()
+    short: str = ""
 
     @property
     def range(self) -> tuple[float, float] | None:
@@ -78,15 +80,19 @@ class Waveform(Plot):
 Series = dict[str, list[float | None]]
 
 
-def plots_of(evaluation_series: Series, mean: str = "mean", other: Series | None = None) -> tuple[Plot, ...]:
+def plots_of(
+    evaluation_series: Series, whose: str = "mean", other: Series | None = None, short: str = ""
+) -> tuple[Plot, ...]:
     """The three plots of a take, and flicker if it was measured; plots without values stay empty, so that the layout
     does not change.
 
     Args:
         evaluation_series: values by metric.
-        mean: which cameras PSNR is averaged over, or the camera, for the title.
+        whose: the camera of PSNR, or the cameras that it is the mean of, for the title.
         other: values of the bake or take that it is compared with.
+        short: `whose` in fewer words, where the other does not fit.
     """
+    short = short or whose
     other = other or {}
     kilobytes, others = (
         [None if value is None else value / 1000 for value in found.get("bytes", [])]
@@ -97,18 +103,20 @@ def plots_of(evaluation_series: Series, mean: str = "mean", other: Series | None
     )
     return (
         Plot(
-            f"PSNR trained, {mean}",
+            f"PSNR trained, {whose}",
             evaluation_series.get("psnr_trained", []),
             SECOND,
             "dB",
             other=other.get("psnr_trained", []),
+            short=f"PSNR trained, {short}",
         ),
         Plot(
-            f"PSNR decoded, {mean}",
+            f"PSNR decoded, {whose}",
             evaluation_series.get("psnr_decoded", []),
             ACCENT,
             "dB",
             other=other.get("psnr_decoded", []),
+            short=f"PSNR decoded, {short}",
         ),
         Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True, other=others),
         *([flicker] if flicker.range is not None else []),
@@ -123,6 +131,8 @@ class TimelinePlots:
         width, height: pixels.
         em: font size, pixels.
         frame_count, group_starts, first, shown, trim: as in `Timeline`.
+        strip: height of the strip of pictures above the plots, pixels; 0 for none.
+        span: first and last frame of the selected span; None for none.
     """
 
     width: int
@@ -133,11 +143,18 @@ class TimelinePlots:
     first: float = 0.0
     shown: float | None = None
     trim: Trim | None = None
+    strip: int = 0
+    span: tuple[int, int] | None = None
 
     @property
     def left(self) -> int:
         """Column where frame 0 begins; the titles are to the left of it."""
-        return min(round(16.5 * self.em), self.width // 3)
+        return min(round(18.5 * self.em), self.width // 3)
+
+    @property
+    def right(self) -> int:
+        """Columns to the right of the last frame, for the ends of the axes."""
+        return min(round(4.4 * self.em), self.width // 8)
 
     @property
     def track_height(self) -> int:
@@ -147,7 +164,7 @@ class TimelinePlots:
     @property
     def timeline(self) -> Timeline:
         """Mapping of columns, counted from `left`, to frames."""
-        width = max(self.width - self.left, 1)
+        width = max(self.width - self.left - self.right, 1)
         return Timeline(
             width, self.track_height, self.frame_count, self.group_starts, self.first, self.shown, self.trim
         )
@@ -160,13 +177,33 @@ class TimelinePlots:
         """(height, width, 3) uint8: plots, and the track with playhead and marks."""
         return self.with_head(self.base(plots, marks), frame, plots)
 
-    def base(self, plots: Sequence[Plot], marks: Iterable[int] = (), keys: Iterable[int] = ()) -> np.ndarray:
-        """(height, width, 3) uint8: everything that does not depend on the frame. Cache it: playback draws it often."""
+    def base(
+        self,
+        plots: Sequence[Plot],
+        marks: Iterable[int] = (),
+        keys: Iterable[int] = (),
+        strip: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(height, width, 3) uint8: everything that does not depend on the frame. Cache it: playback draws it often.
+
+        Args:
+            plots: the rows.
+            marks: marked frames.
+            keys: frames of the views of the camera path.
+            strip: from `draw_strip`; None for none.
+        """
         canvas = Canvas(self.width, self.height, PANEL)
         timeline = self.timeline
         for number, plot in enumerate(plots):
             self._plot(canvas, timeline, plot, *self._rows(len(plots))[number])
-        timeline.shade(canvas.pixels[: self._track, self.left :])
+        timeline.shade(canvas.pixels[: self._track, self.left : self.left + timeline.width])
+        if strip is not None:
+            canvas.image(self.left, GAP, strip)
+            words = "Frames; drag to select some"
+            canvas.text(
+                0, GAP + strip.shape[0] / 2 - self._size(99) * 0.62, words, self._size(99), DIM, width=self.left
+            )
+        self._span_marks(canvas, timeline)
         words = "Frame"
         if self.shown is not None:
             words = f"Frame, {timeline.frame_at(0)} to {timeline.frame_at(timeline.width - 1)} in view"
@@ -270,8 +307,27 @@ class TimelinePlots:
 
     def _rows(self, count: int) -> list[tuple[int, int]]:
         """(top, height) of each plot."""
-        each = (self._track - GAP) // max(count, 1) - GAP
-        return [(GAP + number * (each + GAP), each) for number in range(count)]
+        top = GAP + (self.strip + GAP if self.strip else 0)
+        each = (self._track - top) // max(count, 1) - GAP
+        return [(top + number * (each + GAP), each) for number in range(count)]
+
+    def in_strip(self, y: float) -> bool:
+        """Whether a row of the picture is in the strip of pictures."""
+        return self.strip > 0 and y < GAP + self.strip
+
+    def _span_marks(self, canvas: Canvas, timeline: Timeline) -> None:
+        """Darken what is outside of the selected span, and draw its edges."""
+        if self.span is None:
+            return
+        left, right = timeline.span(self.span[0])[0], timeline.span(self.span[1])[1]
+        above = canvas.pixels[: self._track - 1, self.left : self.left + timeline.width]
+        for columns in (slice(0, left), slice(right, None)):
+            above[:, columns] = (0.55 * above[:, columns] + 0.45 * np.array(PANEL)).astype(np.uint8)
+        for frame, column in ((self.span[0], left), (self.span[1], right - 2)):
+            if timeline.shows(frame):
+                canvas.rect(self.left + column, 0, 2, self._track - 1, FAIR)
+        if right > left:
+            canvas.rect(self.left + left, 0, right - left, 2, FAIR)
 
     def _size(self, height: int) -> int:
         return max(min(round(0.78 * self.em), height - 1), 8)
@@ -302,7 +358,8 @@ class TimelinePlots:
         size = self._size(height)
         against = " (00.00)" if any(value is not None for value in plot.other) else ""
         room = self.left - 16 - text_width(f"00.00{against} {plot.unit}", size)
-        canvas.text(0, y + height / 2 - size * 0.62, plot.title, size, DIM, width=room)
+        title = plot.short if plot.short and text_width(plot.title, size) > room else plot.title
+        canvas.text(0, y + height / 2 - size * 0.62, title, size, DIM, width=room)
         canvas.rect(self.left, y, timeline.width, height, RAISED)
         for start in self.group_starts:
             if 0 < start < self.frame_count and timeline.shows(start):
@@ -323,15 +380,16 @@ class TimelinePlots:
         self._axis(canvas, plot.range, y, height)
 
     def _axis(self, canvas: Canvas, limits: tuple[float, float], y: float, height: float) -> None:
-        """The values at the lower and the upper end of a row, at its right end."""
-        size = min(max(round(0.6 * self.em), 8), int(height / 2) - 1)
-        if size < 7:
-            return
-        right = canvas.width - 3
-        for value, top in ((limits[1], y), (limits[0], y + height - 1.25 * size)):
-            words = f"{value:.1f}" if value else "0"
-            canvas.rect(right - text_width(words, size) - 2, top, text_width(words, size) + 4, 1.25 * size, RAISED)
-            canvas.text(right, top, words, size, DIM, align="right")
+        """The values at the lower and the upper end of a row, to the right of it: above each other, or side by side
+        where there is no room for that."""
+        size = max(round(0.68 * self.em), 8)
+        low, high = (f"{value:.{1 if abs(value) < 100 else 0}f}" if value else "0" for value in limits)
+        left, room = self.left + self.timeline.width + 0.3 * self.em, self.right - 0.3 * self.em
+        if height >= 2.4 * size:
+            canvas.text(left, y - 0.1 * size, high, size, DIM, width=room)
+            canvas.text(left, y + height - 1.1 * size, low, size, DIM, width=room)
+        else:
+            canvas.text(left, y + height / 2 - 0.62 * size, f"{low} – {high}", size, DIM, width=room)
 
     def _waveform(self, canvas: Canvas, plot: Waveform, y: int, height: int) -> None:
         if not len(plot.peaks):

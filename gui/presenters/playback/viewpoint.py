@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from gui.presenters.playback.compare import ALONE
 from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.other_source import OTHER
 from gui.presenters.playback.sources import FrameSource, Opened
+from gui.presenters.scene.contents import SHOWN_AT_FIRST
 from pipelines.stages.base import Context
 from studio.cameras import Camera
 
@@ -29,6 +31,7 @@ class Viewpoint:
         size: (width, height) of the picture.
         background: one of `BACKGROUNDS`.
         message: text over the picture.
+        scene_parts: what the scene shows, of `gui.presenters.scene.contents.PARTS`.
     """
 
     def __init__(self) -> None:
@@ -45,6 +48,7 @@ class Viewpoint:
         self.size = (960, 540)
         self.background = "dark"
         self.message = NOTHING_OPEN
+        self.scene_parts = SHOWN_AT_FIRST
 
     @property
     def title(self) -> str:
@@ -130,9 +134,10 @@ class Viewpoint:
             self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
         if not camera and self.what == "truth" and self.opened is not None and self.opened.default is not None:
             self.what = self.opened.default.name
-        self.camera, self.image_zoom, self._zoom_follows = camera, ImageZoom(), camera != "" and self.mode != "single"
+        self.camera, self.image_zoom = camera, ImageZoom()
+        self._zoom_follows = camera != "" and self.mode not in ALONE
         self._fit_zoom()
-        if not camera and self.mode != "single" and len(self.source_names) < 2:
+        if not camera and self.mode not in ALONE and len(self.source_names) < 2:
             self.mode = "single"
 
     def next_camera(self, direction: int = 1) -> None:

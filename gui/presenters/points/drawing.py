@@ -183,7 +183,7 @@ def point_list(
     bottom = height - len(buttons) * step - 4
     for words, action in buttons:
         canvas.rect(2, bottom, width - 6, step - 3, RAISED)
-        canvas.text(pad, bottom, words, small, TEXT, width=width - 2 * pad)
+        canvas.text(pad, bottom + 1, words, small, TEXT, width=width - 2 * pad)
         spots.add((2, bottom, width - 6, step - 3), action)
         bottom += step
     canvas.line([(width - 2, 0), (width - 2, height)], LINE)

@@ -15,6 +15,7 @@ from gui.presenters.run.jobs import ChildProcess, v3studio_command
 from gui.presenters.run.shares import ShareRequest, megabytes
 from gui.presenters.run.target import NamedTarget
 from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.reports.terminal import counted
 from pipelines.takes.atomic_files import remove
 from studio.errors import StudioError
 from studio.export import Key
@@ -107,17 +108,19 @@ class Exports:
 
     Attributes:
         path: views of the camera path.
-        title: "Export" or "Share".
+        request: the last one that was started; None before the first.
         words: progress; "" if none is running.
         result: outcome of the last one, shown once.
         failed: whether the last one failed.
+        written: what the last one wrote; None if it failed or was stopped.
     """
 
     path: PathEditor = field(default_factory=PathEditor)
-    title: str = "Export"
+    request: NamedTarget | None = None
     words: str = ""
     result: str = ""
     failed: bool = False
+    written: Path | None = None
     _process: ChildProcess | None = None
     _target: Path | None = None
     _stopping: bool = False
@@ -146,7 +149,7 @@ class Exports:
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
         if keys:
             arguments += ["--path", str(self._write_path(scratch, keys))]
-        self._run("Export", arguments, request.path, scratch)
+        self._run(request, arguments, scratch)
 
     def share(self, request: ShareRequest) -> None:
         """Begin to share.
@@ -156,7 +159,7 @@ class Exports:
         """
         self._check_idle()
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-share-"))
-        self._run("Share", ["share", *request.arguments()], request.path, scratch)
+        self._run(request, ["share", *request.arguments()], scratch)
 
     def _check_idle(self) -> None:
         if self._process is not None:
@@ -166,10 +169,10 @@ class Exports:
                 fix="Wait for it to finish, or stop it from the Export menu.",
             )
 
-    def _run(self, title: str, arguments: list[str], target: Path, scratch: Path) -> None:
+    def _run(self, request: NamedTarget, arguments: list[str], scratch: Path) -> None:
         self._process = ChildProcess([*v3studio_command(), *arguments], scratch / "errors.txt", scratch)
-        self.title, self._target, self._stopping, self._told = title, target, False, ""
-        self.words, self.result = f"{title.lower()}: starting", ""
+        self.request, self._target, self._stopping, self._told = request, request.path, False, ""
+        self.words, self.result = f"{request.does.lower()}: starting", ""
 
     def _keys(self, request: ExportRequest) -> list[Key]:
         """The path in the frames and the world of what is exported."""
@@ -194,8 +197,8 @@ class Exports:
 
     def poll(self) -> bool:
         """Process the output of the export; return whether anything changed."""
-        process = self._process
-        if process is None:
+        process, request = self._process, self.request
+        if process is None or request is None:
             return False
         before = self.words
         for line in process.take_lines():
@@ -204,20 +207,23 @@ class Exports:
                 if event["kind"] == "progress":
                     self.words = f"{event['what']}: {event['done']} of {event['total']}"
                 elif event["kind"] == "shared":
-                    self._told = f"\n{megabytes(event['total_bytes'])} in {event['files']} files"
+                    self._told += f"\n{megabytes(event['total_bytes'])} in {counted(event['files'], 'file')}"
+                elif event["kind"] == "note":
+                    self._told += f"\n{event['text']}"
         status = process.status
         if status is None:
             return self.words != before
         self._process, self.words = None, ""
         self.failed = status not in (0, EXIT_CANCELLED)
+        self.written = self._target if status == 0 else None
         last = process.last_line()
         remove(process.errors.parent)
         if status == 0:
-            self.result = f"Written: {self._target}{self._told}"
+            self.result = f"{request.done}: {self._target}{self._told}"
         elif self._stopping or status == EXIT_CANCELLED:
-            self.result, self.failed = f"{self.title} stopped. No files were left behind.", False
+            self.result, self.failed = f"{request.does} stopped. No files were left behind.", False
         else:
-            self.result = f"{self.title} failed: {last.removeprefix('error: ')}"
+            self.result = f"{request.does} failed: {last.removeprefix('error: ')}"
         return True
 
     def stop(self) -> None:

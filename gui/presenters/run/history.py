@@ -41,6 +41,16 @@ class History:
         self._made = [*self._made, change][-MOST:]
         self._undone.clear()
 
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a change to reverse."""
+        return bool(self._made)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether a change was undone last."""
+        return bool(self._undone)
+
     def undo(self) -> str:
         """Reverse the last change; returns what was done or why not, as a sentence."""
         return self._step(self._made, self._undone, "Undone", lambda change: change.undo())

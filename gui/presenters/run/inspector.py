@@ -1,19 +1,18 @@
-"""The inspector and the job log, drawn as pictures."""
+"""The inspector, drawn as a picture."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
-from gui.presenters.drawing.palette import BAD, DIM, FAIR, LINE, PANEL, RGB, TEXT
+from gui.presenters.drawing.palette import DIM, LINE, PANEL, TEXT
 from gui.presenters.evaluation import Evaluation
 from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.span import span_figures, span_rows
 from gui.presenters.run.workspace import Workspace
 from pipelines.reports.terminal import duration
 
@@ -35,8 +34,10 @@ class Block:
     note: str = ""
 
 
-def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks, drawn_rate: float) -> list[Block]:
-    """Figures of the current frame; quality is that in evaluation.json."""
+def review_blocks(
+    player: PlayerPresenter, evaluation: Evaluation, marks: Marks, drawn_rate: float, camera: str = ""
+) -> list[Block]:
+    """Figures of the current frame; quality is that in evaluation.json, of a camera or, by default, the mean."""
     transport, picture = player.transport, player.picture
     if player.opened is None:
         return []
@@ -56,7 +57,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
             f"Mark: {marks.notes[frame] or '(no note)'}" if frame in marks.notes else "",
         ),
     ]  # fmt: skip
-    figures, whose = evaluation.figures(frame, player.camera)
+    figures, whose = evaluation.figures(frame, camera)
     rows: list[Row] = []
     for name in ("psnr", "ssim", "lpips"):
         for what in ("trained", "decoded"):
@@ -73,6 +74,8 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
             evaluation.error or ("" if rows else "Not evaluated yet."),
         )
     )
+    if transport.span is not None:
+        blocks.append(span_block(player, evaluation, camera, *transport.span))
     rows = []
     if picture is not None and player.current:
         if picture.splats:
@@ -91,6 +94,25 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     return blocks
 
 
+def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, first: int, last: int) -> Block:
+    """Figures of the selected span, of both bakes if another one is open."""
+    frames, other = player.transport.frame_count, player.other
+    own_camera = camera if camera in evaluation.cameras else ""
+    names = ("psnr_decoded", "bytes", "flicker")
+    own = span_figures({name: evaluation.series(name, frames, own_camera) for name in names}, first, last)
+    against = None
+    if other is not None:
+        against = span_figures({name: other.series(name, camera) for name in names}, first, last)
+    rows = span_rows(own, against)
+    count = last - first + 1
+    note = "" if other is None else f"After the slash: {other.label}."
+    return Block(
+        f"Frames {first} to {last}",
+        [("length", f"{count} frame{'s' * (count != 1)}, {count / player.transport.fps:.2f} s"), *rows],
+        note if rows else "Not evaluated yet.",
+    )
+
+
 def filmed_otherwise(player: PlayerPresenter) -> bool:
     """Whether the footage's frame number differs from the take's."""
     frame = player.frame
@@ -105,14 +127,18 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
     if workspace.busy and progress is not None:
         words = "paused" if workspace.paused else workspace.run.stage_words()
         rows = [("stage", progress.stage), ("done", words)]
-        if progress.total_seconds_left is not None and not workspace.paused:
-            rows.append(("entire run", f"{duration(progress.total_seconds_left)} left"))
+        if not workspace.paused:
+            total = progress.total_seconds_left
+            rows.append(("entire run", f"{duration(total)} left" if total is not None else "estimating time left"))
         for name in ("loss", "psnr", "splats"):
             value = progress.figures.get(name)
             if isinstance(value, float):
                 rows.append((name, f"{value:.4g}"))
             elif isinstance(value, int):
                 rows.append((name, f"{value:,}"))
+                most = workspace.config.train.max_splats if workspace.config is not None else value
+                if name == "splats" and progress.stage == "train" and value > most:
+                    rows.append(("after pruning", f"{most:,} at most"))
         blocks.append(Block("Running", rows, progress.label))
     if stage != "review":
         status = workspace.assessment.stages.get(stage)
@@ -148,7 +174,7 @@ def camera_rows(player: PlayerPresenter) -> list[Row]:
 
 
 def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float, down: float = 0.0) -> np.ndarray:
-    """(height, width, 3) uint8: stacked blocks, scrolled by `down` pixels."""
+    """(height, width, 3) uint8: stacked blocks, scrolled by `down` pixels; says so if there are more below."""
     canvas = Canvas(width, height, PANEL)
     size = round(0.88 * em)
     step = line_height(size)
@@ -163,6 +189,11 @@ def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float,
             canvas.text(0.6 * em, y, line, size, DIM)
             y += step
         y += 0.3 * em
+    if y > height:
+        band = line_height(size) + 0.2 * em
+        canvas.rect(0, height - band, width, band, PANEL)
+        canvas.rect(0.6 * em, height - band, width - 1.2 * em, 1, LINE)
+        canvas.text(width / 2, height - band + 0.15 * em, "Scroll for more", size, DIM, align="middle")
     return canvas.pixels
 
 
@@ -181,50 +212,3 @@ def heading(canvas: Canvas, y: float, text: str, em: float) -> float:
     y += line_height(size)
     canvas.rect(0.6 * em, y - 2, canvas.width - 1.2 * em, 1, LINE)
     return y + 0.2 * em
-
-
-INDENT, CONTINUED = 0.8, "   "
-"""Of the lines that continue one of the log: room in em, and the blanks."""
-
-LINE_COLORS: dict[str, RGB] = {"": DIM, "warning": FAIR, "error": BAD}
-
-
-def log_lines(
-    lines: Iterable[tuple[str, str]], width: int, em: float, times: Iterable[float] = ()
-) -> list[tuple[str, str]]:
-    """The log wrapped to the width: (kind, line). A line begins with its time of day, where known, and its level; what
-    continues it is indented.
-
-    Args:
-        lines: (kind, text).
-        width: pixels.
-        em: font size, pixels.
-        times: when each line was told, seconds since 1970; 0 if unknown.
-    """
-    size = round(0.82 * em)
-    found: list[tuple[str, str]] = []
-    for (kind, text), told in zip(lines, itertools.chain(times, itertools.repeat(0.0)), strict=False):
-        clock = datetime.fromtimestamp(told).strftime("%H:%M:%S") if told else ""
-        head = " ".join(filter(None, (clock, kind)))
-        parts = wrapped(f"{head}  {text}" if head else text, size, width - 1.2 * em - (INDENT * em if head else 0))
-        found += [(kind, part if not (head and number) else CONTINUED + part) for number, part in enumerate(parts)]
-    return found
-
-
-def log_picture(lines: Sequence[tuple[str, str]], width: int, height: int, em: float, back: int = 0) -> np.ndarray:
-    """(height, width, 3) uint8: the end of the log, scrolled back by a number of lines.
-
-    Args:
-        lines: from `log_lines`.
-    """
-    canvas = Canvas(width, height, PANEL)
-    top = heading(canvas, 0.3 * em, "Job log", em)
-    size = round(0.82 * em)
-    step = line_height(size)
-    count = max(int((height - top) // step), 1)
-    if not lines:
-        canvas.text(0.6 * em, top, "No run yet.", size, DIM)
-    end = max(len(lines) - back, min(count, len(lines)))
-    for number, (kind, text) in enumerate(lines[max(end - count, 0) : end]):
-        canvas.text(0.6 * em, top + number * step, text, size, LINE_COLORS[kind])
-    return canvas.pixels

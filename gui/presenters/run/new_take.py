@@ -7,11 +7,38 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.config import Config, dump_config, load_config
+from pipelines.config.presets import PRESETS, with_values
+from pipelines.reports.terminal import counted
 from pipelines.stages.camera_file import camera_file
 from pipelines.takes.atomic_files import disk_errors, write_text
+from pipelines.takes.drawn_mattes import for_another_take
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.storage import is_address
+
+PRESET_WITHOUT_GPU = "standard"
+MOST_FPS = 10_000
+"""Limit of `capture.fps`."""
+
+
+def has_gpu() -> bool:
+    """Whether splats can be trained on a GPU of this machine."""
+    from studio.rasterizer import preferred_device
+
+    return preferred_device().type != "cpu"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What is known about the footage.
+
+    Attributes:
+        words: a description, one sentence per line; or the error message.
+        fps: frames per second that the files or the settings give; None if neither does, so that it may be typed.
+    """
+
+    words: str
+    fps: float | None = None
 
 
 @dataclass
@@ -20,30 +47,60 @@ class NewTake:
 
     Attributes:
         footage: footage folder or its address in object storage; may be empty if the settings name it.
-        settings: YAML file with settings; empty for the defaults.
+        settings: YAML file with settings; empty for the defaults or, without a GPU, on which they would take days, for
+            the preset "standard".
         take: folder of the new take; empty for `proposed_take`.
+        fps: frames per second, where the footage gives none; empty for that of the settings.
     """
 
     footage: str = ""
     settings: str = ""
     take: str = ""
+    fps: str = ""
 
     def config(self) -> Config:
         """The initial settings of the take.
 
         Raises:
-            StudioError: `take.no_footage`, `footage.no_folder`, or settings that cannot be read.
+            StudioError: `take.no_footage`, `take.bad_rate`, `footage.no_folder`, or settings that cannot be read.
         """
+        rate = self._rate()
+        config = self._chosen()
+        return config if rate is None else with_values(config, {"capture.fps": rate})
+
+    def _rate(self) -> float | None:
+        """Frames per second, as typed."""
+        typed = self.fps.strip()
+        if not typed:
+            return None
+        try:
+            rate = float(typed)
+        except ValueError:
+            rate = 0.0
+        if not 0 < rate < MOST_FPS:
+            raise StudioError(
+                "take.bad_rate",
+                f"'{typed}' is not a frame rate",
+                value=typed,
+                fix=f"Type frames per second above 0 and below {MOST_FPS}, such as 25.",
+            )
+        return rate
+
+    def _chosen(self) -> Config:
+        """The settings without the frame rate that was typed."""
         if not self.footage.strip() and not self.settings.strip():
             raise StudioError("take.no_footage", "no footage selected", fix="Choose the footage folder.")
         overrides = []
         if self.footage.strip():
             overrides.append(("capture.root", _footage_folder(self.footage.strip())))
-        path = Path(self.settings.strip()).expanduser() if self.settings.strip() else None
-        return load_config(path, overrides)
+        if self.settings.strip():
+            path = Path(self.settings.strip()).expanduser()
+            return for_another_take(load_config(path, overrides), path)
+        config = load_config(None, overrides)
+        return config if has_gpu() else with_values(config, PRESETS[PRESET_WITHOUT_GPU])
 
-    def found(self) -> str:
-        """Description of the footage, one sentence per line; or the error message."""
+    def found(self) -> Found:
+        """What is known about the footage, or why it cannot be read."""
         from studio.capture import open_footage
 
         try:
@@ -51,19 +108,23 @@ class NewTake:
             footage = open_footage(config.capture, None, strict=False)
             rig = camera_file(footage.spec)  # of a capture in object storage, this has the folder on this machine
         except StudioError as error:
-            return str(error)
+            return Found(str(error))
         cameras = (
             f"Camera file: {os.path.relpath(rig, footage.spec.root)}."  # it may be beside the footage's folder
             if rig
             else "No camera file: Calibrate estimates the cameras."
         )
-        problems = "" if not footage.problems else f"\n{len(footage.problems)} problems: {footage.problems[0]}"
-        return f"{footage.description}\n{cameras}{problems}"
+        if not self.settings.strip() and not has_gpu():
+            cameras += f" No GPU: the preset is {PRESET_WITHOUT_GPU}."
+        found = footage.problems
+        problems = f"\n{counted(len(found), 'problem')}: {found[0]}" if found else ""
+        given = (None if self.fps.strip() else config.capture.fps) or footage.filmed_fps  # as `open_footage`
+        return Found(f"{footage.description}\n{cameras}{problems}", given)
 
     def proposed_take(self) -> str:
         """Path of a new folder next to the footage; in the working directory if the footage is in object storage."""
         try:
-            root = self.config().capture.root
+            root = self._chosen().capture.root
         except StudioError:
             return ""
         parent = Path.cwd() if is_address(root) else root.parent

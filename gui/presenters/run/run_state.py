@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
+from gui.presenters.run.log_words import metrics_words, stage_name
 from pipelines.events import (
     Event,
     GroupState,
@@ -19,6 +20,8 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
+from pipelines.events.event_types import Notice
+from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import duration
 
 LOG_LINES = 2000
@@ -60,6 +63,7 @@ class RunState:
         message: text of the outcome.
         lines: the log, newest last: (kind, text), kind one of "", "warning", "error".
         times: when each line was told, seconds since 1970; 0 if unknown.
+        notices: the warning or error that each line tells; None for others.
         curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
         previews: latest picture by camera.
         lanes: latest state by stage and group, of stages that ran on several machines.
@@ -76,6 +80,7 @@ class RunState:
     message: str = ""
     lines: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     times: deque[float] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    notices: deque[Notice | None] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
     previews: dict[str, Preview] = field(default_factory=dict)
     lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
@@ -110,7 +115,7 @@ class RunState:
             self.stage, self.progress = event.stage, None
             self.lanes.pop(event.stage, None)
             self.failed.pop(event.stage, None)
-            self._say(f"{event.stage}: {event.reason}")
+            self._say(f"{stage_name(event.stage)}: started{f' ({event.reason})' if event.reason else ''}")
         elif isinstance(event, Progress):
             self.progress = event
             if event.stage == "train":
@@ -120,23 +125,24 @@ class RunState:
         elif isinstance(event, GroupState):
             self.lanes.setdefault(event.stage, {})[event.group] = event
             if event.state in ("retried", "failed"):
-                self._say(f"{event.stage}: group {event.group} {event.state}: {event.message}", "warning")
+                self._say(f"{stage_name(event.stage)}, group {event.group} {event.state}: {event.message}", "warning")
         elif isinstance(event, Preview):
             self.previews[event.camera or event.stage] = event
         elif isinstance(event, Log):
             self._say(event.message)
         elif isinstance(event, Warned):
-            self._say(event.message, "warning")
+            self._say(event.message, "warning", event)
         elif isinstance(event, StageFinished):
             self.finished.append(event.stage)
             self.stage, self.progress = "", None
             self.results += 1
-            self._say(f"{event.stage}: done in {duration(event.seconds)}")
+            figures = summary_words(event.stage, event.summary)
+            self._say(f"{stage_name(event.stage)}: done in {duration(event.seconds)}{figures and '. '}{figures}")
         elif isinstance(event, StageFailed):
             self.failed[event.stage] = event.message
             # events of older versions have no fields
             self.failed_setting[event.stage] = str(getattr(event, "fields", {}).get("setting", ""))
-            self._say(f"{event.stage}: {event.message}", "error")
+            self._say(f"{stage_name(event.stage)}: {event.message}", "error", event)
             for line in event.traceback.splitlines():
                 self._say(line, "error")
         elif isinstance(event, RunFinished):
@@ -159,16 +165,27 @@ class RunState:
             self._say(line, "error")
         self._say(message, "error")
 
-    def _say(self, text: str, kind: str = "") -> None:
+    def note(self, text: str, now: float, failed: bool = False) -> None:
+        """Add a line to the log that no event tells.
+
+        Args:
+            text: the line.
+            now: seconds since 1970.
+            failed: whether it is an error.
+        """
+        self.changes += 1
+        self._now = now
+        self._say(text, "error" if failed else "")
+
+    def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:
         self.lines.append((kind, text))
         self.times.append(self._now)
+        self.notices.append(notice)
 
     def _metrics(self, event: Metrics) -> None:
         if event.stage in ("train", "bake", "initialize"):
             self.results += 1
-        figures = ", ".join(f"{name} {_short(value)}" for name, value in event.values.items())
-        where = f"frame {event.frame}" if event.frame is not None else f"group {event.group}"
-        self._say(f"{event.stage}: {where if event.group is not None else 'all'}: {figures}")
+        self._say(metrics_words(event))
 
     def _train_figures(self, event: Progress) -> None:
         if event.fraction < self._trained:  # training has started over
@@ -182,17 +199,13 @@ class RunState:
                 self.curves.setdefault(name, {}).setdefault(group, Curve()).add(event.fraction, float(value))
 
     def stage_words(self) -> str:
-        """ "42%, 3 min 05 s left" for the running stage; "" if none runs."""
+        """ "42%, 3 min 05 s left" for the running stage, "1%, estimating" at first; "" if none runs."""
         if not self.stage:
             return ""
         if self.progress is None:
             return "starting"
         left = self.progress.seconds_left
         words = f"{100 * self.progress.fraction:.0f}%"
-        return f"{words}, {duration(left)} left" if left is not None and left >= 1 else words
-
-
-def _short(value: object) -> str:
-    if isinstance(value, dict):
-        return f"of {len(value)}"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+        if left is None:
+            return f"{words}, estimating"
+        return f"{words}, {duration(left)} left" if left >= 1 else words

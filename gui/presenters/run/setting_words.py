@@ -39,6 +39,7 @@ EMPTY: Mapping[str, str] = {
     "run.gpus_per_group": "automatic",
     "run.groups_at_once": "automatic",
     "run.memory_per_group": "automatic",
+    "train.color_chart_frame": "no chart",
     "train.motion_first_iterations": "as the others",
 }
 """What is shown instead of null, an empty list, an empty mapping or an empty text."""
@@ -69,6 +70,9 @@ FILES = frozenset(
     {"calibrate.known_cameras", "calibrate.tie_points", "capture.audio", "capture.mask_model", "capture.rig"}
 )
 """Settings that are a file."""
+
+TEMPLATES = frozenset({"capture.clean_plates", "capture.images", "capture.mask_files"})
+"""Settings that are paths with placeholders, which are long."""
 
 BASIC = frozenset(
     {

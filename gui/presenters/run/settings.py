@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import types
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
@@ -35,8 +37,8 @@ NULLS = ("", "null", "~")
 SWITCH_WORDS = {"true": "on", "false": "off"}
 """Of a switch that can also be without a value."""
 
-WIDEST_SLIDER = 100
-"""Whole numbers between more distant limits have no slider."""
+WIDEST_STEPS = 100
+"""Whole numbers between more distant limits have no buttons that step them."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,8 @@ class SettingField:
         documentation: description and bounds.
         empty: word for null, an empty list or an empty mapping; "" if it is never empty.
         kind_of_list: "list" or "mapping" for those, shown without brackets; "" for others.
-        limits: lowest and highest value of a slider; None for no slider.
-        whole: whether a slider has whole numbers only.
+        limits: lowest and highest value of a number that can be stepped; None for others.
+        whole: whether it is a whole number.
     """
 
     name: str
@@ -111,21 +113,62 @@ class SettingField:
             text = "{}" if nothing else text if text.startswith("{") else f"{{{text}}}"
         return parse_override(f"{self.name}={text}")[1]
 
+    def stepped(self, text: str, count: int) -> str | None:
+        """A number moved to a multiple of its step, and kept within its limits.
+
+        The step is 1 for whole numbers, else a twentieth of the range, rounded up to 1, 2 or 5 times a power of ten:
+        0.05 from 0 to 1. From between two multiples, the first step leads to the next one.
+
+        Args:
+            text: the number.
+            count: steps, negative for lower ones.
+
+        Returns:
+            The number as text, `text` itself if it stays the same; None if there are no limits, or `text` is no number.
+        """
+        try:
+            value = float(text)
+        except ValueError:
+            return None
+        if self.limits is None or not math.isfinite(value):
+            return None
+        low, high = self.limits
+        step = 1.0 if self.whole else _round_step((high - low) / 20)
+        near = 1e-9  # a multiple that is not exact in binary is one
+        multiple = math.floor(value / step + near) if count > 0 else math.ceil(value / step - near)
+        moved = min(max((multiple + count) * step, low), high)
+        if math.isclose(moved, value, abs_tol=near):
+            return text
+        return str(round(moved)) if self.whole else f"{moved:.6g}"
+
+
+def _round_step(least: float) -> float:
+    """The lowest of 1, 2 and 5 times a power of ten that is not below a number above 0."""
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(one * power for one in (1, 2, 5, 10) if one * power >= least * (1 - 1e-9))
+
 
 def fields_of(stage: str) -> list[SettingField]:
     """All settings of a stage, in order of declaration."""
+    return list(_fields_of(stage))
+
+
+@cache
+def _fields_of(stage: str) -> tuple[SettingField, ...]:
     found: list[SettingField] = []
     for section in SECTIONS[stage]:
         model = submodel(Config.model_fields[section])
         assert model is not None
         found += _fields(model, f"{section}.")
-    return found
+    return tuple(found)
 
 
+@lru_cache(maxsize=256)
 def stage_of(setting: str) -> str:
-    """The stage whose panel has a setting, by its dotted name; "" if no panel has it."""
+    """The stage whose panel has a setting, or a block of them ("calibrate.board"), by its dotted name; "" if no panel
+    has it."""
     for stage in SECTIONS:
-        if any(field.name == setting for field in fields_of(stage)):
+        if any(field.name == setting or field.name.startswith(f"{setting}.") for field in _fields_of(stage) if setting):
             return stage
     return ""
 
@@ -194,9 +237,9 @@ def _items(value: Any) -> list[Any]:
 
 
 def _limits(field: FieldInfo, whole: bool) -> tuple[float, float] | None:
-    """Of a slider: both bounds, if a slider can be set precisely between them."""
+    """Both bounds, if a few steps lead from one to the other."""
     low, high = bounds(field)
-    if low is None or high is None or high - low > (WIDEST_SLIDER if whole else 1):
+    if low is None or high is None or high - low > (WIDEST_STEPS if whole else 1):
         return None
     return low, high
 
@@ -207,8 +250,8 @@ def _all_text(part: Any) -> bool:
 
 def place_of(field: SettingField, config: Config) -> Path:
     """Where a dialog begins that chooses the file or folder of a setting: there, if it exists, else in the capture's
-    folder as it is mounted here, else in the working directory."""
-    root = Path.cwd() if is_address(config.capture.root) else path_here(config.capture.root, config.run.paths)
-    root = root if root.is_dir() else Path.cwd()
+    folder as it is mounted here, else at home."""
+    root = Path.home() if is_address(config.capture.root) else path_here(config.capture.root, config.run.paths)
+    root = root if root.is_dir() else Path.home()
     now = root if field.name in FOLDERS else root / field.shown(config)
     return now if now.exists() else root

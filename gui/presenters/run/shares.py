@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from gui.presenters.run.target import NamedTarget
+from pipelines.reports.terminal import counted
+from pipelines.runs.staleness import StageStatus
 from pipelines.share import MAX_SINGLE_FILE_BYTES, ShareSize
 
 FORMS: dict[str, tuple[str, str]] = {
@@ -30,6 +34,9 @@ PHONES_SERVE = (
 """The same, where this machine serves."""
 
 
+_TEXTS = ("title", "credits", "license", "address")
+
+
 @dataclass
 class ShareRequest(NamedTarget):
     """A share as chosen in the dialog, text as typed.
@@ -39,18 +46,39 @@ class ShareRequest(NamedTarget):
         source: folder of a take or a stream.
         name: its name; that of what is written begins with it.
         folder: where to write to at first.
+        stale: why the stream is not up to date, or not known to be, see `stale_words`; "" if it is.
         title, credits, license, address: as in `pipelines.share.PageText`; empty ones are the stream's own.
     """
 
+    does: ClassVar[str] = "Share"
+    done: ClassVar[str] = "Shared"
+    stays: ClassVar[bool] = True
     form: str
     source: str
     name: str
     folder: Path
+    stale: str = ""
     title: str = ""
     credits: str = ""
     license: str = ""
     address: str = ""
     _target: str = ""
+
+    @property
+    def replaces(self) -> bool:
+        """Whether there is something where it is to be written."""
+        return self.path.exists()
+
+    def kept(self) -> dict[str, str]:
+        """What was chosen, to begin with next time."""
+        return {name: getattr(self, name) for name in (*_TEXTS, "target")}
+
+    def begin_with(self, kept: Mapping[str, str]) -> None:
+        """Choose what was chosen last time, as `kept` tells it."""
+        for name in _TEXTS:
+            setattr(self, name, kept.get(name, ""))
+        if kept.get("target"):
+            self.set_target(kept["target"])
 
     @property
     def usual_name(self) -> str:
@@ -62,8 +90,8 @@ class ShareRequest(NamedTarget):
         found = [self.source, "--out", str(self.path), "--json"]
         if self.form == "single-file":
             found.append("--single-file")
-        texts = {"title": self.title, "credits": self.credits, "license": self.license, "address": self.address}
-        for name, text in texts.items():
+        for name in _TEXTS:
+            text = getattr(self, name)
             if text.strip():
                 found.append(f"--{name}={text.strip()}")
         return found
@@ -71,7 +99,7 @@ class ShareRequest(NamedTarget):
 
 def size_words(size: ShareSize, form: str) -> str:
     """What a share takes, as a sentence; `form` is of `FORMS`, or "serve"."""
-    parts = f"{size.frames} frames, {size.seconds:.1f} s: stream {megabytes(size.stream_bytes)}"
+    parts = f"{counted(size.frames, 'frame')}, {size.seconds:.1f} s: stream {megabytes(size.stream_bytes)}"
     if form == "single-file":
         if not size.single_file_possible:
             most = megabytes(MAX_SINGLE_FILE_BYTES)
@@ -79,6 +107,24 @@ def size_words(size: ShareSize, form: str) -> str:
         return f"{parts}, the file about {megabytes(size.single_file_bytes)}."
     player = f"{parts}, player {megabytes(size.player_bytes)}"
     return f"{player}." if form == "serve" else f"{player}, and a poster."
+
+
+def stale_words(bake: StageStatus | None, checked: bool = True, unreadable: bool = False) -> str:
+    """What to tell of a take's stream that is shared; "" if it is up to date.
+
+    Args:
+        bake: the status of the stage Bake; None for a stream without a take.
+        checked: whether that is the status now.
+        unreadable: whether it cannot be read.
+    """
+    if unreadable:
+        return "Whether the stream is up to date is not known: the take's settings or its status cannot be read."
+    if not checked:
+        return "Checking whether the stream is up to date ..."
+    if bake is None or bake.state == "done":
+        return ""
+    why = f": {bake.reason}" if bake.reason else ""
+    return f"The stream is out of date{why}.\nTo share the take as it is set now, cancel and run Bake first."
 
 
 def megabytes(count: int) -> str:

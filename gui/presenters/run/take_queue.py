@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gui.presenters.worker import LatestWorker
-from pipelines.batch.progress import progress_words
+from pipelines.batch.progress import progress
 from pipelines.batch.queue_file import QueueFile, default_queue
 from pipelines.batch.start import errors_of, start_queue
 from pipelines.config import load_config
@@ -23,12 +23,19 @@ LOOK_EVERY = 1.0
 
 @dataclass(frozen=True)
 class QueueRow:
-    """A take in the list: its number, folder and state, and its progress or why it failed."""
+    """A take in the list: its number, folder and state, and its progress or why it failed.
+
+    Attributes:
+        stage: what runs; "" if nothing does.
+        fraction: how much of it is done, 0 to 1; None if it has not told yet, or nothing runs.
+    """
 
     number: int
     take: Path
     state: str
     words: str
+    stage: str = ""
+    fraction: float | None = None
 
     def __str__(self) -> str:
         """For the list."""
@@ -61,10 +68,10 @@ def look(queue: QueueFile) -> QueueView:
     is_run = queue.is_run()
     rows = []
     for entry in found.takes:
-        state, words = entry.state, entry.message
+        state, words, stage, fraction = entry.state, entry.message, "", None
         if state == "running":
-            words = progress_words(Take(entry.take)) if is_run else "interrupted"
-        rows.append(QueueRow(entry.number, entry.take, state, words))
+            words, stage, fraction = progress(Take(entry.take)) if is_run else ("interrupted", "", None)
+        rows.append(QueueRow(entry.number, entry.take, state, words, stage, fraction))
     return QueueView(tuple(rows), is_run)
 
 
@@ -102,7 +109,7 @@ class TakeQueue:
 
     def poll(self) -> bool:
         """Read the queue now and then; returns whether anything visible changed."""
-        before = (self.view, self.message, self.running)
+        before = self.state
         if self._worker is None:
             self._worker = LatestWorker(look, "v3studio queue")
         if self._now() >= self._next_look:
@@ -119,7 +126,7 @@ class TakeQueue:
                 self.message = _killed(-code)
             self._process = None
             self._next_look = 0.0
-        return before != (self.view, self.message, self.running)
+        return before != self.state
 
     def _why_it_ended(self) -> str:
         """The error of the program; "" if it only reports that takes failed, which the list shows."""
@@ -128,6 +135,11 @@ class TakeQueue:
         except OSError as error:
             return str(error)
         return next((line.removeprefix("error: ") for line in reversed(lines) if line.startswith("error: ")), "")
+
+    @property
+    def state(self) -> tuple[QueueView, str, bool]:
+        """Everything that is shown of it; compared for equality."""
+        return self.view, self.message, self.running
 
     @property
     def running(self) -> bool:

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar
 
 
 class NamedTarget:
     """Base of the requests of dialogs with a field for the target.
 
     Attributes:
+        does: what writing it is called.
+        done: what it is called afterwards.
+        stays: whether the notice that it is done stays until it is dismissed.
         folder: where to write to by default.
     """
 
+    does: ClassVar[str] = "Export"
+    done: ClassVar[str] = "Written"
+    stays: ClassVar[bool] = False
     folder: Path
     _target: str
 

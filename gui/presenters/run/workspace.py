@@ -36,6 +36,10 @@ LOOK_EVERY = 0.5
 ASSESS_EVERY = 30.0
 """Seconds after which the stages are reassessed even without a visible change."""
 
+FOOTAGE_CACHE = 512 * 1024 * 1024
+"""Bytes of decoded images that are kept of the footage without cameras, and again of that with them, as of decoded
+frames. A run may keep far more, but a window is open for hours, and its user has other programs."""
+
 
 class Workspace:
     """See the module. Call `poll` at each tick; nothing here blocks.
@@ -47,6 +51,8 @@ class Workspace:
     Attributes:
         opening: name of what is being opened; "" if nothing is.
         history: changes of the take's settings and marks, for undo.
+        assessed: whether `assessment` is of this take, maybe before the last change.
+        checked: whether it is of the take as it is now, as far as is known.
     """
 
     def __init__(
@@ -62,7 +68,8 @@ class Workspace:
         self.take: Take | None = None
         self.context: Context | None = None
         self.assessment = Assessment()
-        self.assessed = False
+        self.assessed = self.checked = self._assess_failed = False
+        self._asked: Context | None = None  # for the assessment of the take as it is now
         self.run = RunState()
         self.job: Job | None = None
         self.holder: dict[str, object] | None = None
@@ -101,12 +108,26 @@ class Workspace:
             return f"Opening {self.opening} ..."
         return "No take is open. A stream has no footage."
 
+    @property
+    def unreadable(self) -> bool:
+        """Whether the take's settings or the status of its stages cannot be read."""
+        return self.take is not None and (self.context is None or self._assess_failed)
+
+    def _new_context(self, config: Config) -> Context:
+        assert self.take is not None
+        return Context(self.take, config, most_cached=FOOTAGE_CACHE)
+
     def _read_config(self) -> None:
         assert self.take is not None
         try:
-            self.context = Context(self.take, load_config(self.take.config))
+            self.context = self._new_context(load_config(self.take.config))
         except StudioError as error:
             self.context, self.message = None, str(error)
+        self._unchecked()
+
+    def _unchecked(self) -> None:
+        """Something has changed: an assessment that has begun before does not count."""
+        self.checked, self._asked = False, None
 
     # At each tick
 
@@ -129,6 +150,8 @@ class Workspace:
         done = self._worker.take()
         if done is not None and self.context is not None and done.request.config is self.context.config:
             self.assessed = True
+            self._assess_failed = done.result is None
+            self.checked = not self._assess_failed and (self.checked or done.request is self._asked)
             if done.result is not None:
                 self.assessment = done.result
             else:
@@ -136,7 +159,7 @@ class Workspace:
         return before != self._shown()
 
     def _shown(self) -> tuple[object, ...]:
-        return self.run.changes, self.assessment, self.holder, self.message, self.assessed, self.paused
+        return self.run.changes, self.assessment, self.holder, self.message, self.assessed, self.checked, self.paused
 
     def _job_over(self) -> None:
         assert self.take is not None
@@ -168,12 +191,15 @@ class Workspace:
         fingerprint = self._take_fingerprint()
         if fingerprint != self._fingerprint or self._now() >= self._next_assess:
             inputs_changed = self._fingerprint[:3] != fingerprint[:3]
+            if fingerprint != self._fingerprint:
+                self._unchecked()
             self._fingerprint = fingerprint
             self._next_assess = self._now() + ASSESS_EVERY
             if inputs_changed or self.context is None:
                 self._read_config()
             if self.context is not None:  # a new context, because the views' context keeps its footage open
-                self._worker.ask(Context(self.take, self.context.config))
+                self._asked = self._new_context(self.context.config)
+                self._worker.ask(self._asked)
 
     def _take_fingerprint(self) -> tuple[object, ...]:
         """A cheap fingerprint that changes with everything that a stage's status depends on."""
@@ -263,6 +289,10 @@ class Workspace:
             return False
         return True
 
+    def note(self, text: str, failed: bool = False) -> None:
+        """Add a line to the log about something else than the run."""
+        self.run.note(text, time.time(), failed)
+
     def cancel(self) -> None:
         """Stop the run, whoever started it; finished work is kept."""
         if self.job is not None:
@@ -329,16 +359,17 @@ class Workspace:
             None, or why it was refused.
         """
         before = self.context.config if self.context is not None else None
-        refusal = self._write_settings(values)
+        refusal = self.write_settings(values)
         if refusal is None and before is not None and self.context is not None and self.context.config != before:
             old = {name: setting_value(before, name) for name in values}
             new = {name: setting_value(self.context.config, name) for name in values}
             words = words or ", ".join(f"{name} {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new)
-            write = self._write_settings
+            write = self.write_settings
             self.history.add(Change(words, lambda: write(old), lambda: write(new)))
         return refusal
 
-    def _write_settings(self, values: Mapping[str, object]) -> Message | None:
+    def write_settings(self, values: Mapping[str, object]) -> Message | None:
+        """As `change_settings`, but not noted for undo."""
         if self.take is None or self.context is None:
             return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
         if self.busy:
@@ -352,15 +383,17 @@ class Workspace:
         except StudioError as error:
             return replace(error.message, file=None) if error.file == COMMAND_LINE else error.message
         if config != self.context.config:
-            self.context = Context(self.take, config)
-        self._next_look = 0.0
+            self.context = self._new_context(config)
+            self._unchecked()
+        self._next_look = self._next_assess = 0.0
         return None
 
     def inputs_changed(self) -> None:
         """Read the take's edits again, and assess the stages soon."""
         if self.take is not None and self.context is not None:
-            self.context = Context(self.take, self.context.config)
-            self._next_look = 0.0
+            self.context = self._new_context(self.context.config)
+            self._unchecked()
+            self._next_look = self._next_assess = 0.0
 
     def take_results(self) -> bool:
         """True once each time the take has new results."""

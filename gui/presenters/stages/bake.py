@@ -14,6 +14,7 @@ from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.qp_chart import QpChart
 from gui.presenters.stages.qp_trial import QpTrial
 from gui.presenters.stages.stage_view import Size, StageView
+from pipelines.reports.terminal import counted
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import Manifest, StreamReader
@@ -74,7 +75,7 @@ def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
     """(side, side) uint8 by attribute: splat i at row i // side, column i % side, scaled to its range."""
     side = math.ceil(math.sqrt(len(gaussians)))
     columns: dict[str, np.ndarray] = {}
-    for name, tensor in gaussians.state_dict().items():
+    for name, tensor in gaussians.items():
         values = tensor.detach().cpu().numpy().reshape(len(gaussians), -1)
         for number in range(min(values.shape[1], 4)):  # only the DC color of sh
             columns[name if values.shape[1] == 1 else f"{name} {number}"] = values[:, number]
@@ -163,7 +164,7 @@ class BakeView(StageView):
                 break
             words = (
                 f"group {group.index}: frames {group.first_frame} to {group.first_frame + group.frame_count - 1}, "
-                f"{group.splats:,} splats, "
+                f"{counted(group.splats, 'splat')}, "
                 f"{group.bytes / group.frame_count / 1000:.1f} KB per frame"
             )
             canvas.text(em, y, words, round(0.9 * em), DIM, width=size[0] - 2 * em)
@@ -214,7 +215,7 @@ class BakeView(StageView):
             pictures = attribute_planes(decoded.gaussians())
             words = "as decoded, each scaled from its minimum (black) to its maximum (white)"
         side = len(next(iter(pictures.values())))
-        words = f"frame {frame}: {len(pictures)} planes of {side} x {side}, {words}"
+        words = f"frame {frame}: {counted(len(pictures), 'plane')} of {side} x {side}, {words}"
         canvas.text(em, 0.6 * em, words, small, DIM, width=size[0] - 2 * em)
         from gui.presenters.stages.capture import grid
 

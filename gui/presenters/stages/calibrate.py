@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height
+from gui.presenters.drawing.labels import draw_labels
 from gui.presenters.drawing.painter import NEAR, draw_frustum, draw_points, frustum, project
 from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, SECOND, TEXT
 from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.run.inspector import Block
 from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.rig_coverage import RigCoverage
 from gui.presenters.stages.stage_view import OrbitView, Size, rectangle
+from pipelines.reports.terminal import counted
 from pipelines.takes.calibration import CamerasReport, read_cameras_report
-from pipelines.takes.point_files import read_points
+from pipelines.takes.point_files import read_points, read_surface
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, CameraReport
 from studio.cameras import Camera, Rig
@@ -30,7 +36,8 @@ UNKNOWN: tuple[str, RGB] = ("no reprojection error: cameras from a file", SECOND
 class CalibrateView(OrbitView):
     """See the module."""
 
-    modes = ("cameras", "report", "points by hand")  # the last is `PointsView`'s
+    modes = ("cameras", "coverage", "report", "points by hand")  # the last is `PointsView`'s
+    sharp = True
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -39,6 +46,19 @@ class CalibrateView(OrbitView):
         self._report: CamerasReport | None = None
         self._points: tuple[np.ndarray, np.ndarray] | None = None
         self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
+        self._coverage: RigCoverage | None = None
+        self._coverage_of: Hashable = None
+
+    @property
+    def orbits(self) -> bool:
+        """See `StageView`: the report is a table."""
+        return self.mode != "report"
+
+    @property
+    def blocks(self) -> Sequence[Block]:
+        """Figures for the inspector: how well the cameras cover the performer."""
+        covered = self._coverage
+        return [covered.block] if covered is not None else []
 
     def state(self) -> Hashable:
         """The calibration files, the view, and the frame whose images are on the frustums."""
@@ -47,14 +67,17 @@ class CalibrateView(OrbitView):
         if stamp != self._read_of:
             self.orbit = None  # other cameras need another view
         view = self.orbit.key if self.orbit is not None else None
-        return (stamp, self.mode, self.camera, view, self.frame if self.mode == "cameras" else 0, self.em)
+        frame = self.frame if self.mode == "cameras" else 0
+        return (stamp, self._covered_by(), self.mode, self.camera, view, frame, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
         take = self.workspace.take
         if take is None or not take.rig.is_file():
+            self._coverage = self._coverage_of = None  # or the inspector would show those of the last take
             raise StudioError("take.no_cameras", "no cameras yet", fix="Run Calibrate.")
         self._read(take)
+        self._cover(take)
         return self._table(size) if self.mode == "report" else self._scene(size)
 
     def _read(self, take: Take) -> None:
@@ -69,6 +92,28 @@ class CalibrateView(OrbitView):
         self._thumbnails.clear()
         self._home = _overview(self._rig)
         self._read_of = stamp
+
+    def _covered_by(self) -> Hashable:
+        """What the coverage depends on besides the rig."""
+        take, config = self.workspace.take, self.workspace.config
+        if take is None or config is None:
+            return None
+        return (config.capture, config.run.paths, _time(_surface(take)))
+
+    def _cover(self, take: Take) -> None:
+        of = (self._read_of, self._covered_by())
+        if of == self._coverage_of:
+            return
+        assert self._rig is not None
+        assert self._home is not None
+        context = self.workspace.context
+        names: Sequence[str] = self._rig.names
+        with suppress(StudioError):  # footage that is gone; the Capture view shows the error
+            names = context.footage.raw.train_cameras if context is not None else names
+        self._coverage, self._coverage_of = None, of
+        with suppress(StudioError):  # damaged points of the first group; Initialize shows the error
+            surface = read_surface(_surface(take)) if _surface(take).is_file() else None
+            self._coverage = RigCoverage.of(self._rig, names, self._home.target, surface)
 
     def _error(self, name: str) -> float | None:
         figures = self._figures(name)
@@ -90,8 +135,12 @@ class CalibrateView(OrbitView):
         orbit = self.orbit or self._home
         view = orbit.camera(*size)
         canvas = Canvas(*size, GROUND)
-        self._floor(canvas, view, self._home)
-        if self._points is not None:
+        covered = self._coverage if self.mode == "coverage" else None
+        if covered is not None:
+            covered.draw(canvas, view, 0.16 * self.em)
+        else:
+            self._floor(canvas, view, self._home)
+        if self._points is not None and covered is None:
             points, colors = self._points
             draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
         length = 0.16 * float(np.median([np.linalg.norm(camera.center - self._home.target) for camera in self._rig]))
@@ -99,18 +148,21 @@ class CalibrateView(OrbitView):
         small = round(0.85 * self.em)
         places = []
         for camera in far_first:
-            color = TEXT if camera.name == self.camera else self._color(camera.name)
+            color = TEXT if camera.name == self.camera else self._color(camera.name) if covered is None else SECOND
             center, corners = frustum(camera, length)
             pixels, depth = project(view, np.vstack([center[None], corners]))
             if (depth > NEAR).all():
                 places.append((camera.name, pixels))
-            place = draw_frustum(canvas, view, camera, length, color, self._thumbnail(camera.name), 2)
-            if place is not None:
-                error = self._error(camera.name)
-                words = camera.name if error is None else f"{camera.name}  {error:.2f} px"
-                canvas.text(place[0], place[1] + 4, words, small, TEXT, align="middle")
+            picture = self._thumbnail(camera.name) if covered is None else None
+            draw_frustum(canvas, view, camera, length, color, picture, 2)
         self.places = places
-        self._legend(canvas, small)
+        # the chosen one first, then those in front: where there is no room for all names, these have theirs
+        nearest = places[::-1]
+        named = sorted(nearest, key=lambda place: place[0] != self.camera)
+        errors = {name: self._error(name) if covered is None else None for name, _ in named}
+        words = [name if errors[name] is None else f"{name}  {errors[name]:.2f} px" for name, _ in named]
+        draw_labels(canvas, words, [corners for _, corners in named], small)
+        self._legend(canvas, small, covered)
         return canvas.pixels
 
     def _floor(self, canvas: Canvas, view: Camera, home: OrbitCamera) -> None:
@@ -124,9 +176,9 @@ class CalibrateView(OrbitView):
             ends = [home.target + radius * (np.cos(angle) * first + np.sin(angle) * second) for angle in angles]
             draw_line(canvas, view, ends[0], ends[1], LINE)
 
-    def _legend(self, canvas: Canvas, small: int) -> None:
+    def _legend(self, canvas: Canvas, small: int, covered: RigCoverage | None) -> None:
         known = any(self._error(camera.name) is not None for camera in self._rig or ())
-        entries = list(BANDS.values()) if known else [UNKNOWN]
+        entries = covered.legend if covered is not None else list(BANDS.values()) if known else [UNKNOWN]
         for number, (words, color) in enumerate(entries):
             y = self.em * 0.7 + number * line_height(small)
             canvas.dot(self.em, y + 0.6 * small, 0.3 * small, color)
@@ -159,7 +211,7 @@ class CalibrateView(OrbitView):
         y = em
         report = self._report
         source = (report.source if report is not None else None) or "an unknown source"
-        facts = [f"{len(self._rig)} cameras", f"from {source}"]
+        facts = [counted(len(self._rig), "camera"), f"from {source}"]
         if isinstance(report, CalibrationReport):
             figures = report.reprojection
             facts.append(f"reprojection error: mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px")
@@ -192,7 +244,7 @@ class CalibrateView(OrbitView):
             places.append((camera.name, rectangle(0, y, size[0], step)))
             if camera.name == self.camera:
                 canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
-            canvas.dot(0.5 * em, y + 0.6 * normal, 0.25 * em, self._color(camera.name))
+            canvas.dot(0.35 * em, y + 0.6 * normal, 0.22 * em, self._color(camera.name))
             for (_, at), word in zip(columns, words, strict=True):
                 canvas.text(em + at * wide, y, word, normal, TEXT, align="left" if at == 0 else "right")
             y += step
@@ -204,7 +256,7 @@ class CalibrateView(OrbitView):
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """See `StageView`."""
-        if self.mode == "cameras":  # the report is a table
+        if self.mode != "report":  # a table
             super().drag(dx, dy, turn, height)
 
 
@@ -221,7 +273,14 @@ def _overview(rig: Rig) -> OrbitCamera:
 
 
 def _stamp(take: Take) -> tuple[float, ...]:
-    return tuple(
-        path.stat().st_mtime if path.is_file() else 0.0
-        for path in (take.rig, take.calibration_report, take.calibration_points)
-    )
+    return tuple(map(_time, (take.rig, take.calibration_report, take.calibration_points)))
+
+
+def _surface(take: Take) -> Path:
+    """Points on the performer in the first frame."""
+    return take.initialize_group(0) / "points.ply"
+
+
+def _time(path: Path) -> float:
+    """When it was changed, seconds since 1970; 0 if it does not exist."""
+    return path.stat().st_mtime if path.is_file() else 0.0

@@ -15,6 +15,7 @@ from gui.presenters.drawing.palette import DIM, GROUND
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import OrbitView, Size
+from pipelines.reports.terminal import counted
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import InitialPointsReport
@@ -84,9 +85,9 @@ class InitializeView(OrbitView):
         keyframe = read_model(path, InitialPointsReport).keyframe if path.is_file() else "?"
         small = round(0.9 * self.em)
         group = int(folder.name.removeprefix("group_"))
-        words = f"group {group}, frame {keyframe}: {len(points):,} points"
+        words = f"group {group}, frame {keyframe}: {counted(len(points), 'point')}"
         if self._mesh is not None:
-            words += f" on {self._mesh.faces:,} faces"
+            words += f" on {counted(self._mesh.faces, 'face')}"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
         return canvas.pixels
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
 from gui.presenters.drawing.palette import DIM, GROUND, TEXT
 from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.run.inspector import Block
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.worker import LatestWorker
 from studio.errors import StudioError
@@ -29,6 +30,7 @@ class StageView:
 
     Attributes:
         modes: pictures to choose from; the first is the default.
+        sharp: whether it is drawn at the resolution of the viewport once it rests, though it orbits.
         mode: the selected picture.
         em: the window's font size, pixels.
         frame: the transport's current frame.
@@ -37,8 +39,7 @@ class StageView:
     """
 
     modes: ClassVar[tuple[str, ...]] = ()
-    orbits: ClassVar[bool] = False
-    """Whether drags orbit."""
+    sharp: ClassVar[bool] = False
 
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
@@ -49,6 +50,11 @@ class StageView:
         self.camera = ""
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._work, f"v3studio {type(self).__name__}")
         self._asked: _Request | None = None
+
+    @property
+    def orbits(self) -> bool:
+        """Whether drags orbit; such a picture may be drawn smaller than the viewport, to stay fast."""
+        return False
 
     def state(self) -> Hashable:
         """Everything that the picture depends on except its size; compared for equality."""
@@ -61,6 +67,11 @@ class StageView:
             StudioError: shown as text instead of the picture.
         """
         raise NotImplementedError
+
+    @property
+    def blocks(self) -> Sequence[Block]:
+        """Figures for the inspector, as far as they are known; none by default."""
+        return ()
 
     def poll(self, size: Size) -> np.ndarray | None:
         """Return a new picture if there is one, and request one if anything has changed. Never blocks."""
@@ -102,15 +113,12 @@ class StageView:
     def click(self, x: float, y: float) -> None:
         """Handle a click at a pixel of the picture."""
 
+    def right_click(self, x: float, y: float) -> None:
+        """Handle a right click at a pixel of the picture where no camera is shown."""
+
     def camera_at(self, x: float, y: float) -> str:
         """The camera shown at a pixel of the picture; "" if there is none."""
-        import cv2
-
-        for name, corners in reversed(self.places):
-            hull = cv2.convexHull(corners.astype(np.float32))
-            if cv2.pointPolygonTest(hull, (float(x), float(y)), True) >= -PICK_MARGIN:
-                return name
-        return ""
+        return shown_at(self.places, x, y)
 
     def hover(self, x: float, y: float) -> None:
         """Note the pointer position for the wheel."""
@@ -122,6 +130,9 @@ class StageView:
     def status(self) -> str:
         """The status line."""
         return ""
+
+    def forget(self) -> None:
+        """Drop what is large of the take that was open."""
 
     def close(self) -> bool:
         """End the thread. Returns whether it ended in time."""
@@ -135,12 +146,15 @@ class OrbitView(StageView):
         orbit: the view; None for `_home`, which `draw` sets.
     """
 
-    orbits = True
-
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self.orbit: OrbitCamera | None = None
         self._home: OrbitCamera | None = None
+
+    @property
+    def orbits(self) -> bool:
+        """See `StageView`."""
+        return True
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """See `StageView`."""
@@ -157,6 +171,22 @@ class OrbitView(StageView):
     def reset(self) -> None:
         """Return to the initial view."""
         self.orbit = None
+
+
+def shown_at(places: Sequence[tuple[str, np.ndarray]], x: float, y: float) -> str:
+    """The name of what is at a pixel, the last one if there are several; "" if there is none.
+
+    Args:
+        places: names and (N, 2) pixels, whose convex hull counts.
+        x, y: pixel.
+    """
+    import cv2
+
+    for name, corners in reversed(places):
+        hull = cv2.convexHull(corners.astype(np.float32))
+        if cv2.pointPolygonTest(hull, (float(x), float(y)), True) >= -PICK_MARGIN:
+            return name
+    return ""
 
 
 def rectangle(x: float, y: float, width: float, height: float) -> np.ndarray:

@@ -8,15 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.presenters.edits.view import EDIT_CHOICES, EditView
+from gui.presenters.drawing.palette import GROUND
+from gui.presenters.edits.tools import EDIT_CHOICES
+from gui.presenters.edits.view import EditView
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.points.view import PointsView
 from gui.presenters.run.workspace import Workspace
+from gui.presenters.scene.contents import PARTS
+from gui.presenters.scene.gizmo import along
+from gui.presenters.scene.rest import Rest
 from gui.presenters.stages.bake import BakeView
 from gui.presenters.stages.calibrate import CalibrateView
-from gui.presenters.stages.capture import CaptureView
+from gui.presenters.stages.capture import GARBAGE, CaptureView
 from gui.presenters.stages.initialize import InitializeView, Mesh
-from gui.presenters.stages.stage_view import StageView, waiting
+from gui.presenters.stages.stage_view import StageView, shown_at, waiting
 from gui.presenters.stages.train import TrainView
 
 Choice = tuple[str, str, str]
@@ -31,18 +36,42 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     ("wipe", "Wipe", "Wipe against footage or trained; drag the line (W)"),
     ("difference", "Difference", "Difference heat map against footage or trained (D)"),
     ("", "", ""),
+    ("scene", "Scene", "Splats with cameras, points, mesh, grid and axes; click a camera to look through it (O)"),
     ("edit", "Edit", "Trim, crop, remove floaters, place the world; can be undone (X)"),
+)
+SCENE_CHOICES: tuple[Choice, ...] = (
+    ("scene", "Done", "Leave the scene and show the take again (O)"),
+    ("", "", ""),
+    ("trained", "Trained", "Trained Gaussians (2)"),
+    ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
+    ("", "", ""),
+    ("splats", "Splats", "The frame's splats"),
+    ("cameras", "Cameras", "Frusta of the capture cameras with their images; click one to look through it"),
+    ("points", "Points", "Sparse points of the calibration, else the initial points of training"),
+    ("mesh", "Mesh", "Visual hull of the group's keyframe"),
+    ("grid", "Grid", "A grid on the ground"),
+    ("axes", "Axes", "The axes of the world: x red, y green, z blue"),
+    ("volume", "Volume", "The box around the visual hull, and its size"),
 )
 EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 
+LOADING = "loading"
+"""What the empty view says until its first picture is there."""
+
 DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
 """Seconds after which a picture of something else, or of another frame, is dimmed: not at every quick change."""
+
+SLOW_TICK = 0.25
+"""Seconds between two ticks from which on the window is so slow that a wrong picture is dimmed at once: it would stay
+for another draw."""
 
 TOOLTIPS = {
     "mask overlay": "Images with the background darkened and the matte's edge outlined",
     "images": "Original images",
     "performer": "Images cut out by the mattes",
+    "garbage mattes": "Draw where the performer never is: click a camera, then the corners of a polygon",
     "cameras": "Camera frustums with their images, and sparse points",
+    "coverage": "Directions around the performer, and its surface, by how well the training cameras see them",
     "report": "Reprojection error per camera",
     "points by hand": "Mark tie points manually, for footage with too few automatic matches",
     "mesh": "Visual hull of the group's keyframe",
@@ -92,11 +121,14 @@ class StageViews:
         self.editor = EditView(workspace)
         self.editing = False
         self.stage = "review"
+        self._left_scene_of: object = None
         self._now = now
         self._shown: object = None
         self._pixels: np.ndarray | None = None
         self._missing_since: float | None = None
+        self._ticked = now()
         self._waits = ""
+        self._rest = Rest(now)
         self.asked: tuple[str, str] | None = None
         self.asked_bakes = False
         self.asked_edit = ""
@@ -108,17 +140,30 @@ class StageViews:
             stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
             for stage, stage_view in self.stage_views.items()
         }
-        return {**found, "review": REVIEW_CHOICES, "edit": EDIT_CHOICES}
+        return {**found, "review": REVIEW_CHOICES, "edit": EDIT_CHOICES, "scene": SCENE_CHOICES}
 
     @property
     def row(self) -> str:
         """Which of `choices` are offered."""
-        return "edit" if self.edits_take else self.stage
+        return "edit" if self.edits_take else "scene" if self.shows_scene else self.stage
 
     @property
     def edits_take(self) -> bool:
         """Whether the edits are on screen."""
         return self.editing and self.stage == "review"
+
+    @property
+    def shows_scene(self) -> bool:
+        """Whether the scene is on screen."""
+        return self.stage == "review" and not self.editing and self.player.mode == "scene"
+
+    def leave_scene(self) -> bool:
+        """Show the take again; returns whether the scene was on screen."""
+        return self.shows_scene and self.player.choose_mode("single")
+
+    def leave(self) -> bool:
+        """Leave the edits or the scene; returns whether one was on screen."""
+        return self.leave_edits() or self.leave_scene()
 
     def edit(self) -> None:
         """Show the edits of the take."""
@@ -127,7 +172,8 @@ class StageViews:
             player.message = "Only a take can be edited. Open one, or create one from footage."
             return
         player.transport.pause()
-        self.stage, self.editing = "review", True
+        self._go("review")
+        self.editing = True
         self.editor.background = player.background
         self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
         self.shown_anew()
@@ -151,16 +197,32 @@ class StageViews:
             return self.editor.pressed_buttons
         if self.stage != "review":
             return {self.stage_views[self.stage].mode}
+        if self.shows_scene:
+            return {self.player.what, *self.player.scene_parts}
         return {self.player.what, self.player.mode}
 
+    @property
+    def idle(self) -> set[str]:
+        """Buttons that would do nothing now."""
+        return self.editor.idle_buttons if self.edits_take else set()
+
     def choose(self, key: str) -> None:
-        """Press a button; pressing an active comparison turns it off."""
+        """Press a button; pressing an active comparison turns it off. What only Review shows ends the edits."""
         player = self.player
         if self.edits_take and key in EDIT_KEYS:
             self._choose_edit(key)
-        elif self.stage != "review":
+            return
+        if self.edits_take and key != "edit":
+            self._choose_edit("done")
+            if key == player.mode:
+                return
+        if self.stage != "review":
             self.stage_views[self.stage].mode = key
+            if self.stage == "capture" and key != GARBAGE:
+                self.capture.garbage.leave()
             self.shown_anew()
+        elif self.shows_scene and key in PARTS:
+            player.scene_parts ^= {key}
         elif key == "edit":
             self.edit()
         elif key == "other" and player.why_not(key):
@@ -184,14 +246,32 @@ class StageViews:
     def select(self, stage: str) -> None:
         """Show a stage."""
         if stage != self.stage:
-            self.stage = stage
+            self._go(stage)
             self.shown_anew()
+
+    def _go(self, stage: str) -> None:
+        """Set the stage. Only Review has a scene: it is left with Review, and is back with it."""
+        player = self.player
+        path = player.opened.path if player.opened is not None else None
+        if self.stage == "review" != stage and player.mode == "scene":
+            self._left_scene_of = path
+            player.choose_mode("single")
+        elif self.stage != "review" == stage:
+            if player.mode == "single" and path is not None and self._left_scene_of == path:
+                player.choose_mode("scene")
+            self._left_scene_of = None
+        self.stage = stage
 
     def shown_anew(self) -> None:
         """Redraw, because something else was on screen."""
         self.player.show_again()
         for stage_view in (*self.stage_views.values(), self.points, self.editor):
             stage_view.show_again()
+
+    def forget(self) -> None:
+        """Drop what is large of the take that was open."""
+        for stage_view in (*self.stage_views.values(), self.points, self.editor):
+            stage_view.forget()
 
     @property
     def shows_player(self) -> bool:
@@ -233,22 +313,39 @@ class StageViews:
             em: font size, pixels.
         """
         pixels = self._poll(size, drawn_size, em)
+        before, self._ticked = self._ticked, self._now()
         if pixels is not None:
             self._shown, self._pixels, self._missing_since, self._waits = self._wanted, pixels, None, ""
             return pixels
-        if self._pixels is None or (self._wanted == self._shown and self._frame_shown):
+        if self._pixels is None:
+            return self._loading(size, em)
+        if self._wanted == self._shown and self._frame_shown:
             self._missing_since = None
             return None
-        now = self._now()
+        now = self._ticked
         if self._missing_since is None:
-            self._missing_since = now
+            self._missing_since = before if now - before >= SLOW_TICK else now
         if now - self._missing_since < (DIMMED_AFTER if self._wanted != self._shown else FRAME_DIMMED_AFTER):
             return None
-        words = "not available" if self.settled else "drawing"
+        words = "not available" if self._finished else "drawing"
         if words == self._waits:
             return None
         self._waits = words
         return waiting(self._pixels, "" if self.message else words, em)
+
+    def _loading(self, size: tuple[int, int], em: float) -> np.ndarray | None:
+        """An empty picture with a word, while the very first one is being made; without, if there will be none."""
+        if self._finished or self.message:
+            self._missing_since = None
+            if self._waits:
+                self._waits = ""
+                return np.full((size[1], size[0], 3), GROUND, np.uint8)
+        elif self._missing_since is None:
+            self._missing_since = self._now()
+        elif not self._waits and self._now() - self._missing_since >= DIMMED_AFTER:
+            self._waits = LOADING
+            return waiting(np.full((size[1], size[0], 3), GROUND, np.uint8), self._waits, em)
+        return None
 
     @property
     def _wanted(self) -> object:
@@ -264,17 +361,27 @@ class StageViews:
         self.player.on_screen = stage_view is None
         if stage_view is None:
             self.player.context = self.workspace.context
-            self.player.filmed = self.workspace.assessment.numbers
-            self.player.resize(*drawn_size)
+            found = self.workspace.assessment
+            self.player.filmed = found.numbers
+            self.player.filmed_groups = found.group_starts if found.numbers else ()
+            wanted = size if self.player.rests() else drawn_size
+            self.player.em = em * wanted[0] / max(size[0], 1)  # texts of a smaller picture are enlarged with it
+            self.player.resize(*wanted)
             picture = self.player.poll()
             return picture.image if picture is not None else None
-        stage_view.em = em
+        resting = stage_view.sharp and self._rest.rests((stage_view.state(), size), self.player.transport.playing)
+        wanted = drawn_size if stage_view.orbits and not resting else size
+        stage_view.em = em * wanted[0] / max(size[0], 1)
         stage_view.frame = self.player.transport.frame
-        return stage_view.poll(drawn_size if stage_view.orbits else size)
+        return stage_view.poll(wanted)
 
     @property
     def settled(self) -> bool:
         """Whether the newest picture shows what was last requested."""
+        return self._finished and self._waits != LOADING
+
+    @property
+    def _finished(self) -> bool:
         stage_view = self.stage_view
         return self.player.settled if stage_view is None else stage_view.settled
 
@@ -313,21 +420,46 @@ class StageViews:
             if camera:
                 self.asked = ("look", camera)
             self.stage_view.click(x, y)
+        elif self.shows_scene:
+            self._click_scene(x, y)
+
+    def _click_scene(self, x: float, y: float) -> None:
+        player, picture = self.player, self.player.picture
+        if picture is None:
+            return
+        end = shown_at(picture.ends, x, y)
+        camera = shown_at(picture.cameras, x, y)
+        if end:
+            player.look_through("")
+            player.orbit = along(player.orbit, end)
+        elif camera:
+            self.asked = ("look", camera)
 
     def context(self, x: float, y: float) -> None:
         """Handle a right click."""
         self.pressed = True
         view = self.stage_view
-        camera = self.player.camera if view is None else view.camera_at(x, y)
+        if view is not None:
+            camera = view.camera_at(x, y)
+        else:
+            picture = self.player.picture
+            hit = shown_at(picture.cameras, x, y) if picture is not None and self.shows_scene else ""
+            camera = hit or self.player.camera
         if camera:
             self.asked = ("menu", camera)
+        elif view is not None:
+            view.right_click(x, y)
 
     def show_alone(self, camera: str, toggle: bool = True) -> None:
         """Show one camera in Capture; all of them if it is shown alone and `toggle`."""
+        self.capture.garbage.leave()
         self.capture.camera = "" if toggle and self.capture.camera == camera else camera
 
     def leave_camera(self) -> bool:
-        """Show all cameras in Capture again; returns whether one was shown alone."""
+        """Show all cameras in Capture again; returns whether one was shown alone. A polygon that is being drawn is let
+        go first."""
+        if self.stage == "capture" and self.capture.garbage.leave():
+            return True
         alone = self.stage == "capture" and self.capture.camera != ""
         if alone:
             self.capture.camera = ""

@@ -10,7 +10,7 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas, line_height
 from gui.presenters.drawing.lanes import draw_lanes
 from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, RAISED, SECOND
-from gui.presenters.drawing.plots import curve
+from gui.presenters.drawing.plots import curve, legend
 from gui.presenters.drawing.splats import draw
 from gui.presenters.playback.compare import label
 from gui.presenters.playback.frame_renderer import RenderRequest, ground_truth
@@ -53,11 +53,19 @@ class TrainView(StageView):
         share = 0.44 * size[1]
         each = (size[0] - 4 * em) / 3
         colors = (SECOND, ACCENT, SECOND)
+        small, top = round(0.85 * em), 0.7 * em
+        numbers = [f"{group}" for group in sorted(run.curves.get("loss", {}))]
+        if len(numbers) > 1:  # their curves have different colors
+            legend(canvas, em, 0.5 * em, size[0] - 2 * em, small, "Groups", numbers)
+            top += line_height(small)
         for number, ((name, title, form), color) in enumerate(zip(CURVES, colors, strict=True)):
-            lines = list(run.curves.get(name, {}).values())
+            groups = sorted(run.curves.get(name, {}).items())
+            lines = [line for _, line in groups]
             last = max((line for line in lines if line.values), key=lambda line: line.positions[-1], default=None)
             newest = form.format(last.values[-1]) if last is not None else ""
-            area = (em + number * (each + em), 0.7 * em, each, share - em)
+            area = (em + number * (each + em), top, each, share - top - 0.3 * em)
+            if name == "splats" and last is not None and last.values[-1] > self._most_splats:
+                title += " before pruning"
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
             curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0%", "100%"), newest)
@@ -66,6 +74,12 @@ class TrainView(StageView):
             draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)
         self._pictures(canvas, share, _LANES * canvas.width if lanes else 0.0)
         return canvas.pixels
+
+    @property
+    def _most_splats(self) -> float:
+        """What pruning leaves of the splats; before it, densification may make more."""
+        config = self.workspace.config
+        return config.train.max_splats if config is not None else float("inf")
 
     def _pictures(self, canvas: Canvas, top: float, left: float) -> None:
         """The newest render beside its footage, right of `left`."""

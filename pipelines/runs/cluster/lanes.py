@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pipelines.events import Emit, GroupState, Metrics, Progress
+from pipelines.reports.terminal import counted
 from pipelines.takes.groups import Group
 
 
@@ -82,7 +83,7 @@ class Lanes:
             if running
             else "waiting for a node"
         )
-        return f"{done} of {len(states)} groups, {where}"
+        return f"{done} of {counted(len(states), 'group')}, {where}"
 
     def _now(self, group: Group, **changes: object) -> GroupState:
         return replace(self._states[group.index], **changes)  # type: ignore[arg-type]

@@ -26,6 +26,8 @@ from studio.calibration.sfm.verdict import TRUSTED, match_inlier_ratio, noise
 _ORDER = {"incremental": ("incremental", "lenient"), "global": ("global",)}
 _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
+_SHARING_LOSS = 0.05
+"""Shared intrinsics, which are fewer, may lose this much of the match inlier ratio."""
 _CAUCHY = 2.4
 """Width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise."""
 
@@ -82,8 +84,8 @@ class Mapper:
     def _with_shared_intrinsics(self, best: Any) -> Any:
         """A model mapped with shared intrinsics, if `best` is doubtful or its focal lengths differ.
 
-        None unless its match inlier ratio is at least as good: a few cameras can fit their few matches with any focal
-        lengths.
+        None unless it has as many cameras and its match inlier ratio is lower by `_SHARING_LOSS` at most: a few cameras
+        can fit their few matches with any focal lengths.
         """
         free = self._free()
         doubtful = match_inlier_ratio(best, self.database) < TRUSTED or focal_spread(best, free) > _SPREAD
@@ -103,7 +105,7 @@ class Mapper:
             self.database = database
         if one is None or one.num_reg_images() < best.num_reg_images():
             return None
-        return one if match_inlier_ratio(one, database) >= match_inlier_ratio(best, database) - 0.05 else None
+        return one if match_inlier_ratio(one, database) >= match_inlier_ratio(best, database) - _SHARING_LOSS else None
 
     def _free(self) -> set[int]:
         """Ids of the cameras with unknown intrinsics."""

@@ -24,6 +24,7 @@ SAMPLES = 5
 """Number of frames per camera from which the screen color is estimated."""
 
 _WORK_SIDE = 1920  # longest side for computing evidence; edges are solved at full size
+_FEW = 0.02  # share of known pixels at which their mean counts for half
 _FLOOR = 0.06  # tangent of the angle by which reflections and compression may change the screen color
 _DEEPEST_SHADOW = 0.3  # fraction of the screen's brightness nearby; darker pixels have no usable color
 _NO_SHADOW = 0.75
@@ -139,7 +140,7 @@ def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise:
     """Local mean of the (H, W, C) `values` where `where` is 1, extrapolated to the rest.
 
     Uses Gaussian means with standard deviation `sigma`, or 4 and 16 times `sigma` where too few pixels are near, and
-    `otherwise` (C,) where there are none at all.
+    `otherwise` (C,) where there are none at all. A mean counts for half where a share of `_FEW` of its pixels is known.
     """
     import cv2
 
@@ -154,7 +155,7 @@ def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise:
         mean, seen = _weighted_mean(weighted, weight, factor * sigma * shrink)
         mean = cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR).reshape(values.shape)
         seen = cv2.resize(seen, (width, height), interpolation=cv2.INTER_LINEAR)[..., None]
-        trust = seen / (seen + 0.02)
+        trust = seen / (seen + _FEW)
         result = trust * mean + (1.0 - trust) * result
     return result
 

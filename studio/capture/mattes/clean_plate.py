@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from studio.capture.mattes.colored_shadow import WINDOW, colored_shadow
 from studio.capture.mattes.filters import (
     binned_color_table,
     color_bins,
@@ -85,10 +86,12 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     import cv2
 
     # One contiguous array per channel, modified in place: NumPy is several times slower on interleaved channels.
-    luma_chroma = []
+    luma_chroma, blurred = [], []
     for pixels in (image, plate):
         # Chroma is usually subsampled: blur it more than luma.
         scaled: np.ndarray = cv2.GaussianBlur(pixels, (0, 0), 0.7)
+        if settings.mask_colored_shadows:
+            blurred.append(scaled.copy())
         scaled /= 255.0
         channels: list[np.ndarray] = list(cv2.split(cv2.cvtColor(scaled, cv2.COLOR_RGB2YCrCb)))
         for index, channel in enumerate(channels):
@@ -100,6 +103,8 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     difference = [one - other for one, other in zip(ours, empty, strict=True)]
     noise = [_noise(channel) for channel in difference]
     shadow, factor = _shadow(ours[0], empty[0], noise[0]) if settings.mask_shadows else (None, None)
+    colored = settings.mask_shadows and settings.mask_colored_shadows
+    tinted = colored_shadow(ours[0], empty[0], blurred[0], blurred[1], noise[0]) if colored else None
     total: np.ndarray = np.zeros_like(ours[0])
     for index, (channel, other) in enumerate(zip(difference, empty, strict=True)):
         # Tolerate slight misregistration and ringing at edges of the plate.
@@ -122,6 +127,8 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
                 np.clip(trusted, 0.0, 1.0, out=trusted)
                 trusted *= faded
                 channel += trusted
+        if tinted is not None:
+            variance += tinted * (channel * channel)
         # This floor suppresses faint reflections and flicker in very clean footage.
         variance += _LEAST_VARIANCE[index]
         channel *= channel
@@ -138,7 +145,7 @@ def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.float32) -> tuple[np.
     """(H, W) in 0..1, 1 where luma nearby is the plate's times a constant below 1 (a shadow); and that constant."""
     import cv2
 
-    size = (9, 9)
+    size = WINDOW
     pairs = ((ours, empty), (empty, empty), (ours, ours))
     factor, empties, residual = (cv2.boxFilter(one * other, -1, size) for one, other in pairs)
     products = factor.copy()

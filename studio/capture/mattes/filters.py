@@ -30,13 +30,8 @@ def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: f
     return mean(slope) * guide + mean(offset)
 
 
-def color_histogram(colors: np.ndarray, bins: int = 16) -> np.ndarray:
-    """(bins, bins, bins) float32 smoothed density of (N, 3) colors in 0..255; sums to 1."""
-    return _density(color_bins(colors, bins), bins)
-
-
 def _density(flat: np.ndarray, bins: int) -> np.ndarray:
-    """`color_histogram` of the `color_bins` of colors."""
+    """(bins, bins, bins) float32 smoothed density of colors given as their `color_bins`; sums to 1."""
     import cv2
 
     cube: np.ndarray = np.bincount(flat, minlength=bins**3).astype(np.float32)

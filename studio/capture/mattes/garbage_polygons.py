@@ -20,9 +20,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from studio.atomic_files import write_text
 from studio.bounded_files import read_bounded
 from studio.errors import StudioError
-from studio.yaml_text import DuplicateKey, YamlError, parse_yaml
+from studio.yaml_text import DuplicateKey, YamlError, dump_yaml, parse_yaml
 
 EXTENSIONS = (".yaml", ".yml", ".json")
 """Of files with polygons; garbage mattes with other extensions are images."""
@@ -76,6 +77,23 @@ def read_garbage_polygons(path: Path) -> dict[str, GarbagePolygons]:
     if not isinstance(content, Mapping) or not content:
         _refuse(path, "has no cameras")
     return {str(camera): _camera(path, str(camera), value) for camera, value in content.items()}
+
+
+def write_garbage_polygons(path: Path, polygons: Mapping[str, GarbagePolygons]) -> None:
+    """Write a file that `read_garbage_polygons` reads; cameras without polygons are left out.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    tree = {}
+    for camera, one in polygons.items():
+        lists = {"keep": one.keep, "remove": one.remove}
+        found: dict[str, Any] = {
+            key: [np.round(polygon, 2).tolist() for polygon in value] for key, value in lists.items() if value
+        }
+        if found:
+            tree[camera] = found | ({"size": list(one.size)} if one.size is not None else {})
+    write_text(path, dump_yaml(tree, flow=None))
 
 
 def _camera(path: Path, camera: str, value: Any) -> GarbagePolygons:

@@ -23,6 +23,9 @@ enum Slot { S_Q, S_QU, S_QUU, S_QV, S_QUV, S_QVV, S_RED, S_GREEN, S_BLUE, S_DEPT
 // Which outputs besides the image have a gradient. Training compares alpha with the matte; nothing in it uses depth.
 enum GradientsOf { IMAGE, IMAGE_ALPHA, IMAGE_ALPHA_DEPTH };
 
+// Which sums over pixels are needed. SHAPE: not those for opacities and colors, which motion does not train.
+enum SumsFor { EVERYTHING, SHAPE };
+
 template <typename T, GradientsOf USED>
 struct BackwardPixel {
     PixelVec<T> transmittance, behind, red, green, blue;  // behind is S; the colors are gradients
@@ -36,7 +39,7 @@ struct BackwardPixel<T, IMAGE_ALPHA_DEPTH> {
     PixelVec<T> transmittance, behind, red, green, blue, alpha, depth, rendered_depth;
 };
 
-template <typename T, GradientsOf USED>
+template <typename T, GradientsOf USED, SumsFor NEEDED>
 static void backward_tile(const Frame<T>& frame, const TileBox& box, const Intersection<T>* list, std::uint32_t count,
                           const Gradients<T>& grad, T* slots, int tile, std::uint64_t* kept) {
     using L = PixelLanes<T>;
@@ -135,22 +138,24 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Inter
                     // No gradient where alpha is clamped to alpha_max.
                     q = L::keep(L::both(L::le(raw, alpha_max), hit), q);
                     V qu = q * u, qv = q * v;
-                    s_q += q;
+                    if constexpr (NEEDED == EVERYTHING) s_q += q;
                     s_qu += qu;
                     s_qv += qv;
                     s_quu += qu * u;
                     s_quv += qu * v;
                     s_qvv += qv * v;
-                    s_red += weight * gr;
-                    s_green += weight * gg;
-                    s_blue += weight * gb;
+                    if constexpr (NEEDED == EVERYTHING) {
+                        s_red += weight * gr;
+                        s_green += weight * gg;
+                        s_blue += weight * gb;
+                    }
                     if constexpr (USED == IMAGE_ALPHA_DEPTH) s_depth += weight * pixel.depth;
                 }
             Vec<T> sums[8] = {L::eight(s_q),   L::eight(s_qu),  L::eight(s_quu), L::eight(s_qv),
                               L::eight(s_quv), L::eight(s_qvv), L::eight(s_red), L::eight(s_green)};
             transpose(sums);
             store<T>(slot, ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7])));
-            slot[S_BLUE] = sum<T>(L::eight(s_blue));
+            slot[S_BLUE] = NEEDED == EVERYTHING ? sum<T>(L::eight(s_blue)) : T(0);
             slot[S_DEPTH] = USED == IMAGE_ALPHA_DEPTH ? sum<T>(L::eight(s_depth)) : T(0);
         }
     }
@@ -182,12 +187,16 @@ VS_INLINE void backward_lanes(const Splats<T>& splats, const Frame<T>& frame, co
         for (int k = 0; k < SLOT; k++) lanes[k][i] = total[k];
     }
     if (!any_drawn) {
-        for (int i = 0; i < 3 * valid; i++) grad.d_means[3 * first + i] = grad.d_log_scales[3 * first + i] = 0;
-        for (int i = 0; i < 4 * valid; i++) grad.d_quats[4 * first + i] = 0;
-        for (int i = 0; i < valid; i++) grad.d_logits[first + i] = 0;
-        for (int i = 0; i < floats * valid; i++) grad.d_sh[floats * first + i] = 0;
-        if (grad.d_offsets != nullptr)
-            for (int i = 0; i < 2 * valid; i++) grad.d_offsets[2 * first + i] = 0;
+        const auto clear = [&](T* gradient, int width) {
+            if (gradient == nullptr) return;
+            for (int i = 0; i < width * valid; i++) gradient[width * first + i] = 0;
+        };
+        clear(grad.d_means, 3);
+        clear(grad.d_quats, 4);
+        clear(grad.d_log_scales, 3);
+        clear(grad.d_logits, 1);
+        clear(grad.d_sh, floats);
+        clear(grad.d_offsets, 2);
         return;
     }
     prefetch_ahead<T>(splats.sh, floats, first, splats.count);
@@ -219,11 +228,13 @@ VS_INLINE void backward_lanes(const Splats<T>& splats, const Frame<T>& frame, co
             d_dir[2] += bz[j] * d_basis;
         }
     }
-    for (int j = 0; j < splats.coefficients; j++) {
-        V f = zero_unless<T>(drawn, basis[j]);
-        for (int ch = 0; ch < 3; ch++) sh[3 * j + ch] = f * d_color[ch];
+    if (grad.d_sh != nullptr) {
+        for (int j = 0; j < splats.coefficients; j++) {
+            V f = zero_unless<T>(drawn, basis[j]);
+            for (int ch = 0; ch < 3; ch++) sh[3 * j + ch] = f * d_color[ch];
+        }
+        scatter_long<T>(grad.d_sh, floats, first, valid, sh);
     }
-    scatter_long<T>(grad.d_sh, floats, first, valid, sh);
 
     // Columns of L F, divided by the scales: (col_u, col_v). They come from the cross product of the rows of F, because
     // l_a u + l_b v cancels for needle-shaped splats.
@@ -231,7 +242,7 @@ VS_INLINE void backward_lanes(const Splats<T>& splats, const Frame<T>& frame, co
     for (int i = 0; i < 3; i++) {
         const int j = (i + 1) % 3, l = (i + 2) % 3;
         V cross_term = g.v[j] * g.scale[j] * g.m_cross[l] - g.v[l] * g.scale[l] * g.m_cross[j];
-        col_u[i] = l_a / g.yy * (cross_term + T(DILATION) * g.m_u[i]);
+        col_u[i] = l_a / g.yy * (cross_term + T(camera.dilation) * g.m_u[i]);
         col_v[i] = l_c * g.m_v[i];
     }
     V q_col_u[3], q_col_v[3];  // Q (col_u, col_v)
@@ -287,10 +298,10 @@ VS_INLINE void backward_lanes(const Splats<T>& splats, const Frame<T>& frame, co
         d_mean[j] = zero_unless<T>(drawn, w[j] * local_x + w[3 + j] * local_y + w[6 + j] * local_z +
                                               (d_dir[j] - g.direction[j] * radial) * inverse_distance);
 
-    scatter<T>(grad.d_means, 3, first, valid, d_mean);
-    scatter<T>(grad.d_quats, 4, first, valid, d_quat);
-    scatter<T>(grad.d_log_scales, 3, first, valid, d_log_scale);
-    scatter<T>(grad.d_logits, 1, first, valid, &d_logit);
+    if (grad.d_means != nullptr) scatter<T>(grad.d_means, 3, first, valid, d_mean);
+    if (grad.d_quats != nullptr) scatter<T>(grad.d_quats, 4, first, valid, d_quat);
+    if (grad.d_log_scales != nullptr) scatter<T>(grad.d_log_scales, 3, first, valid, d_log_scale);
+    if (grad.d_logits != nullptr) scatter<T>(grad.d_logits, 1, first, valid, &d_logit);
     if (grad.d_offsets != nullptr) {
         V d_offset[2] = {zero_unless<T>(drawn, d_x), zero_unless<T>(drawn, d_y)};
         scatter<T>(grad.d_offsets, 2, first, valid, d_offset);

@@ -13,7 +13,6 @@ constexpr int TILE = 32;  // tile size, pixels
 constexpr int SLOT = 10;  // values per (tile, splat) pair in the backward pass; see `Slot` in backward.h
 
 // As in studio/rasterizer/types.py.
-constexpr double DILATION = 0.3;
 constexpr double ALPHA_MIN_LOG2 = -7.99435343685885793770;  // log2(1/255)
 constexpr double TRANSMITTANCE_MIN = 1.00001e-4;
 
@@ -23,6 +22,7 @@ struct Camera {
     double limits[4];  // x/z min, max, y/z min, max for the linearization of the projection
     int width, height;
     double near, alpha_max;
+    double dilation;  // added to the diagonal of the 2D covariances, square pixels
 };
 
 template <typename T>
@@ -80,8 +80,7 @@ template <typename T>
 struct Gradients {
     const T *image, *alpha, *depth;        // outputs of the forward pass
     const T *d_image, *d_alpha, *d_depth;  // may be null
-    T *d_means, *d_quats, *d_log_scales, *d_logits, *d_sh;
-    T* d_offsets;  // may be null
+    T *d_means, *d_quats, *d_log_scales, *d_logits, *d_sh, *d_offsets;  // each may be null: not needed
 };
 
 struct LossJob {

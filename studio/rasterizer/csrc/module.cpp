@@ -104,8 +104,8 @@ int checked_threads(int threads) {
 
 template <typename T>
 Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, std::optional<In<T>> offsets,
-                  In<double> camera, int width, int height, double near, double alpha_max, In<T> background,
-                  Out<T> image, Out<T> alpha, Out<T> depth, Out<T> radii, int threads) {
+                  In<double> camera, int width, int height, double near, double alpha_max, double dilation,
+                  In<T> background, Out<T> image, Out<T> alpha, Out<T> depth, Out<T> radii, int threads) {
     const Splats<T> splats = splats_of<T>(means, quats, log_scales, logits, sh, offsets);
     if (width < 1 || height < 1 || width > 32000 || height > 32000)
         throw std::invalid_argument("the image must be from 1x1 to 32000x32000 pixels");
@@ -124,7 +124,7 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
     for (int i = 0; i < 3; i++) c.translation[i] = p[9 + i], c.center[i] = p[12 + i];
     c.fx = p[15], c.fy = p[16], c.cx = p[17], c.cy = p[18];
     for (int i = 0; i < 4; i++) c.limits[i] = p[19 + i];
-    c.width = width, c.height = height, c.near = near, c.alpha_max = alpha_max;
+    c.width = width, c.height = height, c.near = near, c.alpha_max = alpha_max, c.dilation = dilation;
     const Outputs<T> out = {background.data(), background.size() == 3 ? 0 : 3, image.data(), alpha.data(), depth.data(),
                             radii.data()};
     {
@@ -140,8 +140,9 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
 template <typename T>
 void backward(const Frame<T>& frame, In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, In<T> image,
               In<T> alpha, In<T> depth, std::optional<In<T>> d_image, std::optional<In<T>> d_alpha,
-              std::optional<In<T>> d_depth, Out<T> d_means, Out<T> d_quats, Out<T> d_log_scales, Out<T> d_logits,
-              Out<T> d_sh, std::optional<Out<T>> d_offsets, int threads) {
+              std::optional<In<T>> d_depth, std::optional<Out<T>> d_means, std::optional<Out<T>> d_quats,
+              std::optional<Out<T>> d_log_scales, std::optional<Out<T>> d_logits, std::optional<Out<T>> d_sh,
+              std::optional<Out<T>> d_offsets, int threads) {
     const Splats<T> splats = splats_of<T>(means, quats, log_scales, logits, sh, std::nullopt);
     if (splats.count != frame.count)
         throw std::invalid_argument("the number of splats differs from that of the forward pass");
@@ -150,22 +151,17 @@ void backward(const Frame<T>& frame, In<T> means, In<T> quats, In<T> log_scales,
     expect(image, 3 * pixels, "image");
     expect(alpha, pixels, "alpha");
     expect(depth, pixels, "depth");
-    expect(d_means, 3 * n, "d_means");
-    expect(d_quats, 4 * n, "d_quats");
-    expect(d_log_scales, 3 * n, "d_log_scales");
-    expect(d_logits, n, "d_logits");
-    expect(d_sh, 3 * n * splats.coefficients, "d_sh");
     const Gradients<T> grad = {image.data(),
                                alpha.data(),
                                depth.data(),
                                pointer(d_image, 3 * pixels, "d_image"),
                                pointer(d_alpha, pixels, "d_alpha"),
                                pointer(d_depth, pixels, "d_depth"),
-                               d_means.data(),
-                               d_quats.data(),
-                               d_log_scales.data(),
-                               d_logits.data(),
-                               d_sh.data(),
+                               pointer(d_means, 3 * n, "d_means"),
+                               pointer(d_quats, 4 * n, "d_quats"),
+                               pointer(d_log_scales, 3 * n, "d_log_scales"),
+                               pointer(d_logits, n, "d_logits"),
+                               pointer(d_sh, 3 * n * splats.coefficients, "d_sh"),
                                pointer(d_offsets, 2 * n, "d_offsets")};
     nb::gil_scoped_release release;
     if constexpr (sizeof(T) == 4)
@@ -385,14 +381,15 @@ void add(nb::module_& m, const char* frame_name) {
     m.def("forward", &forward<T>, nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
           nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
           nb::arg("offsets").noconvert().none(), nb::arg("camera").noconvert(), nb::arg("width"), nb::arg("height"),
-          nb::arg("near"), nb::arg("alpha_max"), nb::arg("background").noconvert(), nb::arg("image").noconvert(),
-          nb::arg("alpha").noconvert(), nb::arg("depth").noconvert(), nb::arg("radii").noconvert(), nb::arg("threads"));
+          nb::arg("near"), nb::arg("alpha_max"), nb::arg("dilation"), nb::arg("background").noconvert(),
+          nb::arg("image").noconvert(), nb::arg("alpha").noconvert(), nb::arg("depth").noconvert(),
+          nb::arg("radii").noconvert(), nb::arg("threads"));
     m.def("backward", &backward<T>, nb::arg("frame"), nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
           nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
           nb::arg("image").noconvert(), nb::arg("alpha").noconvert(), nb::arg("depth").noconvert(),
           nb::arg("d_image").noconvert().none(), nb::arg("d_alpha").noconvert().none(),
-          nb::arg("d_depth").noconvert().none(), nb::arg("d_means").noconvert(), nb::arg("d_quats").noconvert(),
-          nb::arg("d_log_scales").noconvert(), nb::arg("d_logits").noconvert(), nb::arg("d_sh").noconvert(),
+          nb::arg("d_depth").noconvert().none(), nb::arg("d_means").noconvert().none(), nb::arg("d_quats").noconvert().none(),
+          nb::arg("d_log_scales").noconvert().none(), nb::arg("d_logits").noconvert().none(), nb::arg("d_sh").noconvert().none(),
           nb::arg("d_offsets").noconvert().none(), nb::arg("threads"));
 }
 

@@ -73,7 +73,7 @@ VS_INLINE void project_lanes(const Splats<T>& splats, const Camera& camera, std:
         g.u[k] = g.m_u[k] * g.scale[k];
         g.v[k] = g.m_v[k] * g.scale[k];
     }
-    const T d = T(DILATION);
+    const T d = T(camera.dilation);
     V uu = g.u[0] * g.u[0] + g.u[1] * g.u[1] + g.u[2] * g.u[2];
     V vv = g.v[0] * g.v[0] + g.v[1] * g.v[1] + g.v[2] * g.v[2];
     g.xy = g.u[0] * g.v[0] + g.u[1] * g.v[1] + g.u[2] * g.v[2];

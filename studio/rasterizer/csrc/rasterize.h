@@ -131,6 +131,8 @@ template <typename T>
 static void backward(const Splats<T>& splats, const Gradients<T>& grad, const Frame<T>& frame, int threads) {
     const int tiles = frame.tiles_x * frame.tiles_y;
     Buffer<T> slots{std::size_t(frame.pairs) * SLOT};
+    // Above degree 0, colors depend on the direction and so on the means.
+    const bool shape_only = grad.d_logits == nullptr && grad.d_sh == nullptr && splats.coefficients == 1;
     auto tile_pass = [&](int task) {
         const int tile = int(frame.order.get()[task]);
         const std::uint32_t begin = frame.starts.get()[tile], count = frame.starts.get()[tile + 1] - begin;
@@ -139,11 +141,15 @@ static void backward(const Splats<T>& splats, const Gradients<T>& grad, const Fr
         const Intersection<T>* list = frame.intersections.get() + begin;
         std::uint64_t* kept = frame.touched.get() + std::size_t(begin) * BlockSet<T>::WORDS;
         if (grad.d_depth != nullptr)
-            backward_tile<T, IMAGE_ALPHA_DEPTH>(frame, box, list, count, grad, slots.get(), tile, kept);
+            backward_tile<T, IMAGE_ALPHA_DEPTH, EVERYTHING>(frame, box, list, count, grad, slots.get(), tile, kept);
+        else if (grad.d_alpha != nullptr && shape_only)
+            backward_tile<T, IMAGE_ALPHA, SHAPE>(frame, box, list, count, grad, slots.get(), tile, kept);
         else if (grad.d_alpha != nullptr)
-            backward_tile<T, IMAGE_ALPHA>(frame, box, list, count, grad, slots.get(), tile, kept);
+            backward_tile<T, IMAGE_ALPHA, EVERYTHING>(frame, box, list, count, grad, slots.get(), tile, kept);
+        else if (shape_only)
+            backward_tile<T, IMAGE, SHAPE>(frame, box, list, count, grad, slots.get(), tile, kept);
         else
-            backward_tile<T, IMAGE>(frame, box, list, count, grad, slots.get(), tile, kept);
+            backward_tile<T, IMAGE, EVERYTHING>(frame, box, list, count, grad, slots.get(), tile, kept);
     };
     parallel_for(tiles, threads, tile_pass);
 

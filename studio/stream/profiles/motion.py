@@ -155,4 +155,5 @@ class MotionCoding(SplatCoding):
             values[:, 3:6],
             torch.logit(values[:, 6].clamp(1e-4, 1 - 1e-4)),
             torch.stack(from_ycocg(*colors.unbind(-1)), dim=-1),
+            gaussians.dilation,
         )

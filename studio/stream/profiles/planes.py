@@ -94,4 +94,5 @@ class PlanesCoding(SplatCoding):
             values[:, 4:7],
             torch.logit(values[:, 7].clamp(1e-4, 1 - 1e-4)),
             values[:, 8:].reshape(gaussians.sh.shape),
+            gaussians.dilation,
         )

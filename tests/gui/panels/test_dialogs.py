@@ -123,5 +123,13 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     window.click("dialog close")
     state = window.wait_for("no dialog", lambda s: s["dialog"] == "")
     assert state["marks"] == {"0": "by enter"}
+
+    # one Escape closes it, although the field that is typed into keeps the key to itself
+    window.key("m")
+    window.wait_for("a line with the keyboard", lambda s: s["dialog"] == "mark" and s["typing"])
+    window.enter_text("dialog line", "more", selected=True)
+    window.key("Escape")
+    state = window.wait_for("no dialog", lambda s: s["dialog"] == "")
+    assert state["marks"] == {"0": "by enter"}
     assert window.close() == 0, window.stderr.read_text()[-2000:]
     assert "top-level" not in window.stderr.read_text()

@@ -10,6 +10,8 @@ from typing import Any
 
 import cv2
 
+from tests.support.waiting import wait_until
+
 
 def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, tmp_path: Path, artifacts: Path) -> None:
     folder = Path(shutil.copytree(stream_folder, tmp_path / "walk"))
@@ -18,14 +20,43 @@ def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, t
     window.menu("Share", 0)
     window.wait_for("dialog", lambda s: s["dialog"] == "share")
     assert window.states()[-1]["texts"]["dialog line"] == str(tmp_path / "walk-share")
-    window.drawn()
+    window.xdotool("type", "--delay", "40", "A walk")  # the first field has the focus
+    window.wait_for("the title", lambda s: s["texts"].get("dialog title") == "A walk")
     window.screenshot(artifacts / "share.png")
     window.click("dialog save")
-    window.wait_for("what was written", lambda s: s["notice"].startswith("Written: "), 180)
+    window.wait_for("what was written", lambda s: s["notice"].startswith("Shared: "), 180)
     assert (tmp_path / "walk-share" / "stream" / "manifest.json").read_bytes() == (
         folder / "manifest.json"
     ).read_bytes()
-    assert window.states()[-1]["dialog"] == "", "nothing stops the work"
+    state = window.states()[-1]
+    assert state["dialog"] == "", "nothing stops the work"
+    assert "notice open_folder" in state["widgets"]
+    assert "<title>A walk</title>" in (tmp_path / "walk-share" / "index.html").read_text()
+
+    window.menu("Share", 0)
+    state = window.wait_for("dialog again", lambda s: s["dialog"] == "share")
+    assert state["texts"]["dialog title"] == "A walk", "it begins with what was chosen last"
+    window.click("dialog line")
+    window.key("End")
+    window.xdotool("type", "--delay", "20", "name" * 65)  # longer than file systems allow
+    window.wait_for("the name", lambda s: s["texts"]["dialog line"].endswith("walk-share" + "name" * 65))
+    window.click("dialog save")
+    window.drawn()
+    window.screenshot(artifacts / "share_refused.png")
+    window.xdotool("type", "z")
+    window.wait_for("the first field focused", lambda s: s["texts"].get("dialog title", "")[-1:] == "z")
+    assert "bug" not in window.states()[-1]["notice"]
+    window.click("dialog close")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.menu("Share", 0)
+    window.wait_for("dialog again", lambda s: s["dialog"] == "share")
+    window.click("dialog save")
+    window.wait_for("a question", lambda s: s["dialog"] == "ask")
+    (tmp_path / "walk-share" / "index.html").write_text("the earlier page")
+    window.screenshot(artifacts / "share_replace.png")
+    window.click("dialog replace")
+    window.wait_for("the new page", lambda s: s["exporting"] == "" and not s["dialog"], 180)
+    wait_until("replaced", lambda: "A walk" in (tmp_path / "walk-share" / "index.html").read_text(), 180)
 
     window.menu("Share", 2, separators=1)
     window.wait_for("dialog", lambda s: s["dialog"] == "serve")

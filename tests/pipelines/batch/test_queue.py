@@ -20,10 +20,12 @@ import pytest
 from pipelines.batch.queue_file import QueuedTake, QueueFile, default_queue
 from pipelines.batch.run_queue import run_queue
 from pipelines.events import Event, Log
+from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
 from tests.support.tiny_capture import ROOT
+from tests.support.warm_python import WarmProcess
 
 
 @pytest.fixture
@@ -120,6 +122,21 @@ run_queue(QueueFile(Path({str(queue.path)!r})), print, emit, print, program)
     with queue.running():
         assert str(os.getpid()) in lock.read_text()
     assert lock.read_text() == "", "the next program is never taken for this one"
+
+
+def test_the_command_ends_when_it_is_asked_to(
+    queue: QueueFile, tmp_path: Path, start: Callable[..., WarmProcess]
+) -> None:
+    """SIGTERM, with the handler of `v3studio queue run` itself, while it waits for another program."""
+    take = Take.create(tmp_path / "take")
+    queue.add(take.root, None, ())
+    with take.locked("v3studio run"):
+        process = start("queue", "run", "--queue", queue.path)
+        assert process.stdout is not None
+        assert any(line.startswith("== take 1") for line in process.stdout)
+        process.terminate()
+        assert process.wait() == EXIT_CANCELLED
+    assert queue.read().takes[0].state == "waiting"
 
 
 def test_changes_at_the_same_time_are_all_kept(queue: QueueFile, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import shutil
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -99,6 +100,28 @@ def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
     assert done.returncode == 0, done.stderr
     with StreamReader.open(take / "stream") as reader:
         assert torch.equal(read_splats(tmp_path / "one.ply").means, reader.gaussians(3).means)
+
+
+@pytest.mark.parametrize(
+    ("dilations", "words"),
+    [((0.1, 0.1), "with 0.1 and look bolder"), ((0.3, 0.6), "with 0.6 and look thinner"), ((0.3, 0.3), "")],
+)
+def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dilations, words):
+    settings = BakeSettings(qp=0)
+    groups = [
+        bake_group([replace(body(number, 60), dilation=one)], tmp_path / "s", number, number, settings)
+        for number, one in enumerate(dilations)
+    ]
+    write_manifest(tmp_path / "s", groups, 10.0, settings)
+    for kind in ("ply", "spz", "glb", "videogs", "turntable.mp4"):
+        done = here("export", tmp_path / "s", "--format", kind[:9], "--out", tmp_path / kind, "--size", "32x32")
+        assert done.returncode == 0, done.stderr
+        told = words and kind != "turntable.mp4"  # movies are drawn here, as trained
+        assert [words in line for line in done.stdout.splitlines()] == ([False, True] if told else [not words])
+    assert read_splats(tmp_path / "ply" / "frame_0001.ply").dilation == 0.3
+    done = here("export", tmp_path / "s", "--format", "ply", "--out", tmp_path / "again", "--json")
+    notes = [line["text"] for line in map(json.loads, done.stdout.splitlines()) if line["kind"] == "note"]
+    assert [words in note for note in notes] == ([True] if words else [])
 
 
 def test_harmonics_can_be_cut(here, tmp_path):
@@ -279,3 +302,11 @@ def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_pat
     assert time.monotonic() - began < 2
     assert process.returncode == 130
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("degree", ["4", "-1", "two"])
+def test_harmonics_beyond_degree_3_are_refused(here, tmp_path, degree):
+    done = here("export", tmp_path / "s", "--format", "ply", f"--sh-degree={degree}", "--out", tmp_path / "o.ply")
+    assert done.returncode == 2
+    assert "--sh-degree" in done.stderr
+    assert degree in done.stderr

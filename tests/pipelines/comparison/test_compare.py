@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -17,8 +18,10 @@ from pipelines.config import dump_config, load_config, parse_override
 from pipelines.runs.runner import run
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
-from studio.comparison import PROTOCOLS
+from studio.comparison import PROTOCOLS, measure_view
 from tests.support.errors import refuses
+from tests.support.tiny_capture import environment
+from tests.support.warm_python import warm_python
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +90,74 @@ def test_a_folder_that_cannot_be_written_is_refused_before_measuring(two, tmp_pa
     with pytest.raises(AssertionError, match="began"):
         compare([two[0]], tmp_path / "out", PROTOCOLS["box"], progress=progress)
     assert not (tmp_path / "out").exists()
+
+
+KILLED_IN_FRAME_3 = """
+import os, signal, sys
+from pathlib import Path
+from pipelines.comparison.compare import compare
+from studio.comparison import PROTOCOLS
+def progress(done, total):
+    if done == 6:
+        os.kill(os.getpid(), signal.SIGKILL)
+compare([Path(sys.argv[1]), Path(sys.argv[2])], Path(sys.argv[3]), PROTOCOLS["box"], progress=progress)
+"""
+
+
+def killed(*arguments: Path) -> None:
+    """Compare two takes in another process, which is killed when it begins with the fourth frame."""
+    found = warm_python().run(("-c", KILLED_IN_FRAME_3, *map(str, arguments)), env=environment())
+    assert found.returncode == -signal.SIGKILL, found.stderr
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """Gets an entry for each view that is measured."""
+    calls: list[object] = []
+
+    def measure(*arguments: object) -> object:
+        calls.append(arguments)
+        return measure_view(*arguments)
+
+    monkeypatch.setattr("pipelines.comparison.measuring.measure_view", measure)
+    return calls
+
+
+def files_in(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkeypatch):
+    compare(two, tmp_path / "whole", PROTOCOLS["box"])
+    killed(*two, tmp_path / "out")
+    left = files_in(tmp_path / "out")
+    frames = {f".comparing/{frame:06d}.json" for frame in range(3)}
+    assert set(left) == {*frames, ".comparing/cam4_000000.png"}
+    calls, ticks = counted(monkeypatch), []
+    compare(two, tmp_path / "out", PROTOCOLS["box"], progress=lambda done, total: ticks.append((done, total)))
+    assert len(calls) == 2 * 2, "two frames of two takes"
+    assert ticks[0] == (6, 10)
+    assert ticks[-1] == (10, 10)
+    assert files_in(tmp_path / "out") == files_in(tmp_path / "whole")
+    assert not (tmp_path / "out" / ".comparing").exists()
+
+
+def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tmp_path, monkeypatch):
+    compare(two, tmp_path / "whole", PROTOCOLS["box"], pictures=0)
+    calls = counted(monkeypatch)
+    killed(*two, tmp_path / "out")
+    compare(two, tmp_path / "out", PROTOCOLS["box"], pictures=0)  # the killed one drew pictures
+    assert len(calls) == 5 * 2
+    assert files_in(tmp_path / "out") == files_in(tmp_path / "whole")
+    compare(two, tmp_path / "whole", PROTOCOLS["box"])
+    for name in ("000001.json", "cam4_000000.png"):
+        shutil.rmtree(tmp_path / "out")
+        killed(*two, tmp_path / "out")
+        damaged = tmp_path / "out" / ".comparing" / name
+        damaged.write_bytes(b"{") if damaged.suffix == ".json" else damaged.unlink()
+        calls.clear()
+        compare(two, tmp_path / "out", PROTOCOLS["box"])
+        assert len(calls) == 3 * 2
+        assert files_in(tmp_path / "out") == files_in(tmp_path / "whole")
 
 
 def test_full_frames_over_white_of_another_camera(two, here, tmp_path):

@@ -48,7 +48,7 @@ def test_steps_are_counted_as_training_does_them() -> None:
     steps = SETTINGS.keyframe_iterations + WORK.pruning_rounds * SETTINGS.prune_finetune_iterations
     assert steps == keyframe_steps(SETTINGS, WORK.points)
     more = replace(WORK, train=SETTINGS.replace(max_splats=6000))
-    assert (more.pruning_rounds, more.splats) == (2, 4900)
+    assert (more.pruning_rounds, more.splats) == (2, 6000)
 
 
 def test_groups_wait_for_a_free_worker() -> None:

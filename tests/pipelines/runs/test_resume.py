@@ -120,3 +120,28 @@ def test_killed_inside_a_keyframe_goes_on_from_its_checkpoint(project, start, cl
     assert any("resuming the keyframe at step" in message for message in told), told
     assert frames[0].read_bytes() == frames[1].read_bytes()
     assert not checkpoint.exists()
+
+
+def test_killed_between_later_frames_goes_on_with_the_acceleration(project, start, cli):
+    """The first guess of frame 4 takes frames 1, 2 and 3, which a resumed run has to read."""
+    one_group = ("--train.group_size", "5", "--capture.stop", "5")
+    settings = (*one_group, "--train.motion_acceleration", "0.5", "--train.motion_half_size", "0.5")
+
+    def run(name: str) -> tuple:
+        return ("run", project / "ball.yaml", "--take", project / name, "--json", *settings)
+
+    unbroken = cli(*run("unbroken"))
+    assert unbroken.returncode == 0, unbroken.stderr
+    process = start(*run("killed"))
+    events = stop_when(
+        process,
+        lambda event: isinstance(event, Metrics) and event.stage == "train" and event.values["index"] == 3,
+        signal.SIGKILL,
+    )
+    frames = [project / name / "train" / "group_000" / "frame_000004.safetensors" for name in ("unbroken", "killed")]
+    assert not frames[1].exists(), "it was killed too late for this test to mean anything"
+    assert 3 in frames_of(events)
+    again = cli(*run("killed"))
+    assert again.returncode == 0, again.stderr
+    assert frames_of(events_in(again.stdout.splitlines())) == [4]
+    assert frames[0].read_bytes() == frames[1].read_bytes()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -15,8 +16,10 @@ from pipelines.events.cancellation import Cancellation
 from pipelines.runs.runner import run, status
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.camera_colors import ensure_camera_colors
+from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import read_json
 from pipelines.takes.take import Take
+from tests.support.color_charts import matrices, view_of_chart
 from tests.support.errors import refuses
 
 OPTIONS = ("train.camera_colors=true", "train.camera_color_iterations=20", "train.camera_color_every=10")
@@ -97,3 +100,78 @@ def test_a_camera_that_is_not_corrected_is_named(finished: Path, tmp_path: Path)
     ensure_camera_colors(context, StageReporter("train", context), "key", Cancellation())
     (warning,) = [one for one in events if isinstance(one, Warned) and one.code == "training.no_camera_color"]
     assert "the colors of cam1 are not corrected" in warning.message
+
+
+@pytest.fixture
+def charted(finished: Path, tmp_path: Path) -> tuple[Path, np.ndarray]:
+    """The tiny capture at ten times its size, used at its own, with a chart in frame 5, and the cameras' matrices. cam3
+    does not see the chart."""
+    shutil.copytree(finished, tmp_path / "project")
+    truth = matrices(4)
+    chosen = dict(zip(("cam0", "cam1", "cam2", "cam5"), truth, strict=True))
+    for folder in sorted((tmp_path / "project" / "capture" / "images").iterdir()):
+        for path in folder.iterdir():
+            image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            cv2.imwrite(str(path), cv2.resize(image, None, fx=10, fy=10, interpolation=cv2.INTER_NEAREST))
+        height, width = image.shape[0] * 10, image.shape[1] * 10
+        chart = np.full((height, width, 3), 140, np.uint8)
+        if folder.name in chosen:
+            chart = view_of_chart(chosen[folder.name], int(folder.name[3:]), size=(width, height))
+        cv2.imwrite(str(folder / "005.png"), np.dstack([chart[..., ::-1], np.zeros((height, width), np.uint8)]))
+    return tmp_path / "project", truth
+
+
+CHART = ("capture.scale=0.1", "capture.stop=5", "train.camera_colors=true", "train.color_chart_frame=5")
+
+
+def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndarray]) -> None:
+    project, truth = charted
+    train(project, *CHART[:2], until="initialize")
+    events = train(project, *CHART)
+    take = Take.open(project / "take")
+    stored = read_json(take.camera_colors)
+    assert stored["frame"] == 5
+    assert set(stored["cameras"]) == {"cam0", "cam1", "cam2", "cam5"}
+    found = np.stack([stored["cameras"][name] for name in ("cam0", "cam1", "cam2", "cam5")])
+    assert np.abs(found @ [0.3, 0.5, 0.7, 1] - truth @ [0.3, 0.5, 0.7, 1]).max() < 0.01
+    (warning,) = [one for one in events if isinstance(one, Warned) and one.code == "training.no_color_chart"]
+    assert "the colors of cam3 are not corrected: in frame 5, cam3: no ColorChecker is seen" in warning.message
+
+    views = {}
+    for options in (CHART[:2], CHART):
+        config = load_config(project / "ball.yaml", [parse_override(text) for text in options])
+        context = Context(take, config, events.append)
+        seen = training_views(context, StageReporter("train", context), 0, lambda number, images: None)
+        views[len(options)] = {view.camera.name: view.color for view in seen}
+    assert all(color is None for color in views[2].values())
+    assert [name for name, color in views[4].items() if color is None] == ["cam3"]
+
+
+def test_a_chart_without_corrected_colors_is_told(charted: tuple[Path, np.ndarray]) -> None:
+    project, _ = charted
+    events = train(project, CHART[0], CHART[1], "train.color_chart_frame=5")
+    (warning,) = [one for one in events if isinstance(one, Warned) and one.code == "training.chart_unused"]
+    assert warning.message.startswith("train.color_chart_frame is 5, but the colors of the cameras are not corrected")
+    assert not Take.open(project / "take").camera_colors.exists()
+
+
+def test_a_frame_without_a_chart_is_refused_before_anything_is_trained(charted: tuple[Path, np.ndarray]) -> None:
+    project, _ = charted
+    train(project, *CHART[:2], until="initialize")
+    with refuses("color_chart.too_few", frame=0):
+        train(project, *CHART[:3], "train.color_chart_frame=0")
+
+
+def test_the_command_shows_what_is_found(charted: tuple[Path, np.ndarray], here: Callable) -> None:
+    project, _ = charted
+    done = here("colors", project / "ball.yaml", "--chart-frame", 5)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert [line.split(":")[0] for line in lines[:5]] == ["cam0", "cam1", "cam2", "cam3", "cam5"], "no held-out camera"
+    assert lines[3] == "cam3: no ColorChecker is seen; not corrected"
+    before, after = (float(word) for word in lines[0].split() if word[0].isdigit() and "." in word)
+    assert after < 1 < before
+    assert lines[-1] == "train: {camera_colors: true, color_chart_frame: 5}"
+    done = here("colors", project / "ball.yaml", "--chart-frame", 9)
+    assert done.returncode == 1
+    assert "no camera has frame 9; the footage has frames 0 to 5" in done.stderr

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import cv2
 import numpy as np
 import pytest
+
+from tests.studio.capture.test_timecode import film
 
 
 @pytest.mark.parametrize(
@@ -65,3 +69,20 @@ def test_sync_needs_seconds_to_look_through(here, moving, seconds):
     done = here("sync", moving, "--seconds", seconds)
     assert done.returncode == 1
     assert f"The largest offset to search is {seconds} s. It must be positive and finite" in done.stderr
+
+
+def test_sync_by_timecode_prints_the_offsets_to_set(here, tmp_path):
+    (tmp_path / "videos").mkdir()
+    for name, label in (("left", "23:59:59:24"), ("right", "00:00:00:02")):
+        film(tmp_path / "videos" / f"{name}.mp4", label)
+    (tmp_path / "two.yaml").write_text("capture: {root: ., rig: null, masks: none}\n")
+    done = here("sync", tmp_path / "two.yaml", "--method", "timecode")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[:2] == [
+        "left: +0 frames (timecode 23:59:59:24)",
+        "right: -3 frames (timecode 00:00:00:02)",
+    ]
+    assert done.stdout.splitlines()[-1] == "capture: {offsets: {right: -3}}"
+    found = json.loads(here("sync", tmp_path / "two.yaml", "--method", "timecode", "--json").stdout)
+    assert found["timecodes"] == {"left": "23:59:59:24", "right": "00:00:00:02"}
+    assert found["whole"] == {"right": -3}

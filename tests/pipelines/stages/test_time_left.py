@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.config import Config
+from pipelines.events import Progress
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.time_left import Countdown
 from pipelines.stages.train_clock import TrainClock
@@ -103,3 +104,33 @@ def test_the_whole_run_keeps_its_countdown_across_stages(tmp_path: Path) -> None
     fractions = [event.total_fraction for event in events]
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(1)
+
+
+def warming_up(tmp_path: Path, own: float, later: float) -> list[tuple[float, Progress]]:
+    """Seconds and progress of a stage of 200 steps whose first ten take six times as long as the others."""
+    now, events = [0.0], []
+    context = Context(Take.create(tmp_path / "take"), Config(), events.append, clock=lambda: now[0])
+    reporter = StageReporter("train", context, own, later)
+    found = []
+    for step in range(1, 201):
+        now[0] += 3.0 if step <= 10 else 0.5
+        reporter.progress(step / 200)
+        found.append((now[0], events[-1]))
+    return found
+
+
+def test_warming_up_is_not_taken_for_the_pace(tmp_path: Path) -> None:
+    rows = warming_up(tmp_path, 85, 8)
+    end = rows[-1][0]
+    assert rows[1][1].seconds_left is None, "nothing is told before there are figures"
+    now, event = next((now, event) for now, event in rows if now > 60)
+    assert event.seconds_left is not None
+    assert event.seconds_left < 1.5 * (end - now)
+    assert now * (1 - event.fraction) / event.fraction > 1.6 * (end - now), "the mean pace since the start is far off"
+
+
+def test_a_short_first_stage_does_not_foretell_the_run(tmp_path: Path) -> None:
+    rows = warming_up(tmp_path, 1, 99)
+    assert all(event.total_seconds_left is None for _, event in rows)
+    fractions = [event.total_fraction for _, event in rows]
+    assert fractions == sorted(fractions)

@@ -121,16 +121,22 @@ def test_what_people_made_is_read(take: Take, here: Callable) -> None:
     take.marks.write_text('{"marks": [{"frame": 1, "note": "good"}]}')
     change_edits(take.edits, EditList(trim=Trim(first=1, last=3)), "trim")
     write_path_keys([Key(0.0, next(iter(read_rig(take.rig))))], take.camera_path)
+    take.garbage.write_text("cam1: {remove: [[[0, 0], [64, 0], [64, 48]]]}")
     assert check_take(take, ALL_STAGES).damage == ()
+    take.garbage.write_text("cam1: {remove: [[[0, 0], [64, 0]]]}")
     take.marks.write_text('{"marks": [{"frame": -1, "note": "good"}]}')
     take.edits.write_text("{")
     take.camera_path.write_text("")
     found = check_take(take, ALL_STAGES).damage
     own = [(damage.file, damage.stage, damage.problem, bool(damage.detail)) for damage in found]
-    assert own == [(name, "", "damaged", True) for name in ("edits.json", "marks.json", "camera_path.json")]
+    assert own == [
+        (name, "", "damaged", True) for name in ("edits.json", "marks.json", "garbage.yaml", "camera_path.json")
+    ]
     done = here("check", take.root, "--remove")
     assert done.returncode == 1
-    assert "Not made by a run: edits.json, marks.json, camera_path.json. Copy back a backup" in done.stdout
+    assert (
+        "Not made by a run: edits.json, marks.json, garbage.yaml, camera_path.json. Copy back a backup" in done.stdout
+    )
     assert "bakes remove" not in done.stdout
     assert take.edits.read_text() == "{"
 

@@ -45,6 +45,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "audio_offset": (0.5, {"audio": "a.wav"}),
     "mask_sensitivity": (0.1, PLATES),
     "mask_shadows": (False, PLATES),
+    "mask_colored_shadows": (True, PLATES),
     "mask_components": (1, PLATES),
     "key_color": ((0.9, 0.2, 0.1), SCREEN),
     "despill": (False, SCREEN),

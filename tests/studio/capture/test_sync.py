@@ -148,3 +148,15 @@ def test_lags_up_to_the_largest_one_searched(late: int) -> None:
     lags, best = offsets_of(signals, most=20)
     assert lags["b"] - lags["a"] == pytest.approx(late, abs=0.05)
     assert min(best.values()) > 0.99
+
+
+@pytest.mark.parametrize("late", [-3.4, -0.25, 0.3, 2.4])
+def test_fractions_of_a_sample_are_found(late: float) -> None:
+    """Smooth signals with a known shift, as motion of limbs is; the parabola is good to a few hundredths."""
+    times = np.arange(200.0)
+
+    def signal(shift: float) -> np.ndarray:
+        return sum(np.sin((times - shift) * rate + phase) for rate, phase in ((0.31, 0.1), (0.47, 1.9), (0.83, 0.7)))
+
+    lags, _ = offsets_of({"a": signal(0.0), "b": signal(late)}, most=10)
+    assert lags["b"] - lags["a"] == pytest.approx(late, abs=0.06)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
@@ -95,6 +96,31 @@ def test_sixteen_bits_are_used(tmp_path: Path, suffix: str) -> None:
     assert np.abs(log - srgb(np.clip(linear_from_logc3(dark), 0, 1))).max() < 0.6
 
 
+@pytest.mark.parametrize(
+    ("codec", "pixels"),
+    [
+        ("png", "rgb48be"), ("png", "rgba64be"), ("png", "gray16be"), ("png", "ya16be"),
+        ("tiff", "rgb48le"), ("tiff", "rgba64le"), ("tiff", "gray16le"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("transfer", ["auto", "srgb"])
+def test_sixteen_bits_are_rounded(tmp_path: Path, codec: str, pixels: str, transfer: Any) -> None:
+    """The high byte alone would be one level too dark for half of the values."""
+    colors, alpha = 1 if pixels.startswith(("gray", "ya")) else 3, pixels.startswith(("rgba", "ya"))
+    values = np.random.default_rng(4).integers(0, 65536, (24, 32, colors + alpha)).astype(np.uint16)
+    frame = av.VideoFrame(32, 24, pixels)
+    rows = values.astype(">u2" if pixels.endswith("be") else "<u2").reshape(24, -1)
+    (plane,) = frame.planes
+    padded = np.zeros((24, plane.line_size // 2), rows.dtype)
+    padded[:, : rows.shape[1]] = rows
+    plane.update(padded.tobytes())
+    path = encoded(tmp_path / f"a.{codec}", codec, frame)
+    wanted = np.rint(values / 257.0)
+    color = np.repeat(wanted[..., :colors], 3 // colors, axis=2)
+    assert has_alpha(path) == alpha
+    np.testing.assert_array_equal(read_image(path, transfer), np.concatenate([color, wanted[..., colors:]], -1))
+
+
 def test_a_capture_of_exr_files_with_plates(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     plate = 0.2 + 0.05 * rng.random((48, 64, 3))
@@ -129,3 +155,44 @@ def test_damaged_files_are_refused(tmp_path: Path, name: str) -> None:
             read_image(path)
     with refuses("footage.image_missing", file=tmp_path / ("none" + path.suffix)):
         read_image(tmp_path / ("none" + path.suffix))
+
+
+def test_gray_floats_beyond_the_range_are_clipped(tmp_path: Path) -> None:
+    """A TIFF of floats counts in levels of 255; what is beyond is white or black, not wrapped around."""
+    from PIL import Image
+
+    values = np.array([[-3.0, 0.4, 12.6], [254.7, 255.4, 300.0]], np.float32)
+    Image.fromarray(values).save(tmp_path / "gray.tif")
+    found = read_image(tmp_path / "gray.tif")
+    np.testing.assert_array_equal(found[:, :, 0], [[0, 0, 13], [255, 255, 255]])
+    np.testing.assert_array_equal(found, found[:, :, :1].repeat(3, axis=2))
+
+
+def tiff(path: Path, values: np.ndarray, extra: int | None) -> Path:
+    """An uncompressed TIFF; `extra` is what it says about the fourth channel (ExtraSamples), if anything."""
+    height, width, channels = values.shape
+    data = values.astype("<u2").tobytes()
+    entries = [
+        (256, 4, 1, width), (257, 4, 1, height), (258, 3, channels, 8), (259, 3, 1, 1), (262, 3, 1, 2), (273, 4, 1, 16),
+        (277, 3, 1, channels), (278, 4, 1, height), (279, 4, 1, len(data)),
+        *([] if extra is None else [(338, 3, 1, extra)]),
+    ]  # fmt: skip
+    head = struct.pack("<2sHI4H", b"II", 42, 16 + len(data), *[16] * 4)
+    directory = b"".join(struct.pack("<HHII", *entry) for entry in entries)
+    path.write_bytes(head + data + struct.pack("<H", len(entries)) + directory + bytes(4))
+    return path
+
+
+@pytest.mark.parametrize("transfer", ["auto", "srgb", "logc3"])
+def test_a_fourth_channel_without_meaning_is_not_alpha(tmp_path: Path, transfer: Any) -> None:
+    """TIFF 6.0: ExtraSamples 0 is unspecified data, 2 is straight alpha."""
+    values = np.random.default_rng(5).integers(0, 65536, (6, 8, 4)).astype(np.uint16)
+    padded, alpha = tiff(tmp_path / "padded.tif", values, 0), tiff(tmp_path / "alpha.tif", values, 2)
+    color = read_image(tiff(tmp_path / "color.tif", values[..., :3], None), transfer)
+    assert (has_alpha(padded), has_alpha(alpha)) == (False, True)
+    np.testing.assert_array_equal(read_image(padded, transfer), color)
+    with_alpha = read_image(alpha, transfer)
+    np.testing.assert_array_equal(with_alpha[..., :3], color)
+    np.testing.assert_array_equal(with_alpha[..., 3], np.rint(values[..., 3] / 257.0))
+    if transfer != "logc3":
+        np.testing.assert_array_equal(color, np.rint(values[..., :3] / 257.0))

@@ -5,7 +5,8 @@ import torch
 
 from studio.gaussians import Gaussians
 from studio.playback import Player, follow, play_headless
-from studio.stream import BakeSettings, bake_group, write_manifest
+from studio.playback.shared import Shared
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
 
 SETTINGS = BakeSettings(stream_version=3, preset="ultrafast")
@@ -83,3 +84,15 @@ def test_another_stream_in_its_place_is_refused_at_the_end(publish, clock, until
         with refuses("stream.live_changed", value=["fps"]):
             until(at_end)
         assert not player.playing
+
+
+def test_waiting_for_more_ends_with_the_stream_or_on_request(publish):
+    with StreamReader.open(publish(2)) as reader:
+        shared = Shared(reader)
+        assert shared.wait_for_more(1, lambda: False) is True
+        assert shared.wait_for_more(2, lambda: True) is False
+        turns = iter((False, False, True))
+        assert shared.wait_for_more(2, lambda: next(turns)) is False
+        publish(2, live=False)
+        assert reader.refresh() or not reader.live
+        assert shared.wait_for_more(2, lambda: False) is False

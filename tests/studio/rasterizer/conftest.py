@@ -36,7 +36,14 @@ def make_camera(
 
 
 def make_splats(
-    count: int, *, degree: int = 3, seed: int = 0, log_scale: float = -3.0, spread: float = 0.5, opacity: float = 2.0
+    count: int,
+    *,
+    degree: int = 3,
+    seed: int = 0,
+    log_scale: float = -3.0,
+    spread: float = 0.5,
+    opacity: float = 2.0,
+    dilation: float = 0.3,
 ) -> Gaussians:
     """Random float64 splats around the origin whose values are exactly representable in float32."""
     generator = torch.Generator().manual_seed(seed)
@@ -50,6 +57,7 @@ def make_splats(
         log_scales=normal(count, 3) * 0.5 + log_scale,
         logit_opacities=normal(count) * opacity,
         sh=normal(count, (degree + 1) ** 2, 3) * 0.3,
+        dilation=dilation,
     ).map(lambda tensor: tensor.float().double())
 
 

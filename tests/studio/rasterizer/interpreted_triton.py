@@ -37,6 +37,10 @@ def test_random_scenes(helpers, small, count, degree, log_scale) -> None:  # typ
     compare(helpers, helpers.splats(count, degree=degree, log_scale=log_scale), small, picture=True)
 
 
+def test_another_dilation(helpers, small) -> None:  # type: ignore[no-untyped-def]
+    compare(helpers, helpers.splats(20, degree=1, log_scale=-3, dilation=0.05), small)
+
+
 def test_splats_behind_and_beside_the_camera(helpers, small) -> None:  # type: ignore[no-untyped-def]
     splats = helpers.splats(30, spread=4.0, log_scale=-1.0)
     depth = (splats.means @ torch.tensor(small.rotation).T)[:, 2] + 3

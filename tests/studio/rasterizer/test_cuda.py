@@ -24,9 +24,13 @@ def alpha_max() -> float:
     return compiled_alpha_max()
 
 
-@pytest.mark.parametrize(("count", "degree", "log_scale"), [(1, 0, -3), (300, 1, -3), (300, 3, -1), (1500, 3, -3.5)])
-def test_parity(helpers, alpha_max, count, degree, log_scale) -> None:  # type: ignore[no-untyped-def]
-    camera, splats = helpers.camera(), helpers.splats(count, degree=degree, log_scale=log_scale)
+@pytest.mark.parametrize(
+    ("count", "degree", "log_scale", "dilation"),
+    [(1, 0, -3, 0.3), (300, 1, -3, 0.3), (300, 3, -1, 0.3), (1500, 3, -3.5, 0.3), (300, 1, -4, 0.05)],
+)
+def test_parity(helpers, alpha_max, count, degree, log_scale, dilation) -> None:  # type: ignore[no-untyped-def]
+    camera = helpers.camera()
+    splats = helpers.splats(count, degree=degree, log_scale=log_scale, dilation=dilation)
     sturdy = helpers.sturdy(splats, camera, alpha_max)
     options = {"weight": sturdy.double(), "alpha_max": alpha_max}
     truth = helpers.draw(splats, camera, "reference", **options)

@@ -106,3 +106,9 @@ def test_the_kernels_own_number_of_threads() -> None:
     finally:
         set_kernel_threads(None)
     assert kernel_threads() == torch.get_num_threads()
+
+
+def test_splats_on_another_device_are_refused(helpers) -> None:  # type: ignore[no-untyped-def]
+    splats = helpers.splats(3).to(device=torch.device("meta"))
+    with refuses("rasterizer.wrong_device", value="meta"):
+        rasterize(splats, helpers.camera(), backend="cpu")

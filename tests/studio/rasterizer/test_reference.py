@@ -18,7 +18,7 @@ from studio.rasterizer.types import Pinhole
 AHEAD = Camera("ahead", 21, 15, np.array([[30.0, 0, 10.5], [0, 30.0, 7.5], [0, 0, 1]]), np.eye(4))
 
 
-def ball(z: float, scale: float, opacity: float, color: tuple[float, float, float]) -> Gaussians:
+def ball(z: float, scale: float, opacity: float, color: tuple[float, float, float], dilation: float = 0.3) -> Gaussians:
     """An isotropic splat of one color on the optical axis of `AHEAD`."""
     one = torch.ones(1, dtype=torch.float64)
     return Gaussians(
@@ -27,6 +27,7 @@ def ball(z: float, scale: float, opacity: float, color: tuple[float, float, floa
         log_scales=torch.full((1, 3), math.log(scale), dtype=torch.float64),
         logit_opacities=torch.logit(one * opacity) if opacity < 1 else one * math.inf,
         sh=(torch.tensor(color, dtype=torch.float64).view(1, 1, 3) - 0.5) / SH_C0,
+        dilation=dilation,
     )
 
 
@@ -35,8 +36,8 @@ def draw(splats: Gaussians, **options: object) -> tuple[torch.Tensor, torch.Tens
     return render.image, render.alpha, render.depth
 
 
-def expected_alpha(z: float, scale: float, opacity: float) -> np.ndarray:
-    variance = (30.0 * scale / z) ** 2 + 0.3
+def expected_alpha(z: float, scale: float, opacity: float, dilation: float = 0.3) -> np.ndarray:
+    variance = (30.0 * scale / z) ** 2 + dilation
     y, x = np.mgrid[0:15, 0:21] + 0.5
     alpha = np.minimum(opacity * np.exp(-((x - 10.5) ** 2 + (y - 7.5) ** 2) / (2 * variance)), 0.99)
     return np.where(alpha < 1 / 255, 0, alpha)
@@ -51,6 +52,26 @@ def test_one_ball_is_a_gaussian_over_the_background() -> None:
         image, a[..., None] * np.array([1.0, 0.25, 0.0]) + (1 - a[..., None]) * background.numpy(), atol=1e-12
     )
     np.testing.assert_allclose(depth, np.where(a > 0, 2.0, 0.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("backend", ["reference", "cpu"])
+@pytest.mark.parametrize("dilation", [0.02, 0.1, 0.3, 1.0])
+def test_a_dilated_ball_and_its_gradient_have_a_closed_form(dilation: float, backend: str) -> None:
+    """alpha = o exp(-r^2 / 2v) with v = (f s / z)^2 + dilation, so its derivative by log s is
+    alpha r^2 (v - dilation) / v^2, summed over the three scales; the one along the view has none."""
+    splat = ball(2.0, 0.05, 0.8, (1.0, 0.25, 0.0), dilation)
+    splat = splat.map(lambda tensor: tensor.requires_grad_())
+    render = rasterize(splat, AHEAD, backend=backend)
+    a = expected_alpha(2.0, 0.05, 0.8, dilation)
+    np.testing.assert_allclose(render.alpha.detach(), a, atol=1e-12)
+    render.alpha.sum().backward()
+    size = (30.0 * 0.05 / 2.0) ** 2
+    y, x = np.mgrid[0:15, 0:21] + 0.5
+    square = (x - 10.5) ** 2 + (y - 7.5) ** 2
+    expected = (a * square * size / (size + dilation) ** 2).sum()
+    assert splat.log_scales.grad is not None
+    assert float(splat.log_scales.grad.sum()) == pytest.approx(expected, rel=1e-9)
+    assert float(render.radii[0]) == pytest.approx(math.sqrt(2 * math.log(0.8 * 255) * (size + dilation)))
 
 
 def test_a_nearer_splat_occludes_a_farther_one_in_either_order() -> None:
@@ -121,6 +142,25 @@ def test_covariance_is_that_of_projected_samples(helpers) -> None:  # type: igno
         assert det[i].item() == pytest.approx((cov2d[i, 0] * cov2d[i, 2] - cov2d[i, 1] ** 2).item())
 
 
+@pytest.mark.parametrize(("focal", "bound"), [(700.0, 2.0), (100.0, 3.2 + 0.3 * 3.2)])
+def test_the_projection_is_linearized_within_a_field(focal: float, bound: float) -> None:
+    """A ball far beside the camera: within 2 times the depth, or 0.3 half pictures beyond the edge of a wide view."""
+    K = np.array([[focal, 0, 320.0], [0, focal, 240.0], [0, 0, 1]])
+    pinhole = Pinhole.of(Camera("a", 640, 480, K, np.eye(4)))
+    size, depth = 0.1, 2.0
+    ball = Gaussians(
+        torch.tensor([[9 * depth, 0.0, depth], [-9 * depth, 0.0, depth]]),
+        torch.tensor([[1.0, 0, 0, 0]]).repeat(2, 1),
+        torch.full((2, 3), math.log(size)),
+        torch.zeros(2),
+        torch.zeros(2, 1, 3),
+    )
+    _, cov2d, _, _, _ = project(ball, pinhole)
+    scale = (focal * size / depth) ** 2
+    expected = [scale * (1 + bound**2) + 0.3, 0.0, scale + 0.3]
+    np.testing.assert_allclose(cov2d, [expected, expected], rtol=1e-4, atol=1e-3)
+
+
 def test_spherical_harmonics_are_orthonormal() -> None:
     """Integrals of products over the sphere: Gauss-Legendre in z, equal steps in azimuth."""
     nodes, weights = np.polynomial.legendre.leggauss(12)
@@ -160,7 +200,8 @@ def test_a_crop_equals_that_part_of_the_full_image(helpers) -> None:  # type: ig
     torch.testing.assert_close(part.image, whole.image[10:31, 20:53], atol=1e-4, rtol=0)
 
 
-def test_gradcheck(helpers) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize("dilation", [0.3, 0.05])
+def test_gradcheck(helpers, dilation) -> None:  # type: ignore[no-untyped-def]
     camera = helpers.camera(9, 7, focal=9.0)
     splats = helpers.splats(6, degree=3, log_scale=-1.5, opacity=1.0)
     leaves = [tensor.requires_grad_() for _, tensor in splats.items()]
@@ -169,7 +210,7 @@ def test_gradcheck(helpers) -> None:  # type: ignore[no-untyped-def]
 
     def function(*values: torch.Tensor) -> tuple[torch.Tensor, ...]:
         *attributes, shift, behind = values
-        render = rasterize(Gaussians(*attributes), camera, behind, backend="reference", screen_offsets=shift)
+        render = rasterize(Gaussians(*attributes, dilation), camera, behind, backend="reference", screen_offsets=shift)
         return render.image, render.alpha, render.depth
 
     assert torch.autograd.gradcheck(function, (*leaves, offsets, background))

@@ -160,3 +160,11 @@ def test_smoothed_paths_decode_closer_to_the_truth(tmp_path, turning_bodies):
     }
     assert error["smooth"].mean() < 0.6 * error["plain"].mean()
     assert smooth_bytes < plain_bytes
+
+
+@pytest.mark.parametrize("codec", ["av1", "hevc", "h264"])
+def test_encoders_say_nothing(tmp_path, codec, capfd, monkeypatch):
+    """Their reports would end up between those of the run."""
+    monkeypatch.delenv("SVT_LOG", raising=False)
+    encode(tmp_path / "a.mp4", pictures(3), codec, b_frames=0)
+    assert capfd.readouterr() == ("", "")

@@ -153,6 +153,26 @@ def test_a_file_that_changes_meanwhile_is_never_mixed(server, source):
     assert source.read("file", len(CONTENT)) == new
 
 
+def test_a_file_that_shrinks_meanwhile_is_read_again(server, source):
+    """By a server that knows no If-Range: it has nothing from that place on, and says so."""
+    new = CONTENT[:50_000]
+
+    def cut(handler, data):
+        handler.answer(data, send=70_000)
+        server.faults["/s/file"] = shrunk
+
+    def shrunk(handler, data):
+        asked = handler.headers.get("Range")
+        if asked is None:
+            handler.answer(new)
+        else:
+            handler.send_error(416)
+
+    server.faults["/s/file"] = cut
+    assert source.read("file", len(CONTENT)) == new
+    assert [asked for _, asked in server.requests] == [None, "bytes=70000-", None]
+
+
 def test_a_server_without_ranges_starts_again(server, source):
     def cut_then_whole(handler, data):
         handler.answer(data, send=70_000)

@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import re
 import shutil
 import time
+from pathlib import Path
 
 import pytest
 import torch
@@ -11,11 +13,13 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from studio.errors import StudioError
-from studio.stream import BakeSettings, GroupEntry, StreamReader, bake_group
+from studio.stream import BakeSettings, GroupEntry, StreamReader, bake_group, ladder_models, manifest_models
 from studio.stream.manifest import parse_manifest, seal
 from tests.support.errors import refuses
 from tests.support.splats import assert_drawable
 from tests.support.streams import set_at
+
+ROOT = Path(__file__).parents[3]
 
 
 def swap(values):
@@ -349,3 +353,13 @@ class TestFiles:
                 message = f"opacity.mp4 gave {frames} frames"
         assert "opacity.mp4" in message
         assert "gave" not in message or frames == 3
+
+
+def test_the_bounds_are_those_of_the_player() -> None:
+    """Two readers that refuse different streams would contradict docs/STREAM.md."""
+    lines = (ROOT / "web/src/stream/manifest.ts").read_text(encoding="utf-8")
+    theirs = dict(re.findall(r"^(?:export )?const (MAX_\w+) = ([\d_e]+(?: (?:<<|\*\*) \d+)?);$", lines, re.MULTILINE))
+    ours = {name: value for module in (manifest_models, ladder_models) for name, value in vars(module).items()}
+    common = theirs.keys() & ours.keys()
+    assert len(common) > 10
+    assert {name: eval(theirs[name]) for name in common} == {name: ours[name] for name in common}

@@ -24,6 +24,18 @@ def test_octree_gives_the_codes_back(cells, copies):
     assert len(cursor.rest) == 0
 
 
+def test_octree_as_described() -> None:
+    """docs/STREAM.md by hand: cells (0, 0, 0), (3, 0, 1) and, with two splats, (1, 2, 3) of 4 x 4 x 4."""
+    root = 0b0100_0011  # children 0; 1 (x 2..3); 6 (y 2..3, z 2..3)
+    leaves = [0b0000_0001, 0b0010_0000, 0b0010_0000]  # (0, 0, 0); (1, 0, 1) in its half; (1, 0, 1) in its half
+    counts = bytes([0, 0, 2]) + bytes(9)  # zigzag of how many more splats, four byte planes
+    codes = np.array([0, 8 + 5, 6 * 8 + 5, 6 * 8 + 5], np.uint64)
+    assert deinterleave(codes).tolist() == [[0, 0, 0], [3, 0, 1], [1, 2, 3], [1, 2, 3]]
+    data = bytes([root, *leaves]) + counts
+    assert b"".join(encode_octree(codes, 2)) == data
+    assert decode_octree(Cursor(np.frombuffer(data, np.uint8)), 2, 4).tolist() == codes.tolist()
+
+
 @settings(max_examples=100, deadline=None)
 @given(data=st.binary(max_size=80), bits=st.integers(1, 16), splats=st.integers(1, 50))
 def test_any_bytes_as_an_octree_end(data, bits, splats):

@@ -93,3 +93,36 @@ def test_what_a_store_refuses(make_ladder, monkeypatch, error, code):
     target = "memory://publish-test/refused"
     with StreamReader.open(make_ladder((1,), splats=40)) as reader, refuses(code, file=target):
         publish(reader, target)
+
+
+@pytest.mark.parametrize("protocols", ["memory", ("s3", "s3a"), "s3"])
+def test_only_stores_that_keep_headers_are_given_them(make_ladder, monkeypatch, protocols):
+    """S3 serves a file with the type and the caching that it was written with; other stores refuse such options."""
+    given = {}
+
+    class Files:
+        protocol = protocols
+
+        def find(self, root, detail):
+            raise FileNotFoundError(root)
+
+        def makedirs(self, path, exist_ok):
+            pass
+
+        def pipe_file(self, path, data, **headers):
+            given[path] = headers
+
+    monkeypatch.setattr("fsspec.core.url_to_fs", lambda url: (Files(), "bucket/take/"))
+    with StreamReader.open(make_ladder((2,), splats=60)) as reader:
+        publish(reader, "store://bucket/take/")
+    assert "bucket/take/manifest.json" in given
+    if protocols == "memory":
+        assert set(map(str, given.values())) == {"{}"}
+        return
+    manifest = given.pop("bucket/take/manifest.json")
+    assert manifest["ContentType"] == "application/json"
+    assert "no-cache" in manifest["CacheControl"]
+    assert all("immutable" in headers["CacheControl"] for headers in given.values())
+    videos = [headers for path, headers in given.items() if path.endswith(".mp4")]
+    assert videos
+    assert all(headers["ContentType"] == "video/mp4" for headers in videos)

@@ -46,6 +46,13 @@ def test_plain_split_is_the_paper_s():
     assert (high[0], low[0]) == (0x12, 0xFE)
 
 
+def test_the_low_byte_is_mirrored_where_the_high_byte_is_odd():
+    """`low_mirrored` of docs/STREAM.md."""
+    high, low = split_bytes(np.array([0x12FE, 0x13FE], dtype=np.uint16), mirrored=True)
+    assert (high.tolist(), low.tolist()) == ([0x12, 0x13], [0xFE, 0x01])
+    assert join_bytes(np.array([2, 3], np.uint8), np.array([7, 7], np.uint8), mirrored=True).tolist() == [519, 1016]
+
+
 def test_mirrored_low_byte_has_no_jumps():
     _, low = split_bytes(ALL_CODES, mirrored=True)
     assert np.abs(np.diff(low.astype(int))).max() == 1

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
-from scipy.ndimage import binary_erosion
 
 from studio.color_fit import correct_color, neutral
 from studio.rasterizer import rasterize
 from studio.training import LearningRates, TrainingView, TrainSettings, fit_camera_colors
-from studio.training.camera_colors import _inside, camera_colors
+from studio.training.camera_colors import camera_colors
 from studio.training.step import Stepper
 from tests.studio.training.test_group import HEIGHT, WIDTH, ball, cameras
 
@@ -91,15 +89,3 @@ def test_cameras_are_fitted_while_splats_learn_from_points() -> None:
     assert error < 0.6 * ((neutral() - matrices()) @ colors).square().mean().sqrt()
     again = fit_camera_colors(views, truth.means, start, SETTINGS, seed=5)
     assert torch.equal(found, again)
-
-
-def test_colors_are_fitted_two_pixels_from_the_outline() -> None:
-    """Against an erosion by another library; a performer that is too thin for it is taken whole."""
-    matte = torch.ones(40, 50)
-    matte[5:9, 12], matte[17, 11], matte[:, 30:] = 0.98, 0.0, 0.5
-    expected = binary_erosion((matte > 0.99).numpy(), np.ones((5, 5)), border_value=1)
-    assert expected.any()
-    assert np.array_equal(_inside(matte).numpy(), expected)
-    thin = torch.zeros(40, 50)
-    thin[:, 20:22] = 1
-    assert torch.equal(_inside(thin), thin > 0.5)

@@ -74,6 +74,17 @@ def test_the_budget_goes_to_the_largest_mean_gradients() -> None:
     assert copies.tolist() == [1, 2, 1, 1, 2]
 
 
+def test_of_equal_gradients_the_first_splats_are_chosen() -> None:
+    """On every processor and for any number of splats: results must be the same bytes."""
+    count, budget = 4096, 1000
+    optimizer = scene([0.001] * count)
+    control = DensityControl(count, EXTENT, settings(densify_max_splats=count + budget), torch.device("cpu"))
+    observed(control, [0.5] * count)
+    control.densify(optimizer, generator(), remove_huge=False)
+    clones = optimizer.gaussians.detach().means[count:, 0]
+    assert clones.tolist() == list(range(budget))
+
+
 def test_a_crop_counts_by_its_area() -> None:
     """The mean loss over a quarter of the picture has four times the gradients."""
     control = DensityControl(1, EXTENT, settings(), torch.device("cpu"))

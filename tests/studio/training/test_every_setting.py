@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from studio.capture.footage import FootageView
+from studio.capture import CaptureSettings, FootageView, open_footage
+from studio.capture.color_chart import fit_chart_colors
 from studio.chroma import ChromaSampling
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
@@ -25,6 +28,7 @@ from studio.training import (
     train_keyframe,
 )
 from tests.studio.training.test_group import HEIGHT, SHIFT, WIDTH, ball, cameras
+from tests.support.color_charts import matrices, view_of_chart, write_charts
 
 BASE: dict[str, Any] = {
     "keyframe_iterations": 12,
@@ -64,6 +68,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "scale_reg": (1.0, {}),
     "background": ("white", {}),
     "dropout": (0.4, {}),
+    "dilation": (0.1, {}),
     "refine_mattes": ("always", {}),
     "refine_above": (1e6, REFINED),
     "refine_moved_below": (1e-6, REFINED),
@@ -75,6 +80,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "keyframe_iterations": (13, {}),
     "strategy": ("mcmc", {"densify_max_splats": 600}),
     "mcmc_noise": (50.0, MCMC),
+    "relocate_ratio": (0.3, {"strategy": "error"}),
     "densify_from": (7, {}),
     "densify_until": (4, {}),
     "densify_every": (3, {}),
@@ -82,6 +88,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "densify_max_splats": (301, {}),
     "opacity_reset_every": (1000, {}),
     "sh_degree_every": (6, {}),
+    "prune_by": ("contribution", {}),
     "prune_ratio": (0.4, {}),
     "prune_rounds": (2, {}),
     "max_splats": (150, {}),
@@ -92,6 +99,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "motion_views": (3, {}),
     "motion_velocity": (False, {}),
     "motion_velocity_neighbors": (0, {}),
+    "motion_half_size": (0.5, {}),
     "motion_warm_start": (True, {}),
     "motion_neighbors": (6, {}),
     "hash_levels": (4, {}),
@@ -182,6 +190,23 @@ def trained(chosen: TrainSettings) -> str:
     return digest([first, second.gaussians, third.gaussians])
 
 
+@observed_by("motion_acceleration")
+def _acceleration() -> bool:
+    frames = [ball(place * SHIFT) for place in (0, 1, 3)]
+    found = [
+        train_interframe(
+            frames[2],
+            views(3),
+            settings(motion_acceleration=one),
+            before_previous=frames[1],
+            third_last=frames[0],
+            seed=1,
+        )
+        for one in (0.0, 0.5)
+    ]
+    return digest([found[0].gaussians]) != digest([found[1].gaussians])
+
+
 def captured() -> FootageView:
     camera = cameras()[0]
     render = rasterize(ball(torch.zeros(3)), camera)
@@ -233,6 +258,42 @@ def _camera_colors() -> bool:
     plain = train_keyframe(views(0), *points(), settings(), seed=1)
     darker = [view.with_color(0.8 * torch.eye(3, 4)) for view in views(0)]
     return digest([plain]) != digest([train_keyframe(darker, *points(), settings(), seed=1)])
+
+
+def test_all_frames_keep_the_dilation_that_they_were_trained_with() -> None:
+    chosen = settings(dilation=0.1)
+    first = keyframe(chosen)
+    second = train_interframe(first, views(1), chosen, seed=2)
+    assert (first.dilation, second.warped.dilation, second.gaussians.dilation) == (0.1, 0.1, 0.1)
+
+
+def test_a_resumed_keyframe_keeps_its_dilation() -> None:
+    chosen = settings(dilation=0.1, checkpoint_every=7, refine_mattes="always")
+    kept: dict[int, dict[str, torch.Tensor]] = {}
+
+    def keep(step: int, state: dict[str, torch.Tensor]) -> None:
+        kept[step] = {name: value.clone() for name, value in state.items()}
+
+    whole = train_keyframe(views(0), *points(), chosen, seed=1, checkpoint=keep)
+    resumed = train_keyframe(views(0), *points(), chosen, seed=1, resume=kept[14])
+    assert float(kept[14]["refinement.splats.dilation"]) == 0.1
+    assert digest([whole]) == digest([resumed])
+    assert resumed.dilation == 0.1
+
+
+@observed_by("color_chart_frame")
+def _chart_frame() -> bool:
+    """In a take: `tests/pipelines/stages/test_camera_colors.py`. Here, that each frame has its own matrices."""
+    first, second = matrices(2, seed=1), matrices(2, seed=2)
+    with tempfile.TemporaryDirectory() as folder:
+        names = {name: [view_of_chart(first[at], at), view_of_chart(second[at], at)] for at, name in enumerate("ab")}
+        write_charts(Path(folder), names)
+        footage = open_footage(CaptureSettings(root=Path(folder), masks="none"))
+        found = [
+            fit_chart_colors(footage, settings(color_chart_frame=frame).color_chart_frame or 0, "ab").matrices["a"]
+            for frame in (0, 1)
+        ]
+    return not np.allclose(*found, atol=0.01)
 
 
 def test_there_is_a_row_for_every_setting() -> None:

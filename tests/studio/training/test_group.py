@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import torch
 from studio.cameras import Camera
 from studio.errors import Cancelled
 from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
+from studio.rasterizer import Render, rasterize
 from studio.training import LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
 from studio.training.keyframe import keyframe_steps
 from tests.support.errors import refuses
@@ -144,6 +145,36 @@ def test_velocity_filters_the_noise_of_single_splats(after: list[TrainingView]) 
     assert error(24) < 0.35 * error(0)
 
 
+def test_the_first_guess_continues_part_of_the_acceleration(after: list[TrainingView]) -> None:
+    settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_acceleration=0.5)
+    third, older, previous = (ball(place * SHIFT) for place in (0, 1, 3))
+    moved = train_interframe(previous, after, settings, before_previous=older, third_last=third).gaussians.means
+    assert torch.allclose(moved, previous.means + 2.5 * SHIFT, atol=1e-6)  # moved by 1, then by 2
+    moved = train_interframe(previous, after, settings, before_previous=older).gaussians.means
+    assert torch.allclose(moved, previous.means + 2 * SHIFT, atol=1e-6), "without a third frame: the velocity alone"
+
+
+def test_the_first_motion_steps_compare_half_size_images(
+    after: list[TrainingView], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    widths: list[int] = []
+
+    def watched(gaussians: Gaussians, camera: Camera, *arguments: Any, **named: Any) -> Render:
+        widths.append(camera.width)
+        return rasterize(gaussians, camera, *arguments, **named)
+
+    monkeypatch.setattr("studio.training.step.rasterize", watched)
+    settings = SETTINGS.replace(motion_iterations=10, motion_views=2, motion_half_size=0.6, finetune_iterations=3)
+    train_interframe(ball(torch.zeros(3)), after, settings)
+    assert widths == [WIDTH // 2] * 12 + [WIDTH] * 8 + [WIDTH] * 3
+
+
+def test_half_size_images_show_the_motion(after: list[TrainingView]) -> None:
+    truth = ball(torch.zeros(3))
+    moved = train_interframe(truth, after, SETTINGS.replace(motion_half_size=1.0), seed=3).warped.means - truth.means
+    assert float((moved - SHIFT).norm(dim=-1).mean()) < 0.5 * float(SHIFT.norm())
+
+
 def test_the_frame_after_the_keyframe_has_its_own_number_of_steps(after: list[TrainingView]) -> None:
     settings = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 3, "motion_first_iterations": 9})
 
@@ -193,7 +224,7 @@ def test_keyframe_reconstructs_the_ball_within_the_splat_limit(before: list[Trai
         seed=1,
         progress=lambda done, total, **_: steps.append((done, total)),
     )
-    assert len(trained) <= 180
+    assert len(trained) == 180, "the second round only removes what is too many"
     assert loss_of(trained, before) < 0.5 * loss_of(truth[:1], before)
     assert [done for done, _ in steps] == list(range(1, steps[-1][0] + 1))
     assert steps[-1][0] == steps[-1][1] == keyframe_steps(settings, 300) == 170

@@ -28,4 +28,8 @@ def test_streams_are_uniform_and_independent() -> None:
 
 def test_seeds_follow_the_generator() -> None:
     first, second = (torch.Generator().manual_seed(5) for _ in range(2))
-    assert [draw_seed(first) for _ in range(3)] == [draw_seed(second) for _ in range(3)]
+    drawn = [draw_seed(first) for _ in range(200)]
+    assert drawn == [draw_seed(second) for _ in range(200)]
+    assert len(set(drawn)) == 200
+    assert 0 <= min(drawn) < 2**31 / 20
+    assert 2**31 - 2**31 / 20 < max(drawn) < 2**31, "all 31 bits are used"

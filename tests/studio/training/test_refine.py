@@ -207,3 +207,15 @@ def test_siting_is_found_from_the_footage(siting: str, expected: float, trained:
         for view in shadowed(plates=True)[0]
     ]
     assert chroma_shift(trained, views, siting) == expected
+
+
+def test_what_is_refined_stays_refined(trained: Gaussians) -> None:
+    """Also once splats have followed their mattes so closely that `auto` would not begin."""
+    views, _ = shadowed(plates=True)
+    stepper = Stepper(views, SETTINGS, torch.Generator())
+    refinement = Refinement(stepper, SETTINGS.replace(refine_moved_below=50.0), moved=True)
+    refinement.begin(trained)
+    assert refinement.refined is True
+    for _ in range(3):
+        refinement.refresh(trained)  # the mattes are what these splats draw
+        assert refinement.refined is True

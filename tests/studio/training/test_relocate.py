@@ -81,6 +81,21 @@ def test_noise_moves_nearly_transparent_splats_along_their_own_axes() -> None:
     assert float(spread[1]) > 0.01
 
 
+@pytest.mark.parametrize(
+    ("opacity", "share"), [(0.005, 0.5), (0.025, 1 / (1 + np.exp(2))), (1e-6, 1 / (1 + np.exp(-0.5)))]
+)
+def test_the_noise_is_as_strong_as_in_the_paper(opacity: float, share: float) -> None:
+    """Equation 8 of Kheradmand et al. 2024, with their rate of 5e5: covariance times normal numbers."""
+    start = splats([opacity] * 4000)
+    start.log_scales = torch.log(torch.tensor([0.5, 0.2, 0.1])).repeat(4000, 1)
+    optimizer = SplatOptimizer(start, LearningRates(means=1e-6), 1.0)
+    add_noise(optimizer, 2.0, torch.Generator().manual_seed(3))
+    moved = (optimizer.gaussians.means.detach() - start.means).numpy()
+    expected = 2.0 * 5e5 * 1e-6 * share * np.array([0.5, 0.2, 0.1]) ** 2
+    np.testing.assert_allclose(moved.std(axis=0), expected, rtol=0.05)
+    assert (np.abs(moved.mean(axis=0)) < 0.1 * expected).all()
+
+
 def test_schedule() -> None:
     settings = TrainSettings(
         strategy="mcmc", densify_from=1, densify_until=5, densify_every=2, densify_max_splats=200, mcmc_noise=0.0

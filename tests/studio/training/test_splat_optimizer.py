@@ -5,7 +5,7 @@ import torch
 
 from studio.gaussians import Gaussians
 from studio.training.densify import DensityControl
-from studio.training.keyframe import initial_gaussians, prune_by_opacity, prune_rounds
+from studio.training.keyframe import initial_gaussians, prune
 from studio.training.settings import LearningRates, TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 
@@ -69,19 +69,13 @@ def test_frozen_means_do_not_change() -> None:
     assert not torch.equal(optimizer.gaussians.log_scales, start.log_scales)
 
 
-def test_pruning_removes_the_splats_with_the_lowest_opacity() -> None:
+def test_pruning_removes_the_splats_with_the_lowest_worth_and_keeps_the_order() -> None:
     start = splats(100)
     optimizer = SplatOptimizer(start, LearningRates(), 1.0)
-    prune_by_opacity(optimizer, 0.3)
-    left = optimizer.gaussians.opacities
-    assert len(left) == 70
-    assert float(left.detach().min()) >= float(start.opacities.detach().sort().values[30]) - 1e-7
-
-
-def test_pruning_rounds_reach_the_limit() -> None:
-    settings = TrainSettings(max_splats=1000, prune_ratio=0.3, prune_rounds=1)
-    assert prune_rounds(settings, 500) == 1
-    assert prune_rounds(settings, 4000) == 4  # 2800, 1960, 1372, 961
+    worth = torch.rand(100, generator=torch.Generator().manual_seed(5))
+    prune(optimizer, worth, 30)
+    kept = [index for index in range(100) if worth[index] >= worth.sort().values[30]]
+    assert torch.equal(optimizer.gaussians.means.detach(), start.means[kept])
 
 
 def test_opacity_reset_clamps() -> None:

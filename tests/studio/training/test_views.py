@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import binary_erosion
 
 from studio.cameras import Camera
 from studio.capture import FootageView
 from studio.gaussians import Gaussians
 from studio.training import TrainingView, TrainSettings
 from studio.training.step import Stepper
-from studio.training.views import matte_box, surroundings
+from studio.training.views import interior, matte_box, surroundings
 from tests.support.errors import refuses
 
 SIZE = 120
@@ -69,6 +70,50 @@ def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_matte_is_wr
     assert torch.allclose(drawn, view.composited(color), atol=0.5 / 255 + 1e-6)
     plain = TrainingView.from_view(FootageView(source.camera, source.image, wrong))
     assert (60 / 255 * truth + (1 - truth) * color - plain.composited(color)).abs().max() > 0.2
+
+
+def means_of_four(image: torch.Tensor) -> torch.Tensor:
+    return sum(image[y::2, x::2] for y in (0, 1) for x in (0, 1)) / 4  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("as_bytes", [False, True])
+def test_half_size_is_the_mean_of_four_pixels(as_bytes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studio.training.views.CACHED_PIXELS", 0 if as_bytes else 10**6)
+    source, color = captured(False), torch.tensor([1.0, 0.0, 0.5])
+    source.matte[41:79:2, 53] = 40  # where pixels of one mean are covered differently
+    view = TrainingView.from_view(source)
+    half = view.half_size()
+    assert (half.camera.width, half.camera.height, half.full_size) == (SIZE // 2, SIZE // 2, (SIZE // 2, SIZE // 2))
+    close = 1.5 / 255
+    assert torch.allclose(half.matte, means_of_four(view.matte), atol=close)
+    assert torch.allclose(half.composited(color), means_of_four(view.composited(color)), atol=close)
+    point = np.array([[0.1, 0.2, 2.0]])
+    assert half.camera.project(point)[0] == pytest.approx(view.camera.project(point)[0] / 2)
+
+
+def test_half_size_with_a_plate_still_compares_the_same_things() -> None:
+    source = captured(True)
+    view = TrainingView.from_view(source)
+    half, color = view.half_size(), torch.tensor([0.2, 0.9, 0.4])
+    truth = means_of_four(torch.from_numpy(source.matte).float()[..., None] / 255)
+    backdrop = half.backdrop(color)
+    assert backdrop is not None
+    inside = interior(half.matte)
+    drawn = 60 / 255 * truth + (1 - truth) * backdrop
+    assert torch.allclose(drawn[inside], half.composited(color)[inside], atol=2 / 255)
+    assert torch.allclose(half.plate, means_of_four(view.plate), atol=1 / 255)  # type: ignore[arg-type]
+
+
+def test_half_size_of_an_odd_crop_keeps_color_and_geometry() -> None:
+    view = TrainingView.from_view(captured(False), crop_margin=0.12).with_color(0.8 * torch.eye(3, 4))
+    odd = view.camera.cropped(0, 0, view.camera.width - 1, view.camera.height - 1)
+    cut = TrainingView(odd, view.image[:-1, :-1], view.matte[:-1, :-1], view.full_size)
+    cut.color = view.color
+    half = cut.half_size()
+    assert half.image.shape[:2] == (odd.height // 2, odd.width // 2) == (half.camera.height, half.camera.width)
+    point = np.array([[0.1, 0.2, 2.0]])
+    assert half.camera.project(point)[0] == pytest.approx(odd.project(point)[0] / 2)
+    assert torch.equal(half.color, cut.color)  # type: ignore[arg-type]
 
 
 def test_surroundings_reach_a_little_beyond_the_matte() -> None:
@@ -142,3 +187,15 @@ def test_dropped_splats_are_not_drawn() -> None:
     assert 5 < int(drawn.sum()) < n - 5
     assert torch.equal(offsets.grad.norm(dim=-1) > 0, drawn)
     assert bool((stepper(many, None, dropout=False).render.radii > 0).all())
+
+
+def test_the_interior_begins_two_pixels_from_the_outline() -> None:
+    """Against an erosion by another library; a performer that is too thin for it is taken whole."""
+    matte = torch.ones(40, 50)
+    matte[5:9, 12], matte[17, 11], matte[:, 30:] = 0.98, 0.0, 0.5
+    expected = binary_erosion((matte > 0.99).numpy(), np.ones((5, 5)), border_value=1)
+    assert expected.any()
+    assert np.array_equal(interior(matte).numpy(), expected)
+    thin = torch.zeros(40, 50)
+    thin[:, 20:22] = 1
+    assert torch.equal(interior(thin), thin > 0.5)

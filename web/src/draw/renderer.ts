@@ -56,5 +56,3 @@ export const NEAR = 0.01;
 /** Maximum alpha of a splat at a pixel, and the minimum that is drawn, as in studio.rasterizer. */
 export const ALPHA_MAX = 0.99;
 export const ALPHA_MIN = 1 / 255;
-/** Added to the diagonal of every projected covariance, in square pixels, as in studio.rasterizer. */
-export const DILATION = 0.3;

@@ -9,7 +9,7 @@
  * same program: another one would have to be compiled when the first of them appear, amid playback.
  */
 
-import { ALPHA_MAX, ALPHA_MIN, DILATION, NEAR } from "./renderer.ts";
+import { ALPHA_MAX, ALPHA_MIN, NEAR } from "./renderer.ts";
 
 const float = (value: number): string => (Number.isInteger(value) ? `${value}.0` : String(value));
 
@@ -148,6 +148,7 @@ uniform mat3 rotation;
 uniform vec3 translation, eye;
 uniform vec4 lens; // fx, fy, cx, cy
 uniform vec4 limits; // minimum and maximum x / z, then y / z
+uniform float dilation; // added to the diagonal of every projected covariance, square pixels
 uniform vec2 size;
 uniform ivec2 origin; // where the words of the first splat go
 ${channels(channelCount(profile, shDegree))}
@@ -178,7 +179,6 @@ void main() {
   vec3 t = focal.y * (vec3(ax.y, ay.y, az.y) - bent.y * vec3(ax.z, ay.z, az.z));
   float xx = dot(u, u), xy = dot(u, t), yy = dot(t, t);
   vec3 normal = cross(u, t);
-  const float dilation = ${float(DILATION)};
   float det = dot(normal, normal) + dilation * (xx + yy) + dilation * dilation;
   vec3 cov = vec3(xx + dilation, xy, yy + dilation);
   vec2 place = flat2 * lens.xy + lens.zw;

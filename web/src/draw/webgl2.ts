@@ -539,6 +539,7 @@ export class WebGL2Renderer implements Renderer {
     gl.uniform2fv(program.at("units"), setup.units);
     gl.uniform2i(program.at("layoutOf"), setup.tile, setup.columns);
     gl.uniform2i(program.at("origin"), 0, 0);
+    gl.uniform1f(program.at("dilation"), setup.dilation);
     if (setup.lattice !== null) {
       resources.statics.bind();
       resources.blocks.bind();

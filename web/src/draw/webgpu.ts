@@ -460,5 +460,6 @@ function viewData(setup: GroupSetup, pinhole: Pinhole): ArrayBuffer {
   floats.set([pinhole.width, pinhole.height, setup.lattice?.ratio ?? 0], 32);
   const mirrored = setup.mirrored.reduce((bits, yes, axis) => bits | (Number(yes) << axis), 0);
   words.set([setup.tile, setup.columns, setup.splats, mirrored, BATCH], 35);
+  floats[40] = setup.dilation;
   return data;
 }

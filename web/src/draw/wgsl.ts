@@ -7,7 +7,7 @@
  * 3. `SPLAT` draws the quads of the visible splats in that order.
  */
 
-import { ALPHA_MAX, ALPHA_MIN, DILATION, NEAR } from "./renderer.ts";
+import { ALPHA_MAX, ALPHA_MIN, NEAR } from "./renderer.ts";
 import { colorSum } from "./shaders.ts";
 
 /** Invocations in a workgroup of compute shaders. */
@@ -31,10 +31,11 @@ struct View {
   splats: u32,
   mirrored: u32, // bit k: the low byte of axis k is mirrored
   batch: u32,
+  dilation: f32, // added to the diagonal of every projected covariance, square pixels
 }
 `;
 /** Size of `View` in bytes. */
-export const VIEW_BYTES = 160;
+export const VIEW_BYTES = 176;
 
 /** Results that later passes and the page read; the first five words are those of an indirect indexed draw. */
 export const STATE = `
@@ -171,8 +172,8 @@ fn project() -> u32 {
   let t = focal.y * (vec3f(ax.y, ay.y, az.y) - bent.y * vec3f(ax.z, ay.z, az.z));
   let xx = dot(u, u); let xy = dot(u, t); let yy = dot(t, t);
   let normal = cross(u, t);
-  let det = dot(normal, normal) + ${DILATION} * (xx + yy) + ${DILATION} * ${DILATION};
-  let cov = vec3f(xx + ${DILATION}, xy, yy + ${DILATION});
+  let det = dot(normal, normal) + view.dilation * (xx + yy) + view.dilation * view.dilation;
+  let cov = vec3f(xx + view.dilation, xy, yy + view.dilation);
   let place = flat * view.lens.xy + view.lens.zw;
   let reach = sqrt(2.0 * log(opacity / ${ALPHA_MIN}));
   let half = reach * sqrt(cov.xz);

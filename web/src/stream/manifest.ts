@@ -25,6 +25,10 @@ const MAX_VALUE = 1e9;
 const MAX_LOG_SCALE = Math.log(MAX_VALUE);
 /** Largest extent of the keyframe's lattice in units of the blocks' radius. */
 const MAX_BLOCK_SPAN = 1e6;
+/** Of groups that give none, and its bounds, as in studio.gaussians. */
+const DILATION = 0.3;
+const MIN_DILATION = 0.001;
+const MAX_DILATION = 1;
 
 /** Bounds of a component's or channel's values, so that all that is drawn is finite: scales end where positions do. */
 export function valueBounds(name: string): readonly [low: number, high: number] {
@@ -113,6 +117,8 @@ interface GroupCommon {
   readonly frameCount: number;
   readonly splats: number;
   readonly shDegree: number;
+  /** Added to the diagonal of every projected covariance, in square pixels. */
+  readonly dilation: number;
   readonly boundingBox: Box;
   readonly bytes: number;
   /** All files in the order in which a player needs them. */
@@ -222,6 +228,11 @@ class Reader {
     if (typeof value !== "number" || !Number.isFinite(value) || value < low || value > high)
       throw wrong(this.at(key), `must be a number from ${low} to ${high}`, value);
     return value;
+  }
+
+  /** The same, or `absent` if there is no such key. */
+  numberOr(key: string, low: number, high: number, absent: number): number {
+    return this.values[key] === undefined ? absent : this.number(key, low, high);
   }
 
   /** Returns a number above zero. */
@@ -493,6 +504,7 @@ function readGroup(
     frameCount: entry.integer("frame_count", frames[0], frames[1]),
     splats: entry.integer("splats", 1, maxSplats),
     shDegree: entry.integer("sh_degree", shDegree, shDegree),
+    dilation: entry.numberOr("dilation", MIN_DILATION, MAX_DILATION, DILATION),
     boundingBox: entry.box("bounding_box"),
     bytes: entry.integer("bytes", 1, Number.MAX_SAFE_INTEGER),
     files: [],

@@ -105,6 +105,8 @@ export interface GroupSetup {
   readonly profile: "motion" | "planes";
   readonly splats: number;
   readonly shDegree: number;
+  /** Added to the diagonal of every projected covariance, in square pixels, as in studio.rasterizer. */
+  readonly dilation: number;
   readonly tile: number;
   readonly columns: number;
   readonly rows: number;

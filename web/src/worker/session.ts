@@ -518,6 +518,7 @@ export class Session {
       prepare: milliseconds,
       splats: group.splats,
       shDegree: group.shDegree,
+      dilation: group.dilation,
     };
     if (group.profile === "planes")
       return {

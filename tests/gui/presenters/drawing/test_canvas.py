@@ -89,3 +89,19 @@ def test_images_are_clipped_and_fitted() -> None:
     canvas = Canvas(100, 60, BLACK)
     assert canvas.fit_image(10, 5, 80, 50, np.full((10, 40, 3), 200, np.uint8)) == (10, 20, 80, 20)
     assert np.array_equal(np.argwhere(drawn(canvas))[[0, -1]], [[20, 10], [39, 89]])
+
+
+def test_texts_that_were_drawn_once_take_little_memory() -> None:
+    """Numbers change all the time: an hour of them must not stay."""
+    import tracemalloc
+
+    canvas = Canvas(900, 40, BLACK)
+    canvas.text(0, 0, "first", 16)
+    tracemalloc.start()
+    try:
+        for number in range(3000):
+            canvas.text(0, 0, f"frame {number}: {number / 7:.3f} dB, drawn in {number / 3:.2f} ms, {number} splats", 16)
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 16 * 2**20, f"{kept / 2**20:.0f} MiB"

@@ -31,6 +31,19 @@ def test_target_is_in_the_middle_and_up_points_up(yaw: float, pitch: float, up: 
     assert np.linalg.norm(orbit.camera(640, 360).center - orbit.target) == pytest.approx(2.5)
 
 
+def test_a_view_is_filled_by_what_it_must_show() -> None:
+    points = np.random.default_rng(3).uniform((-0.3, -0.2, 0.4), (0.5, 0.2, 1.9), (4000, 3))
+    orbit = OrbitCamera(target=np.array([0.0, 0.0, 2.0]), distance=4.0, yaw=0.4, pitch=0.1)
+    for width, height in ((45, 56), (80, 30)):
+        pixels, depth = orbit.filling(points, width, height).project(points)
+        assert (depth > 0).all()
+        size, low, high = np.array([width, height]), *np.quantile(pixels, (0.01, 0.99), axis=0)
+        assert (low > 0).all()
+        assert (high < size).all()
+        assert 0.8 < ((high - low) / size).max() < 0.95
+        assert (low + high) / 2 == pytest.approx(size / 2, abs=0.04 * max(width, height))
+
+
 def test_the_scene_follows_the_pointer() -> None:
     orbit = OrbitCamera(distance=3.0, yaw=0.7, pitch=0.2)
     near_side = orbit.target + 0.3 * orbit.offset

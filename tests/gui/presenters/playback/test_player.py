@@ -291,8 +291,10 @@ def test_cache_forgets_the_longest_unused() -> None:
     cache = FrameCache(limit=8 * 56_000)  # 56 bytes per splat
     for number in range(8):
         cache.put(number, frame())
+    assert cache.held == 8 * 56_000
     assert cache.get(0) is not None
     cache.put(8, frame())
+    assert cache.held == 8 * 56_000
     assert cache.has(0)
     assert not cache.has(1)
 
@@ -322,3 +324,29 @@ def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
     assert isinstance(done.error, ValueError)
     assert worker.take() is None
     assert worker.close()
+
+
+def test_the_scene_of_a_trimmed_stream_is_that_of_the_takes_group(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    """Groups of the take begin with frames 0, 8 and 16, those of its stream with 10 and 18."""
+    take = make_take(tmp_path / "take", 24, stream_folder)
+    set_capture(take.stream, CapturePlace(first_frame=10))
+    change_edits(take.edits, EditList(trim=Trim(first=10, last=21)), "trim")
+    assert player.open(take.root), player.message
+    assert player.choose_mode("scene")
+    assert (player.what, player.transport.group_starts) == ("decoded", (10, 18))
+
+    def group(frame: int) -> int:
+        player.transport.seek(frame)
+        request = player._request()
+        assert request is not None
+        assert request.scene is not None
+        return request.scene.group
+
+    assert [group(frame) for frame in (10, 15, 16, 18, 21)] == [1, 1, 2, 2, 2]
+    for path in take.train_group(1).iterdir():  # trained again from here
+        path.unlink()
+    assert player.refresh()
+    player.filmed_groups = (0, 8, 16)
+    assert [group(frame) for frame in (10, 15, 16, 18, 21)] == [1, 1, 2, 2, 2]

@@ -134,7 +134,7 @@ def test_the_waveform_shows_the_click(player: PlayerPresenter) -> None:
     view = TimelinePlots(640, 120, 16.0, FRAMES)
     picture = view.picture(0, plots)
     top, height = view._rows(4)[3]
-    drawn = (picture[top : top + height, view.left :] != RAISED).any(axis=2).sum(axis=0)
+    drawn = (picture[top : top + height, view.left : view.left + view.timeline.width] != RAISED).any(axis=2).sum(axis=0)
     drawn[view.timeline.span(0)[0] : view.timeline.span(0)[1]] = 0  # the playhead
     assert view.timeline.frame_at(int(drawn.argmax())) == 5
     assert drawn.max() > 0.8 * height

@@ -32,6 +32,22 @@ def test_bars_of_sizes_begin_at_zero() -> None:
     assert psnr.range[0] < 30.0 < 30.2 < psnr.range[1]
 
 
+@pytest.mark.parametrize("height", [110, 160, 400])
+def test_the_ends_of_the_axes_cover_neither_plots_nor_each_other(height: int) -> None:
+    view = TimelinePlots(900, height, 16.0, 4)
+    plots = plots_of({"psnr_trained": [30.0, 31.0, 32.0, 33.0], "bytes": [1000.0] * 4, "flicker": [9.0] * 4})
+    picture = view.base(plots)
+    right = view.left + view.timeline.width
+    blank = TimelinePlots(900, height, 16.0, 4).base(plots_of({}))
+    for number, (top, high) in enumerate(view._rows(4)):
+        words = (picture[top : top + high, right:] != PANEL).any(axis=2)
+        assert words.any() == (plots[number].range is not None)
+        assert not words[:, -1].any(), "not cut off"
+    assert (blank[:, right:] == PANEL).all()
+    between = [top + high for top, high in view._rows(4)]
+    assert (picture[between, right:] == PANEL).all(), "each stays in its row"
+
+
 def test_values_under_the_pointer() -> None:
     plots = plots_of({"psnr_trained": [30.0, 31.0, 32.0, 33.0]})
     base = VIEW.base(plots)
@@ -105,7 +121,7 @@ def test_what_is_trimmed_off_is_darker(first: float, shown: float | None) -> Non
     pictures = [view.with_head(view.base(plots), 7, plots) for view in (whole, trimmed)]
     changed = (pictures[0] != pictures[1]).any(axis=2)
     darker = {whole.frame_at(x) for x in np.flatnonzero(changed.any(axis=0))}
-    frames = {whole.frame_at(x) for x in range(whole.left, whole.width)}
+    frames = {whole.frame_at(x) for x in range(whole.left, whole.width - whole.right)}
     assert darker == frames - set(range(4, 11))
     assert not changed[:, : whole.left].any()
     assert pictures[1][changed].sum() < pictures[0][changed].sum()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gui.platform.redraw import Redraws
+from gui.platform.redraw import FRAMES, Redraws
 from gui.presenters.playback.timeline import Timeline
 from gui.presenters.playback.transport import Transport
 
@@ -125,3 +125,46 @@ def test_redraws_are_asked_for_again(clock: HandClock) -> None:
         clock.time += 0.01
         count += redraws.due()
     assert count == 7
+
+
+def asked(redraws: Redraws, clock: HandClock, seconds: float) -> int:
+    """How often the window is asked to draw itself in some seconds."""
+    count = 0
+    for _ in range(round(100 * seconds)):
+        clock.time += 0.01
+        count += redraws.due()
+    return count
+
+
+def test_no_redraw_is_asked_for_once_enough_frames_are_on_the_screen(clock: HandClock) -> None:
+    redraws = Redraws(clock, pause=0.1)
+    redraws.changed()
+    for _ in range(FRAMES):
+        assert redraws.due()
+        redraws.drawn()
+        redraws.drawn()  # a frame may be told in parts
+        clock.time += 0.1
+    assert asked(redraws, clock, 20) == 0
+    redraws.changed()
+    assert redraws.due(), "the next change is drawn again"
+
+
+def test_frames_that_were_begun_before_a_change_do_not_count(clock: HandClock) -> None:
+    redraws = Redraws(clock, pause=0.1)
+    redraws.changed()
+    assert redraws.due()
+    for _ in range(FRAMES):
+        redraws.changed()
+        redraws.drawn()
+    assert asked(redraws, clock, 20) > FRAMES
+
+
+def test_a_window_whose_frames_are_dropped_is_asked_until_they_are_not(clock: HandClock) -> None:
+    redraws = Redraws(clock, pause=0.1)
+    redraws.changed()
+    asked(redraws, clock, 3)  # it is busy with a frame all the time
+    redraws.drawn()
+    assert asked(redraws, clock, 3) > 0
+    redraws.drawn()
+    redraws.changed()
+    assert asked(redraws, clock, 1) > FRAMES

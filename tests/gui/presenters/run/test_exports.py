@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,20 @@ def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, t
         exports.start(request("ply", stream_folder, tmp_path / "out"))
 
 
+def test_notes_of_an_export_are_told_with_its_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where other programs will draw the splats differently."""
+    notes = ["trained with dilation 0.1; viewers assume 0.3", "another"]
+    lines = [{"kind": "note", "text": note} for note in notes] + [{"kind": "note"}, {"kind": "progress", "what": "x"}]
+    program = f"import json\nfor line in {lines!r}: print(json.dumps(line))"
+    monkeypatch.setattr("gui.presenters.run.exports.v3studio_command", lambda: [sys.executable, "-c", program])
+    exports = Exports()
+    for _ in range(2):
+        exports.start(request("ply", tmp_path / "stream", tmp_path / "out"))
+        finish(exports)
+        assert not exports.failed, exports.result
+        assert exports.result.split("\n") == [f"Written: {tmp_path / 'out'}", *notes], "each of its own export"
+
+
 def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
     exports = Exports()
     exports.start(request("ply", tmp_path / "nothing", tmp_path / "out"))
@@ -102,7 +117,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     exports.path.add(views[0], 2)
     exports.path.add(views[1], 7)
     started: list[str] = []
-    monkeypatch.setattr(exports, "_run", lambda title, arguments, target, scratch: started.extend(arguments))
+    monkeypatch.setattr(exports, "_run", lambda request, arguments, scratch: started.extend(arguments))
     exports.start(chosen)
     keys = read_path_keys(Path(started[started.index("--path") + 1]), 10.0)
     assert [key.frame for key in keys] == [0, 5]

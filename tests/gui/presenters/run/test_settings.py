@@ -119,12 +119,28 @@ def test_lists_and_mappings_are_typed_without_brackets(name: str, value: object,
     assert field.parsed(shown) == value
 
 
-def test_sliders_have_the_limits_of_their_settings() -> None:
+def test_numbers_are_stepped_between_the_limits_of_their_settings() -> None:
     fields = {field.name: field for stage in SECTIONS for field in fields_of(stage)}
     assert (fields["bake.qp"].limits, fields["bake.qp"].whole) == ((0, 51), True)
     assert fields["train.dropout"].limits == (0, 1)
     assert fields["evaluate.crop_padding"].limits is None, "0 to 10,000"
     assert fields["train.max_splats"].limits is None
+    steps = (("22", 1), ("22", -1), ("51", 1), ("0", -1))
+    assert [fields["bake.qp"].stepped(*step) for step in steps] == ["23", "21", "51", "0"]
+    dropout = fields["train.dropout"]
+    steps = (("0.1", 1), ("0.1", -1), ("0.02", -1), ("0.98", 1), ("0.12", -1), ("0.13", 1), ("0.15", 1), ("0.15", -1))
+    assert [dropout.stepped(*step) for step in steps] == ["0.15", "0.05", "0", "1", "0.1", "0.15", "0.2", "0.1"]
+    ends = (("1", 1), ("1.0", 1), ("0.0", -1), ("0", -1))
+    assert [dropout.stepped(*end) for end in ends] == ["1", "1.0", "0.0", "0"], "as it is written"
+    text, found = "0.3", []
+    for _ in range(6):
+        text = fields["train.dilation"].stepped(text, -1) or ""
+        found.append(text)
+    assert found == ["0.25", "0.2", "0.15", "0.1", "0.05", "0.001"], "its range begins at 0.001"
+    assert fields["train.dilation"].stepped("0.001", 1) == "0.05"
+    assert dropout.stepped("a lot", 1) is None
+    assert dropout.stepped("nan", 1) is None
+    assert fields["train.max_splats"].stepped("1000", 1) is None
 
 
 def opened(open_window: Callable, take: Path, stage: str) -> Any:
@@ -258,5 +274,5 @@ def test_a_dialog_begins_where_the_file_is_on_this_machine(tmp_path: Path) -> No
     assert place_of(root, mounted) == here
     assert place_of(audio, mounted) == here
     assert place_of(audio, load_config(None, [*there, ("capture.audio", "sound/a.wav")])) == here / "sound" / "a.wav"
-    assert place_of(audio, load_config(None, [("capture.root", "s3://studio/day1")])) == Path.cwd()
-    assert place_of(root, load_config(None, [("capture.root", "/studio/day1")])) == Path.cwd()
+    assert place_of(audio, load_config(None, [("capture.root", "s3://studio/day1")])) == Path.home()
+    assert place_of(root, load_config(None, [("capture.root", "/studio/day1")])) == Path.home()

@@ -8,11 +8,24 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import pytest
+from open3d.visualization import gui
+
+from gui.actions.shares import ShareActions
+from gui.presenters.preferences import SHARES, Preferences
 from gui.presenters.run.exports import Exports
 from gui.presenters.run.serving import Serving
-from gui.presenters.run.shares import ShareRequest, megabytes, size_words
+from gui.presenters.run.shares import ShareRequest, megabytes, size_words, stale_words
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.stage_rows import Assessment
+from pipelines.runs.staleness import StageStatus
 from pipelines.share import ShareSize, share_size
+from pipelines.takes.edits import change_edits
+from pipelines.takes.take import Take
+from studio.edits import EditList, Trim
 from tests.support.errors import refuses
 from tests.support.waiting import wait_until
 
@@ -29,7 +42,9 @@ def test_a_folder_is_written_and_its_size_told(stream_folder: Path, tmp_path: Pa
         exports.share(request)
     finish(exports)
     assert not exports.failed, exports.result
-    assert exports.title == "Share"
+    assert exports.request is request
+    assert request.stays
+    assert exports.result.startswith("Shared: ")
     files = [path for path in (tmp_path / "walk-share").rglob("*") if path.is_file()]
     assert f"{megabytes(sum(path.stat().st_size for path in files))} in {len(files)} files" in exports.result
     page = (tmp_path / "walk-share" / "index.html").read_text()
@@ -97,3 +112,100 @@ def test_a_server_that_cannot_start_says_why(tmp_path: Path) -> None:
     wait_until("ended", lambda: serving.poll() and not serving.running, 180.0)
     assert str(tmp_path / "none") in serving.failure
     assert serving.address == ""
+
+
+def test_the_next_share_begins_with_what_was_chosen(tmp_path: Path) -> None:
+    config = tmp_path / "window.json"
+    preferences = Preferences()
+    first = ShareRequest("folder", "/takes/walk", "walk", tmp_path, title="One", license="CC BY")
+    first.set_target(str(tmp_path / "page"))
+    preferences.shared(first.form, first.source, first.kept())
+    assert preferences.save(config)
+    again = ShareRequest("folder", "/takes/walk", "walk", tmp_path)
+    again.begin_with(Preferences.read(config).last_share("folder", "/takes/walk"))
+    assert (again.title, again.license, again.path) == ("One", "CC BY", tmp_path / "page")
+    assert not again.replaces
+    (tmp_path / "page").mkdir()
+    assert again.replaces
+    other = ShareRequest("single-file", "/takes/walk", "walk", tmp_path)
+    other.begin_with(preferences.last_share("single-file", "/takes/walk"))
+    assert (other.title, other.path) == ("", tmp_path / "walk.html")
+
+
+def test_only_the_newest_shares_are_kept() -> None:
+    preferences = Preferences()
+    for number in range(SHARES + 5):
+        preferences.shared("folder", f"/takes/{number}", {"title": str(number)})
+    preferences.shared("folder", "/takes/7", {"title": "again"})
+    assert len(preferences.shares) == SHARES
+    assert preferences.last_share("folder", "/takes/4") == {}
+    assert preferences.last_share("folder", "/takes/7") == {"title": "again"}
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        (None, ""),
+        (StageStatus("bake", "done"), ""),
+        (StageStatus("bake", "stale", "bake.qp changed from 22 to 30"), "out of date: bake.qp changed from 22 to 30."),
+        (StageStatus("bake", "stale", "train must run first"), "out of date: train must run first."),
+    ],
+)
+def test_a_stream_that_is_out_of_date_is_told(status: StageStatus | None, said: str) -> None:
+    words = stale_words(status)
+    assert said in words
+    assert bool(words) == bool(said)
+    assert not words or "run Bake first" in words
+
+
+def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Path) -> None:
+    def told() -> str:
+        return stale_words(workspace.assessment.stages.get("bake"), workspace.checked, workspace.unreadable)
+
+    def checked() -> bool:
+        workspace.poll()
+        return workspace.checked
+
+    workspace = Workspace()
+    try:
+        workspace.open(Take.open(take_copy))
+        assert "Checking" in told()
+        wait_until("the check", checked)
+        assert told() == ""
+        config, take = workspace.config, workspace.take
+        assert config is not None
+        assert take is not None
+        assert workspace.change_setting("bake.qp", config.bake.qp + 8) is None
+        assert "Checking" in told(), "what was found before the change does not count"
+        wait_until("the check", checked)
+        assert "out of date: bake.qp changed" in told()
+        change_edits(take.edits, EditList(trim=Trim(first=1, last=2)), "trim")
+        workspace.inputs_changed()
+        assert "Checking" in told()
+        wait_until("the check", checked)
+        (take_copy / "config.yaml").write_text("train: [")
+        wait_until("the damaged file", lambda: workspace.poll() and workspace.unreadable)
+        assert "cannot be read" in told()
+    finally:
+        assert workspace.close()
+
+
+def test_the_dialog_tells_what_is_found_while_it_is_open() -> None:
+    found = SimpleNamespace(take=object(), assessment=Assessment(), checked=False, unreadable=False)
+    dialogs: Any = SimpleNamespace(widgets={"stale": gui.Label("")})
+    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving())
+    actions = ShareActions(window)
+    assert actions.poll()
+    assert "Checking" in dialogs.widgets["stale"].text
+    assert not actions.poll()
+    lines = dialogs.widgets["stale"].text.count("\n")
+    found.checked, found.assessment = True, Assessment({"bake": StageStatus("bake", "stale", "bake.qp changed")})
+    assert actions.poll()
+    assert "out of date: bake.qp changed." in dialogs.widgets["stale"].text
+    found.assessment = Assessment({"bake": StageStatus("bake", "done")})
+    assert actions.poll()
+    assert "The stream is up to date." in dialogs.widgets["stale"].text
+    assert dialogs.widgets["stale"].text.count("\n") == lines, "the dialog does not resize"
+    found.take = None
+    dialogs.widgets = {}
+    assert not actions.poll()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gui.actions.cameras import CameraActions
-from gui.presenters.drawing.palette import ACCENT, BAD, GROUND, SECOND
+from gui.presenters.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, SECOND
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.points.view import PointsView
 from gui.presenters.preferences import RECENT, Preferences
@@ -22,13 +22,14 @@ from gui.presenters.run.new_take import NewTake
 from gui.presenters.run.settings import SECTIONS, fields_of
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.bake import BakeView, shares
-from gui.presenters.stages.capture import grid
+from gui.presenters.stages.capture import FootageCheck, grid
 from gui.presenters.stages.qp_trial import TRIED_QPS
 from gui.presenters.stages.stage_views import StageViews
 from gui.raycast import MeshPicture
 from gui.shell import Shell
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config.loading import all_names
+from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
@@ -96,6 +97,61 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
     assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
 
 
+def test_an_empty_view_says_that_its_first_picture_is_being_made(finished_project: Path) -> None:
+    clock = [0.0]
+    found = StageViews(Workspace(), PlayerPresenter(), MeshPicture, lambda: clock[0])
+    opened(found, finished_project / "take")
+    found.select("bake")
+    go_on, real = threading.Event(), np.full((SIZE[1], SIZE[0], 3), 77, np.uint8)
+
+    def draw(size: object, state: object) -> np.ndarray:
+        assert go_on.wait(60)
+        return real
+
+    found.stage_views["bake"].draw = draw  # type: ignore[method-assign]
+    try:
+        assert found.poll(SIZE, SIZE, 16.0) is None, "not for a moment"
+        clock[0] += 1
+        words = found.poll(SIZE, SIZE, 16.0)
+        assert words is not None
+        assert (words != GROUND).any()
+        assert not found.settled
+        assert found.poll(SIZE, SIZE, 16.0) is None, "once"
+        go_on.set()
+        assert (shown(found) == real).all()
+    finally:
+        go_on.set()
+        assert found.close()
+        assert found.workspace.close()
+
+
+def test_an_empty_view_rests_when_its_first_picture_fails(finished_project: Path) -> None:
+    clock = [0.0]
+    player = PlayerPresenter()
+    found = StageViews(Workspace(), player, MeshPicture, lambda: clock[0])
+    found.select("review")
+    done = [False]
+    player.poll = lambda: None  # type: ignore[method-assign]
+    settled = property(lambda self: done[0])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PlayerPresenter, "settled", settled)
+        player.message = ""
+        found.poll(SIZE, SIZE, 16.0)
+        clock[0] += 1
+        words = found.poll(SIZE, SIZE, 16.0)
+        assert words is not None
+        assert (words != GROUND).any()
+        done[0] = True
+        assert not found.settled
+        empty = found.poll(SIZE, SIZE, 16.0)
+        assert empty is not None
+        assert (empty == GROUND).all()
+        assert found.settled
+        assert found.poll(SIZE, SIZE, 16.0) is None, "once"
+    assert found.close()
+    assert found.workspace.close()
+
+
 def test_capture_shows_the_image_of_every_camera(views: StageViews, finished_project: Path) -> None:
     opened(views, finished_project / "take")
     views.select("capture")
@@ -130,6 +186,67 @@ def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finis
         assert np.abs(around - SECOND).max(axis=2).min() < 30, f"no apex of {camera.name} at {x}, {y}"
 
 
+def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
+    views: StageViews, finished_project: Path
+) -> None:
+    """Six cameras, 60 degrees apart; the one that is held out leaves a gap of 120 degrees."""
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    views.choose("coverage")
+    picture = shown(views, lambda picture: has(picture, GOOD) > 0)
+    assert has(picture, GOOD) > has(picture, FAIR) > 0
+    (block,) = views.stage_views["calibrate"].blocks
+    told = dict(block.rows)
+    assert told["training cameras"] == "5"
+    assert int(told["farthest view"].split()[0]) == pytest.approx(60, abs=3)
+    assert "surface seen by 0 or 1" in told
+    views.choose("cameras")
+    assert not has(shown(views, lambda picture: not has(picture, GOOD)), FAIR)
+
+
+def test_texts_have_the_windows_size_also_in_smaller_pictures(views: StageViews, finished_project: Path) -> None:
+    """On dense screens, what takes long is drawn with fewer pixels and enlarged; tables are not."""
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    dense = (2 * SIZE[0], 2 * SIZE[1])
+    for mode, size in (("cameras", SIZE), ("report", dense)):
+        views.choose(mode)
+        pictures: list[np.ndarray] = []
+
+        def there(pictures: list[np.ndarray] = pictures, size: tuple[int, int] = size) -> bool:
+            new = views.poll(dense, SIZE, 32.0)
+            pictures.extend([] if new is None else [new])
+            return bool(pictures) and views.settled and pictures[-1].shape[:2] == size[::-1]
+
+        wait_until("the picture", there)
+        assert views.stage_view is not None
+        assert views.stage_view.em == 32.0 * size[0] / dense[0]
+
+
+def test_coverage_is_of_the_take_that_is_open(views: StageViews, finished_project: Path, tmp_path: Path) -> None:
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    shown(views)
+    calibrate = views.stage_views["calibrate"]
+    assert calibrate.blocks
+    opened(views, NewTake(str(finished_project / "capture"), "", str(tmp_path / "fresh")).create())
+    with refuses("take.no_cameras"):
+        calibrate.draw(SIZE, calibrate.state())
+    assert not calibrate.blocks
+
+
+def test_cameras_are_shown_when_the_points_of_the_first_group_are_damaged(views: StageViews, take_copy: Path) -> None:
+    take = Take.open(take_copy)
+    (take.initialize_group(0) / "points.ply").write_bytes(b"ply")
+    opened(views, take_copy)
+    calibrate = views.stage_views["calibrate"]
+    calibrate.em = 16
+    for mode in ("cameras", "report", "coverage"):
+        calibrate.mode = mode
+        assert calibrate.draw(SIZE, calibrate.state()).std() > 0
+    assert not calibrate.blocks
+
+
 def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_project: Path) -> None:
     opened(views, finished_project / "take")
     views.select("bake")
@@ -152,7 +269,7 @@ def test_a_missing_image_is_named_and_the_others_are_shown(
     (tmp_path / "capture" / "images" / "cam2" / "001.png").unlink()
     (tmp_path / "capture" / "images" / "cam3" / "002.png").write_bytes(b"no picture")
     new = NewTake(str(tmp_path / "capture"), str(footage_project / "ball.yaml"))
-    assert "cam2" in new.found()
+    assert "cam2" in new.found().words
     opened(views, new.create())
     views.select("capture")
     shown(views, lambda picture: has(picture, BAD) > 20)
@@ -160,6 +277,29 @@ def test_a_missing_image_is_named_and_the_others_are_shown(
     shown(views, lambda picture: not views.capture.checking)
     words = " ".join(views.capture._check.problems)
     assert "cam3" in words
+
+
+def test_the_check_tells_of_white_balance_that_changes(tmp_path: Path) -> None:
+    """Camera b turns 10% bluer in two of its six frames."""
+    rng = np.random.default_rng(3)
+    for camera in ("a", "b"):
+        room = rng.uniform(60, 170, (120, 160, 3))
+        matte = np.zeros((120, 160), np.uint8)
+        matte[30:90, 60:100] = 255
+        for frame in range(6):
+            gain = (1.1, 1, 1) if camera == "b" and frame in (2, 3) else (1, 1, 1)  # blue, green, red
+            for kind, pixels in (("images", np.rint(room * gain).astype(np.uint8)), ("masks", matte)):
+                path = tmp_path / "capture" / kind / camera / f"{frame:03d}.png"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                cv2.imwrite(str(path), pixels)
+    config = Config.model_validate({"capture": {"root": str(tmp_path / "capture"), "masks": "files"}})
+    check = FootageCheck()
+    check.start(Context(Take.create(tmp_path / "take"), config))
+    wait_until("the check", lambda: not check.running)
+    (problem,) = check.problems
+    assert "Camera 'b'" in problem
+    assert "10% in blue in frames 2-3" in problem
+    assert check.words == "1 problem found"
 
 
 def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_project: Path, tmp_path: Path) -> None:
@@ -210,14 +350,14 @@ def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
     new = NewTake()
     with refuses("take.no_footage"):
         new.config()
-    assert "Choose the footage folder" in new.found()
+    assert "Choose the footage folder" in new.found().words
     new.footage = str(tmp_path / "nowhere")
     with refuses("footage.no_folder", file=tmp_path / "nowhere"):
         new.config()
-    assert "no such folder" in new.found()
+    assert "no such folder" in new.found().words
     new.footage = str(footage_project / "capture")
-    assert "6 cameras" in new.found()
-    assert "cameras.json" in new.found()
+    assert "6 cameras" in new.found().words
+    assert "cameras.json" in new.found().words
     assert Path(new.proposed_take()).parent == footage_project
     new.settings, new.take = str(footage_project / "ball.yaml"), str(tmp_path / "take")
     root = new.create()
@@ -236,8 +376,8 @@ def test_a_new_take_from_footage_in_object_storage(
     monkeypatch.chdir(tmp_path)
     object_store.upload(footage_project / "capture", "day1")
     new = NewTake("s3://studio/day1", str(footage_project / "ball.yaml"))
-    assert "in s3://studio/day1: 6 cameras" in new.found()
-    assert "Camera file: cameras.json." in new.found()
+    assert "in s3://studio/day1: 6 cameras" in new.found().words
+    assert "Camera file: cameras.json." in new.found().words
     assert new.proposed_take() == str(tmp_path / "day1-take")
     new.take = "s3://studio/takes/first"
     with refuses("take.no_folder"):
@@ -274,7 +414,8 @@ def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: P
     assert not views.capture._check.problems
     told: list[str] = []
     window = SimpleNamespace(
-        workspace=views.workspace, notices=SimpleNamespace(tell=lambda words, bad: told.append(words))
+        workspace=views.workspace,
+        notices=SimpleNamespace(tell=lambda words, bad, **_: told.append(words), clear=lambda _: None),
     )
     uses = CameraActions(cast("Shell", window))._uses()
     assert uses is not None, told
@@ -340,6 +481,16 @@ def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_projec
     gate.set()
     assert shown(views).mean() == 200
     assert views.player.current
+
+    # a window that ticks seldom would show the wrong picture for another draw
+    gate.clear()
+    clock[0] = 3.0
+    views.choose("trained")
+    slow = views.poll(SIZE, SIZE, 16.0)
+    assert slow is not None
+    assert np.median(slow) < 100, "dimmed at once"
+    gate.set()
+    assert shown(views).mean() == 200
     assert views.close()
     assert workspace.close()
 
@@ -369,3 +520,16 @@ def test_without_settings_the_capture_says_why(views: StageViews) -> None:
     assert "No take is open" in views.workspace.without_settings
     views.workspace.opening = "walk"
     assert views.workspace.without_settings == "Opening walk ..."
+
+
+def test_a_change_of_settings_is_named_when_it_is_undone(take_copy: Path) -> None:
+    workspace = Workspace()
+    workspace.open(Take.open(take_copy))
+    assert workspace.context is not None
+    before = workspace.context.config.bake.qp
+    assert workspace.change_settings({"bake.qp": before + 6}) is None
+    assert workspace.history.undo() == f"Undone: bake.qp {before} to {before + 6}."
+    assert workspace.context.config.bake.qp == before
+    assert workspace.change_settings({"bake.qp": before + 8}, "QP from the curve") is None
+    assert workspace.history.undo() == "Undone: QP from the curve."
+    assert workspace.close()

@@ -126,7 +126,7 @@ def test_shared_intrinsics_are_accepted(tmp_path: Path) -> None:
     assert difference.rotation_degrees < 0.02
 
 
-def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path) -> None:
+def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Diverging separate intrinsics are replaced by shared ones with as many inliers; good ones are not replaced."""
     from studio.calibration.sfm import mapping
     from studio.calibration.sfm.shared_intrinsics import focal_spread
@@ -146,6 +146,11 @@ def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path) -> None:
     assert len({image.camera_id for image in one.images.values()}) == 1
     assert mapper.database == path
     assert not (tmp_path / "shared.db").exists()
+    with monkeypatch.context() as patch:  # a twentieth of the matches may be lost, no more
+        patch.setattr(mapper, "_incremental", lambda lenient: [one])
+        for ratio, accepted in ((0.651, True), (0.649, False)):
+            patch.setattr(mapping, "match_inlier_ratio", lambda found, _, ratio=ratio: 0.7 if found is model else ratio)
+            assert (mapper._with_shared_intrinsics(model) is one) == accepted
     polished = mapper._polished(one, joint=True)
     (test,) = mapper.sharing
     assert test.shared

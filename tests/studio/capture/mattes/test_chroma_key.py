@@ -10,7 +10,7 @@ import pytest
 
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
-from studio.capture.mattes.chroma_key import chroma_matte
+from studio.capture.mattes.chroma_key import _extrapolate, chroma_matte
 from studio.capture.mattes.clean_plate import DifferenceSettings
 from studio.capture.mattes.despill import despill, key_channels
 from studio.capture.mattes.screen_color import Screen, find_screen
@@ -107,6 +107,18 @@ def test_shadows_are_screen_by_default() -> None:
     assert (
         iou(chroma_matte(image, screen, DifferenceSettings(mask_shadows=False)), alpha) < 0.9
     )  # the setting makes the difference
+
+
+def test_means_of_few_pixels_give_way_to_wider_ones() -> None:
+    """Where one pixel in 50 is known, each of the three means counts for half, and the next wider one for the rest."""
+    where = np.zeros((400, 400), np.uint8)
+    where[::5, ::10] = 1
+    values = np.full((400, 400, 1), 80, np.float32)
+    found = _extrapolate(values, where, 12.0, np.zeros(1, np.float32))[150:250, 150:250]
+    np.testing.assert_allclose(found, 80 * (1 - 1 / 2**3), rtol=0.02)
+    where[:] = 1
+    found = _extrapolate(values, where, 12.0, np.zeros(1, np.float32))
+    np.testing.assert_allclose(found, 80, rtol=0.001)
 
 
 def test_an_empty_screen_has_no_performer() -> None:

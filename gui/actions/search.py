@@ -1,0 +1,88 @@
+"""The list of all commands: `Ctrl+K`. Says why some are not possible now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from open3d.visualization import gui
+
+from gui.actions.menus import MENUS
+from gui.panels.command_dialog import CommandDialog
+from gui.presenters.command_list import Command
+from gui.shell import Shell
+
+NEEDS_OPEN = frozenset(
+    (
+        "screenshot", "reset", "background", "scene", "camera", "figures", "log", "span", "bakes", "mark",
+        "next_mark", "previous_mark", "marks", "path", "add_key", "clear_keys", "stage_help",
+        "export ply", "export spz", "export glb", "export v3", "export videogs", "export turntable",
+        "export camera-path", "share folder", "share single-file", "serve",
+    )
+)  # fmt: skip
+"""Commands about what is open, be it a take or a stream."""
+
+NEEDS_TAKE = frozenset(("report", "edit", "cameras", "warnings"))
+"""Commands about what a stream does not have."""
+
+
+def opens_list(event: gui.KeyEvent, shift: bool) -> bool:
+    """Whether a key pressed with Ctrl, and maybe Shift, shows the list."""
+    return bool(event.key == gui.KeyName.K or (event.key == gui.KeyName.P and shift))
+
+
+class SearchActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+        actions: of the menus, by key.
+    """
+
+    def __init__(self, window: Shell, actions: Callable[[], Mapping[str, Callable[[], object]]]) -> None:
+        self._window = window
+        self._dialog = CommandDialog(window.dialogs, lambda key: actions()[key]())
+
+    def show(self) -> None:
+        """Show the list as soon as Ctrl and Shift are released: dialogs focus their field with Tab, and these change
+        what it does. Until then, input is kept for the list."""
+        self._window.dialogs.expect()
+
+    def _show(self) -> None:
+        commands = [
+            Command.of(key, title, label, self.why_not(key)) for title, items in MENUS for key, label in items if key
+        ]
+        self._dialog.show([command for command in commands if command.key != "search"])
+
+    def poll(self) -> bool:
+        """Call at each tick; returns whether something changed."""
+        if self._window.dialogs.expected and not self._window.control_held:
+            try:
+                self._show()
+            finally:  # input must not stay kept back if that fails
+                self._window.dialogs.expected = False
+            return True
+        return self._dialog.tick()
+
+    def why_not(self, key: str) -> str:
+        """Why a command is not possible now; "" if it is."""
+        window = self._window
+        opened = window.player.opened
+        if key in NEEDS_OPEN and opened is None:
+            return "nothing is open"
+        if key in NEEDS_TAKE and window.workspace.take is None:
+            return "no take is open"
+        history, path = window.workspace.history, window.exports.path
+        exports = key.startswith("export ") or key in ("scene", "add_key")
+        reasons = {
+            "undo": "" if history.can_undo else "nothing to undo",
+            "redo": "" if history.can_redo else "nothing to redo",
+            "camera": "" if window.player.camera_names else "it has no cameras",
+            **dict.fromkeys(("next_mark", "previous_mark", "marks"), "" if window.marks.notes else "no marks"),
+            **dict.fromkeys(("clear_keys", "export camera-path"), "" if path.keys else "the camera path is empty"),
+            "stop_export": "" if window.exports.running else "no export is running",
+            "stop_serving": "" if window.serving.running else "it is not served",
+        }
+        found = reasons.get(key, "")
+        if not found and exports and opened is not None and not opened.sources:
+            return "nothing is trained yet"
+        return found

@@ -1,0 +1,162 @@
+"""The clipboard of X11, which the toolkit's Python interface does not offer.
+
+Copied text is kept by this process: whoever pastes asks for it, and `poll` answers (ICCCM, section 2). So it is lost
+when the window is closed, unless the desktop has a clipboard manager.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+from typing import Any
+
+from gui.platform.x_window import errors_ignored
+
+_SELECTION_CLEAR, _SELECTION_REQUEST, _SELECTION_NOTIFY = 29, 30, 31
+_ATOM = 4
+_LONGEST = 1 << 18
+"""Longest text that is read, bytes."""
+
+_HEAD = (
+    ("type", ctypes.c_int),
+    ("serial", ctypes.c_ulong),
+    ("send_event", ctypes.c_int),
+    ("display", ctypes.c_void_p),
+)
+
+
+class _Notify(ctypes.Structure):
+    """XSelectionEvent."""
+
+    _fields_ = (
+        *_HEAD,
+        *((name, ctypes.c_ulong) for name in ("requestor", "selection", "target", "property", "time")),
+    )
+
+
+class _Request(ctypes.Structure):
+    """XSelectionRequestEvent."""
+
+    _fields_ = (
+        *_HEAD,
+        *((name, ctypes.c_ulong) for name in ("owner", "requestor", "selection", "target", "property", "time")),
+    )
+
+
+class _Event(ctypes.Union):
+    """XEvent."""
+
+    _fields_ = (("type", ctypes.c_int), ("notify", _Notify), ("request", _Request), ("padding", ctypes.c_long * 24))
+
+
+class Clipboard:
+    """See the module. Without X, nothing has an effect. Call `poll` at each tick."""
+
+    def __init__(self) -> None:
+        self._x: Any = None
+        self._display: Any = None
+        self._text: bytes | None = None
+        name = ctypes.util.find_library("X11")
+        if name is None or not os.environ.get("DISPLAY"):
+            return
+        x = self._x = ctypes.CDLL(name)
+        handle, number, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(_Event)
+        x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
+        x.XDefaultRootWindow.restype, x.XDefaultRootWindow.argtypes = number, [handle]
+        x.XInternAtom.restype, x.XInternAtom.argtypes = number, [handle, ctypes.c_char_p, ctypes.c_int]
+        x.XCreateSimpleWindow.restype = number
+        x.XCreateSimpleWindow.argtypes = [handle, number, *[ctypes.c_int] * 2, *[ctypes.c_uint] * 3, number, number]
+        x.XSetSelectionOwner.argtypes = [handle, number, number, number]
+        x.XGetSelectionOwner.restype, x.XGetSelectionOwner.argtypes = number, [handle, number]
+        x.XConvertSelection.argtypes = [handle, *[number] * 5]
+        x.XPending.argtypes = x.XCloseDisplay.argtypes = x.XFlush.argtypes = [handle]
+        x.XSync.argtypes = [handle, ctypes.c_int]
+        x.XFree.argtypes = [handle]
+        x.XNextEvent.argtypes = [handle, event]
+        x.XSendEvent.argtypes = [handle, number, ctypes.c_int, ctypes.c_long, event]
+        x.XChangeProperty.argtypes = [
+            handle, number, number, number, ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_int,
+        ]  # fmt: skip
+        x.XGetWindowProperty.argtypes = [
+            handle, number, number, ctypes.c_long, ctypes.c_long, ctypes.c_int, number, ctypes.POINTER(number),
+            ctypes.POINTER(ctypes.c_int), ctypes.POINTER(number), ctypes.POINTER(number), ctypes.POINTER(handle),
+        ]  # fmt: skip
+        self._display = x.XOpenDisplay(None)
+        if not self._display:
+            return
+        self._window = x.XCreateSimpleWindow(self._display, x.XDefaultRootWindow(self._display), 0, 0, 1, 1, 0, 0, 0)
+        names = ("CLIPBOARD", "UTF8_STRING", "TARGETS", "V3_STUDIO_PASTE")
+        self._clipboard, self._utf8, self._targets, self._place = (
+            x.XInternAtom(self._display, one.encode(), 0) for one in names
+        )
+
+    def copy(self, text: str) -> bool:
+        """Put text on the clipboard; returns whether that worked."""
+        if not self._display:
+            return False
+        self._text = text.encode(errors="surrogateescape")  # paths need not be UTF-8
+        self._x.XSetSelectionOwner(self._display, self._clipboard, self._window, 0)
+        return bool(self._x.XGetSelectionOwner(self._display, self._clipboard) == self._window)
+
+    def ask(self) -> bool:
+        """Ask for the text on the clipboard; `poll` returns it. Returns whether there is a clipboard."""
+        if not self._display:
+            return False
+        self._x.XConvertSelection(self._display, self._clipboard, self._utf8, self._place, self._window, 0)
+        self._x.XFlush(self._display)
+        return True
+
+    def poll(self) -> str | None:
+        """Answer other programs; return the text that was asked for: "" if the clipboard has none, None if it has not
+        come."""
+        found = None
+        if not self._display:
+            return None
+        while self._x.XPending(self._display):
+            event = _Event()
+            self._x.XNextEvent(self._display, ctypes.byref(event))
+            if event.type == _SELECTION_CLEAR:
+                self._text = None
+            elif event.type == _SELECTION_REQUEST:
+                self._answer(event.request)
+            elif event.type == _SELECTION_NOTIFY:
+                found = self._pasted() if event.notify.property else ""
+        return found
+
+    def _answer(self, request: _Request) -> None:
+        x, display = self._x, self._display
+        with errors_ignored(x, display):  # who asked may be gone
+            place = request.property or request.target
+            if self._text is None:
+                place = 0
+            elif request.target == self._targets:
+                offered = (ctypes.c_ulong * 2)(self._targets, self._utf8)
+                x.XChangeProperty(display, request.requestor, place, _ATOM, 32, 0, bytes(offered), 2)
+            elif request.target == self._utf8:
+                x.XChangeProperty(display, request.requestor, place, self._utf8, 8, 0, self._text, len(self._text))
+            else:
+                place = 0
+            answer = _Event()
+            answer.notify = _Notify(
+                type=_SELECTION_NOTIFY, display=display, requestor=request.requestor, selection=request.selection,
+                target=request.target, property=place, time=request.time,
+            )  # fmt: skip
+            x.XSendEvent(display, request.requestor, 0, 0, ctypes.byref(answer))
+
+    def _pasted(self) -> str:
+        kind, size, count, rest = ctypes.c_ulong(), ctypes.c_int(), ctypes.c_ulong(), ctypes.c_ulong()
+        data = ctypes.c_void_p()
+        places = [ctypes.byref(one) for one in (kind, size, count, rest, data)]
+        self._x.XGetWindowProperty(self._display, self._window, self._place, 0, _LONGEST // 4, 1, 0, *places)
+        if not data.value:
+            return ""
+        text = ctypes.string_at(data.value, count.value) if size.value == 8 else b""
+        self._x.XFree(data)
+        return text.decode("utf-8", "replace")
+
+    def close(self) -> None:
+        """Close the connection; what was copied is gone."""
+        if self._display:
+            self._x.XCloseDisplay(self._display)
+            self._display = None

@@ -1,0 +1,81 @@
+"""Tells when the window's content has reached the screen, through the DAMAGE extension of X.
+
+The toolkit drops frames without a word while it is busy with the last one. Without the extension (libXdamage), nothing
+is known, and the window is drawn again and again to be sure (`gui.platform.redraw`).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+from typing import Any
+
+from gui.platform.x_window import errors_ignored
+
+_REPORT_NON_EMPTY = 3  # XDamageReportNonEmpty: one event until the damage is subtracted
+
+
+class _Event(ctypes.Union):
+    """XEvent: its type, and its size."""
+
+    _fields_ = (("type", ctypes.c_int), ("padding", ctypes.c_long * 24))
+
+
+class DrawnFrames:
+    """See the module.
+
+    Args:
+        window: the X window of the toolkit; None for none, and then nothing is told.
+    """
+
+    def __init__(self, window: int | None) -> None:
+        self._x: Any = None
+        self._display: Any = None
+        names = [ctypes.util.find_library(name) for name in ("X11", "Xdamage")]
+        if window is None or not all(names) or not os.environ.get("DISPLAY"):
+            return
+        x, damage = (ctypes.CDLL(name) for name in names)
+        handle, number, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(_Event)
+        x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
+        x.XPending.argtypes = x.XCloseDisplay.argtypes = [handle]
+        x.XSync.argtypes = [handle, ctypes.c_int]
+        x.XNextEvent.argtypes = [handle, event]
+        integers = ctypes.POINTER(ctypes.c_int)
+        damage.XDamageQueryExtension.argtypes = [handle, integers, integers]
+        damage.XDamageCreate.restype, damage.XDamageCreate.argtypes = number, [handle, number, ctypes.c_int]
+        damage.XDamageSubtract.argtypes = [handle, number, number, number]
+        display = x.XOpenDisplay(None)
+        if not display:
+            return
+        first, errors = ctypes.c_int(), ctypes.c_int()
+        if not damage.XDamageQueryExtension(display, ctypes.byref(first), ctypes.byref(errors)):
+            x.XCloseDisplay(display)
+            return
+        self._x, self._damage, self._display, self._kind = x, damage, display, first.value
+        with errors_ignored(x, display):  # the window may be closed by now
+            self._watched = damage.XDamageCreate(display, window, _REPORT_NON_EMPTY)
+
+    @property
+    def active(self) -> bool:
+        """Whether frames are told."""
+        return bool(self._display)
+
+    def poll(self) -> bool:
+        """Whether something has been drawn since the last call. Does not wait."""
+        if not self._display:
+            return False
+        drawn, event = False, _Event()
+        while self._x.XPending(self._display):
+            self._x.XNextEvent(self._display, ctypes.byref(event))
+            drawn |= event.type == self._kind
+        if drawn:
+            with errors_ignored(self._x, self._display):
+                self._damage.XDamageSubtract(self._display, self._watched, 0, 0)
+        return drawn
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._display:
+            self._x.XCloseDisplay(self._display)
+            self._display = None

@@ -1,0 +1,324 @@
+"""Input events in an order in which the toolkit sees them all.
+
+Open3D's widgets, menus and text fields look at the mouse and the keys only when the window is drawn. What is pressed
+and released between two draws is lost, and a key that is pressed right after a click is handled before what the click
+opens. So an invisible child window takes the events of mouse and keyboard and passes them on, with requests to draw
+between those that must not fall on one draw. Without X, or with V3STUDIO_PLAIN_INPUT=1 in the environment, the
+toolkit's window gets its events as ever.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gui.platform.escapes import ESCAPE, Escapes
+from gui.platform.x_window import BUTTONS, EXPOSE, EXPOSURE_MASK, errors_ignored
+
+Kind = Literal["press", "release", "key", "key up", "move"]
+
+PLAIN = "V3STUDIO_PLAIN_INPUT"
+"""Environment variable that turns this off if it is 1."""
+
+LAG = 4
+"""Ticks after which an event has surely been drawn, if drawing did not take longer."""
+
+LONGEST_HOLD = 20.0
+"""Seconds for which input is kept back at most, should a dialog never be ready."""
+
+_WHEEL = range(4, 8)
+_NAMED = range(0xFF00, 0x10000)
+"""Key symbols that type no character: the toolkit polls these, while it has a queue for characters."""
+
+_KINDS: dict[int, tuple[Kind, int]] = {
+    2: ("key", 1 << 0), 3: ("key up", 1 << 1), 4: ("press", 1 << 2), 5: ("release", 1 << 3), 6: ("move", 1 << 6),
+}  # fmt: skip
+"""Kind and mask by the type of an X event."""
+
+_INPUT_ONLY, _LARGEST = 2, 32767
+_CONTROL = 1 << 2
+
+
+@dataclass(frozen=True)
+class Input:
+    """An event of the mouse or the keyboard.
+
+    Attributes:
+        kind: what happened.
+        code: the button, or the key's code; 0 for a move.
+        typed: whether the key only types a character.
+        event: the X event.
+        repeated: whether the key was down already.
+    """
+
+    kind: Kind
+    code: int = 0
+    typed: bool = False
+    event: Any = None
+    repeated: bool = False
+
+
+class Order:
+    """Decides where the window must be drawn between events.
+
+    Pressing and releasing must fall on different draws, and so must a click and the keys after it. A move while a
+    button is pressed ends the press for the toolkit, too. Of the characters and the keys that edit in one draw, it
+    handles the characters first.
+    """
+
+    def __init__(self) -> None:
+        self._tick = 0
+        self._unseen: dict[str, int] = {}  # what may not have been drawn since, by tick
+
+    def tick(self) -> None:
+        """Note that the window has ticked: what was passed on some ticks ago has been drawn."""
+        self._tick += 1
+        self._unseen = {name: tick for name, tick in self._unseen.items() if tick > self._tick - LAG}
+
+    def ordered(self, events: Sequence[Input]) -> Iterator[Input | None]:
+        """The events, and None where the window must be drawn. Of moves in a row, only the last is kept."""
+        for number, event in enumerate(events):
+            if event.kind == "move" and number + 1 < len(events) and events[number + 1].kind == "move":
+                continue
+            for _ in range(self._draws_before(event)):
+                self._unseen.clear()
+                yield None
+            if event.kind in ("press", "release", "key") and not self._is_wheel(event):
+                self._unseen[self._name(event)] = self._tick
+            yield event
+
+    def _draws_before(self, event: Input) -> int:
+        unseen = self._unseen
+        if self._is_wheel(event):
+            return 0
+        if event.kind in ("move", "release"):
+            return int("press" in unseen)
+        if event.kind == "press":
+            return int(bool(unseen))
+        if event.kind == "key up":
+            return int(f"key {event.code}" in unseen)
+        if "press" in unseen or "release" in unseen:
+            return 2  # a text field takes keys from the second draw after a click on
+        named = any(name.startswith("key ") for name in unseen)
+        return int(named if event.typed else named or "typed" in unseen)
+
+    @staticmethod
+    def _is_wheel(event: Input) -> bool:
+        return event.kind in ("press", "release") and event.code in _WHEEL
+
+    @staticmethod
+    def _name(event: Input) -> str:
+        if event.kind == "key":
+            return "typed" if event.typed else f"key {event.code}"
+        return event.kind
+
+
+class _InputEvent(ctypes.Structure):
+    """XKeyEvent, XButtonEvent and XMotionEvent, which begin alike."""
+
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("serial", ctypes.c_ulong),
+        ("send_event", ctypes.c_int),
+        ("display", ctypes.c_void_p),
+        *((name, ctypes.c_ulong) for name in ("window", "root", "subwindow", "time")),
+        *((name, ctypes.c_int) for name in ("x", "y", "x_root", "y_root")),
+        ("state", ctypes.c_uint),
+        ("code", ctypes.c_uint),
+        ("same_screen", ctypes.c_int),
+        ("padding", ctypes.c_long * 24),  # XEvent, which is copied as a whole, is larger
+    )
+
+
+class InputOrder:
+    """See the module. Call `poll` at each tick.
+
+    Args:
+        window: the X window of the toolkit; None for none, and then nothing has an effect.
+        now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        active: whether events pass through here.
+        pointer: newest position of the pointer in the window, pixels; None if no event has come through here.
+        buttons: the mouse buttons that are pressed, a bit for each, as `XDisplay.buttons`.
+        wanted: called with kind, button and position of each move and press before it is passed on; returns whether it
+            is to be.
+        escapes: the presses of Escape that have come through here.
+        pressed: called with the code of each key whose press is passed on, also of those that repeat.
+    """
+
+    def __init__(self, window: int | None, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._order = Order()
+        self._kept: list[Input] = []
+        self._held_since: float | None = None
+        self.pointer: tuple[int, int] | None = None
+        self.buttons = 0
+        self.wanted: Callable[[Kind, int, int, int], bool] = lambda _kind, _button, _x, _y: True
+        self.escapes = Escapes()
+        self.pressed: Callable[[int], object] = lambda _code: None
+        self._dropped: set[int] = set()
+        self._down: set[int] = set()  # keys
+        self._stale: set[int] = set()  # keys that were down when input was held back: what they repeat is for nobody
+        self._x: Any = None
+        self._display: Any = None
+        name = ctypes.util.find_library("X11")
+        if window is None or name is None or not os.environ.get("DISPLAY") or os.environ.get(PLAIN) == "1":
+            return
+        x = self._x = ctypes.CDLL(name)
+        handle, number, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(_InputEvent)
+        x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
+        x.XCreateWindow.restype = number
+        x.XCreateWindow.argtypes = [
+            handle, number, *[ctypes.c_int] * 2, *[ctypes.c_uint] * 3, ctypes.c_int, ctypes.c_uint, handle, number,
+            handle,
+        ]  # fmt: skip
+        x.XSelectInput.argtypes = [handle, number, ctypes.c_long]
+        x.XMapRaised.argtypes = [handle, number]
+        x.XPending.argtypes = x.XCloseDisplay.argtypes = [handle]
+        x.XSync.argtypes = [handle, ctypes.c_int]
+        x.XNextEvent.argtypes = [handle, event]
+        x.XSendEvent.argtypes = [handle, number, ctypes.c_int, ctypes.c_long, event]
+        x.XLookupKeysym.restype, x.XLookupKeysym.argtypes = number, [event, ctypes.c_int]
+        x.XkbSetDetectableAutoRepeat.argtypes = [handle, ctypes.c_int, handle]
+        self._display = x.XOpenDisplay(None)
+        if not self._display:
+            return
+        self._window = window
+        # larger than any screen: it need not follow the size of its parent, which clips it
+        child = x.XCreateWindow(self._display, window, 0, 0, _LARGEST, _LARGEST, 0, 0, _INPUT_ONLY, None, 0, None)
+        x.XSelectInput(self._display, child, sum(mask for _, mask in _KINDS.values()))
+        x.XkbSetDetectableAutoRepeat(self._display, 1, None)  # as the toolkit: a key that is held is not released
+        x.XMapRaised(self._display, child)
+        x.XSync(self._display, 0)
+
+    @property
+    def active(self) -> bool:
+        """Whether events pass through here."""
+        return bool(self._display)
+
+    def poll(self, hold: bool, release: bool = False) -> set[Kind]:
+        """Pass on the events that have come.
+
+        Args:
+            hold: keep them back: what they are for is about to open.
+            release: pass on the releases of keys that were pressed before, even so: it opens when they are released.
+
+        Returns:
+            The kinds of events that there were.
+        """
+        self.escapes.tick()
+        if not self._display:
+            return set()
+        self._order.tick()
+        if hold:
+            self._stale |= self._down
+        self._kept += filter(self._is_meant, self._read())
+        if not hold:
+            self._held_since = None
+        elif self._held_since is None:
+            self._held_since = self._now()
+        held = self._held_since is not None and self._now() < self._held_since + LONGEST_HOLD
+        events, self._kept = (self._of_earlier() if release else [], self._kept) if held else (self._kept, [])
+        if not events:
+            return set()
+        with errors_ignored(self._x, self._display):  # the window may be closed by now
+            for event in self._order.ordered([event for event in events if self._is_wanted(event)]):
+                self._send(event)
+                self._note(event)
+        return {event.kind for event in events}
+
+    def _note(self, one: Input | None) -> None:
+        """Note a key that was passed on."""
+        if one is not None and one.kind == "key":
+            self.pressed(one.code)
+        if one is None or one.code != ESCAPE or one.repeated:
+            return
+        if one.kind == "key":
+            self.escapes.pressed()
+        elif one.kind == "key up":
+            self.escapes.released()
+
+    def _of_earlier(self) -> list[Input]:
+        """Take the releases out of what is kept whose presses are not in it."""
+        pressed: set[int] = set()
+        found: list[Input] = []
+        kept: list[Input] = []
+        for one in self._kept:
+            if one.kind == "key":
+                pressed.add(one.code)
+            (found if one.kind == "key up" and one.code not in pressed else kept).append(one)
+        self._kept = kept
+        return found
+
+    def click(self, x: int, y: int) -> None:
+        """Press and release the left button at a position in the window, as the user would; the pointer comes back."""
+        there, back = (x, y), self.pointer or (x, y)
+        steps = (("move", 6, there), ("press", 4, there), ("release", 5, there), ("move", 6, back))
+        for kind, number, (x, y) in steps:
+            event = _InputEvent(type=number, x=x, y=y, x_root=x, y_root=y, same_screen=1)
+            event.time = int(1000 * time.monotonic()) & 0xFFFFFFFF  # X servers count like this
+            event.code = 1 if kind != "move" else 0
+            event.state = 1 << 8 if kind == "release" else 0
+            self._kept.append(Input(kind, event.code, event=event))  # type: ignore[arg-type]
+
+    def _read(self) -> Iterator[Input]:
+        while self._x.XPending(self._display):
+            event = _InputEvent()
+            self._x.XNextEvent(self._display, ctypes.byref(event))
+            if event.type not in _KINDS:
+                continue
+            kind = _KINDS[event.type][0]
+            typed = repeated = False
+            if kind == "key":
+                repeated = event.code in self._down
+                typed = self._x.XLookupKeysym(ctypes.byref(event), 0) not in _NAMED and not event.state & _CONTROL
+            yield Input(kind, 0 if kind == "move" else event.code, typed, event, repeated)
+
+    def _is_meant(self, one: Input) -> bool:
+        """False for repeats of a key that was down when a dialog began to open, such as the one that opened it."""
+        if one.kind == "key up":
+            self._down.discard(one.code)
+            self._stale.discard(one.code)
+        elif one.kind == "key":
+            self._down.add(one.code)
+            return one.code not in self._stale
+        return True
+
+    def _is_wanted(self, one: Input) -> bool:
+        if one.kind in ("move", "press", "release"):
+            self.pointer = one.event.x, one.event.y
+            self._note_buttons(one)
+        if one.kind == "release" and one.code in self._dropped:
+            self._dropped.discard(one.code)
+            return False
+        if one.kind in ("move", "press") and not self.wanted(one.kind, one.code, one.event.x, one.event.y):
+            self._dropped.add(one.code)
+            return False
+        return True
+
+    def _note_buttons(self, one: Input) -> None:
+        bit = 1 << one.code + 7 if one.code in (1, 2, 3) else 0  # Button1Mask and so on; a move has no code
+        before = one.event.state & BUTTONS
+        self.buttons = before & ~bit if one.kind == "release" else before | bit
+
+    def _send(self, one: Input | None) -> None:
+        """Pass an event on to the toolkit; None for a request to draw."""
+        if one is None:
+            event, mask = _InputEvent(type=EXPOSE), EXPOSURE_MASK
+        else:
+            event, mask = one.event, _KINDS[one.event.type][1]
+            event.subwindow = 0
+        event.window, event.display = self._window, self._display
+        self._x.XSendEvent(self._display, self._window, 0, mask, ctypes.byref(event))
+
+    def close(self) -> None:
+        """Close the connection; the child window goes with it."""
+        if self._display:
+            self._x.XCloseDisplay(self._display)
+            self._display = None

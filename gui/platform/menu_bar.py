@@ -1,0 +1,79 @@
+"""Which menu is open, by what the mouse did: the toolkit does not tell.
+
+Its menus follow the pointer once one is open, and a click on the title of an open one closes it. So a click on the next
+title, which the pointer has just opened, would close that menu again: such clicks are not passed on. A click in
+a menu closes it if it chooses an item, which the toolkit tells, and else leaves it open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+_TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)
+"""Right ends of the titles of `gui.actions.menus.MENUS` in font sizes, measured: the toolkit draws them unasked."""
+
+
+class MenuBar:
+    """See the module. Tell it of all moves and presses, in order.
+
+    Args:
+        em: font size, pixels.
+        boxes: (width, height) of the menus, pixels; () if they are not known.
+        ends: right ends of the titles, em.
+
+    Attributes:
+        height: height of the bar, pixels; 0 while it is hidden.
+    """
+
+    def __init__(
+        self, em: float, boxes: Sequence[tuple[float, float]] = (), ends: Sequence[float] = _TITLE_ENDS
+    ) -> None:
+        self._boxes = list(boxes)
+        self._ends = [end * em for end in ends]
+        self._open: int | None = None
+        self._followed = False
+        self.height = 0.0
+
+    @property
+    def opened(self) -> bool:
+        """Whether a menu is open, as far as can be told."""
+        return self._open is not None
+
+    @property
+    def empty(self) -> tuple[int, int]:
+        """A place in the bar without a title, pixels; a click there closes the menu."""
+        return round(self._ends[-1] * 1.1), round(self.height / 2)
+
+    def closed(self) -> None:
+        """Note that no menu is open."""
+        self._open = None
+
+    def move(self, x: float, y: float) -> None:
+        """The pointer is at a position in the window, pixels."""
+        title = self._title(x, y)
+        if self._open is not None and title is not None and title != self._open:
+            self._open, self._followed = title, True
+
+    def press(self, x: float, y: float) -> bool:
+        """The left button is pressed; returns whether the toolkit is to see that."""
+        self.move(x, y)
+        title = self._title(x, y)
+        if title is not None and title == self._open and self._followed:
+            self._followed = False
+            return False
+        self._followed = False
+        if not self._in_menu(x, y):
+            self._open = None if title == self._open else title
+        return True
+
+    def _in_menu(self, x: float, y: float) -> bool:
+        """Whether a position is in the open menu."""
+        if self._open is None or self._open >= len(self._boxes):
+            return False
+        left, (width, height) = self._ends[self._open - 1] if self._open else 0.0, self._boxes[self._open]
+        return left <= x < left + width and self.height <= y < self.height + height
+
+    def _title(self, x: float, y: float) -> int | None:
+        if not 0 <= y < self.height:
+            return None
+        return next((number for number, end in enumerate(self._ends) if x < end), None)

@@ -1,0 +1,110 @@
+"""The tools of the edits: their buttons, what they say, and the limits that are proposed for floaters."""
+
+from __future__ import annotations
+
+from pipelines.reports.terminal import counted
+from studio.edits.edit_list import Floaters
+
+Choice = tuple[str, str, str]
+
+EDIT_CHOICES: tuple[Choice, ...] = (
+    ("done", "Done", "Leave the edits and show the take again"),
+    ("", "", ""),
+    ("in", "In", "In point: the first frame to keep is this one"),
+    ("out", "Out", "Out point: the last frame to keep is this one"),
+    ("", "", ""),
+    ("look", "Orbit", "Drags turn the view"),
+    ("crop", "Crop", "Drag the faces of a box; splats outside are removed"),
+    ("ground", "Ground", "Drag a plane up or down; splats below are removed"),
+    (
+        "floaters",
+        "Floaters",
+        "Select small clusters and faint splats; the histogram and Numbers set the limits",
+    ),
+    ("lasso", "Lasso", "Draw around splats to select them; right drags pan"),
+    ("brush", "Brush", "Paint over splats to select them; right drags pan"),
+    ("", "", ""),
+    ("remove", "Remove", "Remove what is selected, in all frames"),
+    ("remove here", "Remove in group", "Remove what is selected in this group of frames only"),
+    ("", "", ""),
+    ("origin", "Origin", "Click the point that becomes the origin"),
+    ("up", "Up", "Click a point, then one straight above it: up becomes +y"),
+    ("scale", "Scale", "Click two points, and say how far apart they are"),
+    ("", "", ""),
+    ("numbers", "Numbers", "Set the crop box, the ground, the floaters or the world in numbers"),
+    ("list", "List", "List the edits, and remove some"),
+    ("removed", "Removed", "Draw what is removed in red"),
+)
+TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale")
+BRUSH = 0.03
+"""Radius of the brush, relative to the height of the picture."""
+
+FLOATERS = (
+    Floaters(opacity=0.02, share=0.005),
+    Floaters(opacity=0.05, share=0.01),
+    Floaters(opacity=0.1, share=0.02),
+)
+"""Limits to propose, from careful to bold: the first that select anything."""
+
+HINTS = {
+    "crop": "Drag the dots on the faces.",
+    "ground": "Drag the dot up or down.",
+    "lasso": "Draw around what should go.",
+    "brush": "Paint over what should go.",
+    "origin": "Click the new origin.",
+    "up": "Click a point, then one straight above it.",
+    "scale": "Click two points whose distance you know.",
+}
+
+
+_CUT = {"crop": "outside of the box", "ground": "below the plane"}
+"""What the splats are that these tools would remove: nobody has selected them."""
+
+
+def hint(tool: str, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:
+    """What to do next, over the picture; "" if there is nothing to say.
+
+    Args:
+        tool: one of `TOOLS`.
+        selected: number of splats that are selected in the group; None if nothing was tried.
+        back: number of splats in the group that are removed now and would not be any more.
+        floaters: the limits that select them.
+        in_use: whether these limits are among the take's edits already.
+    """
+    words = HINTS.get(tool, "")
+    if selected is None:
+        return words
+    if tool == "floaters":
+        limits = _limits(floaters)
+        if in_use:
+            return f"Removed already: {limits}. Change the limits with Numbers (#)."
+        if selected or back:
+            found = [*([_count(selected)] if selected else []), *([_back(back)] if back else [])]
+            return f"{', '.join(found)}: {limits}. Press Remove, or change the limits with Numbers (#)."
+        return f"No splats selected in this group: {limits}. Raise the limits, or press Remove for other groups."
+    if tool in ("lasso", "brush"):
+        return f"{_count(selected)}. Press Remove." if selected else f"No splats selected. {words}"
+    if tool in _CUT and selected:
+        return f"{counted(selected, 'splat')} {_CUT[tool]}, which Remove removes. {words}"
+    return f"{_count(selected)}. {words}" if selected else words
+
+
+def _count(selected: int) -> str:
+    return f"{counted(selected, 'splat')} selected"
+
+
+def _back(back: int) -> str:
+    return f"{back:,} splat{'s come' if back != 1 else ' comes'} back"
+
+
+def _limits(floaters: Floaters | None) -> str:
+    if floaters is None:
+        return "no limits"
+    parts = []
+    if floaters.opacity is not None:
+        parts.append(f"opacity below {floaters.opacity:g}")
+    if floaters.share is not None:
+        parts.append(f"in clusters below {100 * floaters.share:g}% of the splats")
+    if floaters.splats is not None:
+        parts.append(f"in clusters of fewer than {floaters.splats:,} splats")
+    return " or ".join(parts)

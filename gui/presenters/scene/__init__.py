@@ -1,0 +1,1 @@
+"""The scene: splats, cameras, points, mesh and guides in one picture, hidden and shown by depth."""

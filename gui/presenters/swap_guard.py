@@ -1,0 +1,48 @@
+"""SwapGuard: refuses clicks on a button that has just taken another one's place under a resting pointer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+WAIT = 0.5
+"""Seconds after buttons are seen to have changed in which a click at the same place is for what was there before."""
+
+REST = 0.7
+"""Distance in em up to which a pointer counts as resting."""
+
+
+class SwapGuard:
+    """See the module.
+
+    Args:
+        pointer: position of the pointer in the window, pixels; None where it is not known, and then nothing is refused.
+        em: font size, pixels.
+        now: a clock in seconds that never runs backwards.
+    """
+
+    def __init__(
+        self, pointer: Callable[[], tuple[int, int] | None], em: float, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._pointer, self._rest, self._now = pointer, REST * em, now
+        self._at: tuple[int, int] | None = None
+        self._seen: float | None = None
+
+    def swapped(self) -> None:
+        """Other buttons have come to where some were."""
+        self._at, self._seen = self._pointer(), None
+
+    def drawn(self) -> None:
+        """The window is drawn: from now on the user can see what has changed."""
+        if self._at is not None and self._seen is None:
+            self._seen = self._now()
+
+    def refuses(self) -> bool:
+        """Whether a click that comes now is to be ignored."""
+        if self._at is None or (self._seen is not None and self._now() >= self._seen + WAIT):
+            return False
+        pointer = self._pointer()
+        if pointer is None:
+            return False
+        x, y = pointer
+        return abs(x - self._at[0]) <= self._rest and abs(y - self._at[1]) <= self._rest

@@ -1,0 +1,85 @@
+"""What the arguments of several commands have in common: numbers, settings, and names that have changed."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from typing import Any
+
+SETTINGS_NOTE = """settings:
+  --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
+  Overrides a setting; example: --train.max-splats 20000. `v3studio config` lists all settings.
+"""
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Gives clear errors for numbers."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.register("type", int, _integer)
+        self.register("type", float, _number)
+
+
+def _integer(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not an integer; example: 24") from None
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number; example: 2.5")
+    return value
+
+
+def long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentParser) -> list[str]:
+    """Rewrite `--section.name VALUE` and `--section.name=VALUE` as `--set section.name=VALUE`."""
+    plain: list[str] = []
+    words = iter(arguments)
+    for word in words:
+        name, equals, value = word.removeprefix("--").partition("=")
+        if not word.startswith("--") or "." not in name:
+            plain.append(word)
+            continue
+        if not equals:
+            following = next(words, None)
+            if following is None:
+                parser.error(f"--{name} needs a value")
+            value = following
+        plain.append(f"--set={name}={value}")
+    return plain
+
+
+def current_stages(arguments: Sequence[str]) -> list[str]:
+    """Replace old names of stages, as the command and after `--until`."""
+    words = list(arguments)
+    if not words or words[0].startswith("-"):
+        return words
+    from pipelines.config.renamed import STAGES, note_renames
+
+    for index, word in enumerate(words):
+        option, equals, value = word.partition("=")
+        if index == 0 or words[index - 1] == "--until":
+            words[index] = STAGES.get(word, word)
+        elif option == "--until" and equals:
+            words[index] = f"{option}={STAGES.get(value, value)}"
+        if words[index] != word:
+            note_renames("command line", [f"{value or word} is now {words[index].removeprefix('--until=')}"])
+    return words
+
+
+def overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
+    """Names and values of the settings given with `--set`; StudioError if one cannot be read."""
+    given = getattr(arguments, "set", [])  # not every command has settings
+    if not given:
+        return []
+    from pipelines.config.loading import parse_override
+
+    return [parse_override(text) for text in given]

@@ -1,0 +1,54 @@
+"""`v3studio colors`: the colors of the cameras, from a ColorChecker in the footage."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command to the command line."""
+    command = commands.add_parser(
+        "colors",
+        help="compare the cameras' colors on a ColorChecker",
+        description="Find a ColorChecker Classic (24 patches) in the image of each camera, and show how far the "
+        "cameras' colors are apart before and after the correction that train.color_chart_frame makes.",
+        allow_abbrev=False,
+    )
+    command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings; uses the section capture")
+    command.add_argument(
+        "--chart-frame",
+        type=int,
+        required=True,
+        metavar="N",
+        help="frame in which the cameras see the chart, counted as capture.start counts",
+    )
+    command.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    command.set_defaults(command=_colors)
+
+
+def _colors(arguments: argparse.Namespace) -> int:
+    from pipelines.commands.working import working
+    from pipelines.config import load_config
+    from pipelines.takes.drawn_mattes import for_another_take
+    from studio.capture import open_footage
+    from studio.capture.color_chart import fit_chart_colors
+
+    capture = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config).capture
+    footage = open_footage(capture.replace(masks="none", evaluation_mattes="", audio=None), None, strict=False)
+    try:
+        with working("colors", None) as progress:
+            fit = fit_chart_colors(footage, arguments.chart_frame, footage.train_cameras, progress)
+    finally:
+        footage.close()
+    for name in footage.train_cameras:
+        if name in fit.matrices:
+            print(
+                f"{name}: found, {fit.before[name]:.1f} levels of 255 from the mean camera, {fit.after[name]:.1f} after"
+            )
+        else:
+            print(f"{name}: {fit.without[name].problem}; not corrected")
+    print(f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches. To correct them:")
+    print(f"train: {{camera_colors: true, color_chart_frame: {fit.frame}}}")
+    return 0

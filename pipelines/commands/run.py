@@ -1,0 +1,259 @@
+"""`v3studio run` and the stages one by one."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.commands.arguments import SETTINGS_NOTE
+from studio.environment import keep_freed_memory
+from studio.errors import StudioError
+from studio.memory import require_memory
+
+if TYPE_CHECKING:
+    from pipelines.config import Config
+    from pipelines.takes.take import Take
+
+STAGE_HELP = {
+    "calibrate": "read the cameras from a file, or calibrate them",
+    "initialize": "sample initial points on the visual hull of each keyframe",
+    "train": "train the Gaussians",
+    "bake": "encode the trained Gaussians as a stream",
+    "evaluate": "measure the quality on held-out cameras and write the report",
+}
+
+
+def register(commands: Any) -> None:
+    """Add the commands to the command line."""
+    run = _stage_parser(commands, "run", "run all stages that are not up to date")
+    run.add_argument(
+        "--until",
+        choices=list(STAGE_HELP),
+        metavar="STAGE",
+        help=f"stop after this stage: {', '.join(STAGE_HELP)}",
+    )
+    _add_live(run)
+    _add_detach(run)
+    run.set_defaults(command=_run, stage=None, stored_take="run")
+    for name, text in STAGE_HELP.items():
+        stage = _stage_parser(commands, name, text)
+        stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
+        if name == "bake":
+            _add_targets(stage)
+            _add_stream_options(stage)
+            stage.add_argument("--keep", metavar="NAME", help="keep the bake under this name too; see `v3studio bakes`")
+        if name == "train":
+            _add_live(stage)
+        _add_detach(stage)
+        stage.set_defaults(command=_run, stage=name, until=None, stored_take="run")
+
+
+class _Target(argparse.Action):
+    """Sets one bake target and clears the other, which may be set in the take; the last option wins."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Called by argparse."""
+        cleared = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr") if name != self.const]
+        namespace.set = [*namespace.set, *cleared, f"bake.{self.const}={values}"]
+
+
+def _add_targets(stage: argparse.ArgumentParser) -> None:
+    """Bake targets as options."""
+    for name, metavar, text in (
+        ("target_kb_per_frame", "KB", "choose each group's QP to stay within this many kilobytes per frame"),
+        ("target_psnr", "DB", "choose each group's QP so that decoded renders reach this PSNR against trained ones"),
+    ):
+        stage.add_argument(f"--{name.replace('_', '-')}", action=_Target, const=name, metavar=metavar, help=text)
+
+
+class _StreamVersion(argparse.Action):
+    """Sets the version of the stream, and for `--ladder` the default ladder."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Called by argparse."""
+        if self.const in ("ladder", "cut"):
+            from studio.stream.settings import DEFAULT_LADDER
+
+            cut = {"finetune_iterations": 0} if self.const == "cut" else {}
+            rungs = json.dumps([{**rung.model_dump(mode="json"), **cut} for rung in DEFAULT_LADDER])
+            targets = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr")]
+            namespace.set = [*namespace.set, *targets, "bake.stream_version=3", f"bake.ladder={rungs}"]
+        else:
+            without = ["bake.ladder=[]"] if values == "2" else []  # version 2 has one rendition
+            namespace.set = [*namespace.set, *without, f"bake.stream_version={values}"]
+
+
+def _add_stream_options(stage: argparse.ArgumentParser) -> None:
+    """Version and ladder of the stream as options."""
+    stage.add_argument(
+        "--stream-version", action=_StreamVersion, choices=("2", "3"), help="version of the stream's format"
+    )
+    stage.add_argument(
+        "--ladder",
+        action=_StreamVersion,
+        const="ladder",
+        nargs=0,
+        help="bake several renditions (version 3): QP 16, 20, 24, 28, and two with fewer splats and no view-dependent "
+        "color for phones, which are fine-tuned; bake.ladder selects others",
+    )
+    stage.add_argument(
+        "--ladder-without-fine-tuning",
+        action=_StreamVersion,
+        const="cut",
+        nargs=0,
+        help="like --ladder, but rungs with fewer splats are only cut: quicker and needs no images, but worse",
+    )
+
+
+class _Live(argparse.Action):
+    """Sets `bake.live`."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Called by argparse."""
+        namespace.set = [*namespace.set, "bake.stream_version=3", "bake.live=true"]
+
+
+def _add_live(stage: argparse.ArgumentParser) -> None:
+    stage.add_argument(
+        "--live",
+        action=_Live,
+        nargs=0,
+        help="bake and publish each group as soon as it is trained (bake.live); `v3studio serve` shows them meanwhile",
+    )
+
+
+def _add_detach(stage: argparse.ArgumentParser) -> None:
+    stage.add_argument(
+        "--detach",
+        action="store_true",
+        help="return at once; the run goes on, on the cluster if run.address is ray://. `v3studio attach` shows it",
+    )
+
+
+def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=text,
+        description=text[0].upper() + text[1:] + ".",
+        epilog=SETTINGS_NOTE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "config",
+        type=Path,
+        nargs="?",
+        metavar="CONFIG",
+        help="YAML file of settings, or the folder of a take (default: the settings in the take)",
+    )
+    parser.add_argument("--take", type=Path, metavar="DIR", help="folder or address of the take; created if needed")
+    parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    require_memory()
+    keep_freed_memory()
+    from pipelines.config import load_config
+    from pipelines.takes.atomic_files import disk_errors
+    from pipelines.takes.drawn_mattes import for_another_take
+    from pipelines.takes.take import Take
+
+    if arguments.take is None and arguments.config is not None and arguments.config.is_dir():
+        arguments.config, arguments.take = None, arguments.config
+    if arguments.take is None:
+        if arguments.config is not None and not arguments.config.exists():
+            raise StudioError(
+                "settings.file_not_found",
+                "no such file or folder",
+                file=arguments.config,
+                fix="Specify a YAML file and --take DIR.",
+            )
+        raise StudioError(
+            "command.no_take", "no take is specified", fix="Example: --take takes/first.", option="--take"
+        )
+    if arguments.config is not None and arguments.config.is_dir():
+        raise StudioError(
+            "command.two_takes",
+            "is a folder, but --take is specified too",
+            file=arguments.config,
+            fix="Specify a YAML file, or leave out one of the folders.",
+            option="--take",
+        )
+    if arguments.config is None:
+        take = Take.open(arguments.take)
+        config = load_config(take.config, arguments.overrides)
+    else:
+        # validate settings before creating the folder
+        config = load_config(arguments.config, arguments.overrides)
+        config = for_another_take(config, arguments.config, arguments.take)
+        with disk_errors(arguments.take):
+            take = Take.create(arguments.take)
+
+    from pipelines.runs.console import Bars, JsonLines
+    from pipelines.runs.runner import ALL_STAGES, run
+
+    keep = getattr(arguments, "keep", None)
+    if keep is not None:
+        from pipelines.takes.kept_bakes import refuse_taken
+
+        refuse_taken(take, keep)
+
+    if arguments.stage:
+        stages: Sequence[str] = (arguments.stage,)
+    else:
+        stages = ALL_STAGES[: ALL_STAGES.index(arguments.until) + 1] if arguments.until else ALL_STAGES
+    if arguments.detach:
+        return _detach(arguments, take, config)
+    with JsonLines(arguments.output) if arguments.json else Bars() as show:
+        try:
+            run(
+                take,
+                config,
+                show,
+                stages=stages,
+                force=bool(arguments.stage and arguments.force),
+                command=f"v3studio {arguments.stage or 'run'}",
+                keep=keep,
+            )
+        finally:
+            arguments.reported = isinstance(show, JsonLines) and show.finished
+    if not arguments.json and "evaluate" in stages:
+        from pipelines.reports.tables import print_evaluation
+
+        print_evaluation(take)
+    return 0
+
+
+def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
+    from pipelines.runs.background import start_background
+
+    words = [arguments.stage or "run"]
+    words += ["--until", arguments.until] if arguments.until else []
+    words += ["--force"] if arguments.stage and arguments.force else []
+    words += ["--keep", arguments.keep] if getattr(arguments, "keep", None) else []
+    stored = None if arguments.stored_run is None else arguments.stored_run.stored
+    run = start_background(take, config, words, stored)
+    place = str(arguments.take if stored is None else stored.address)
+    if arguments.json:
+        where = str(take.root) if stored is None else stored.address
+        found = {"take": where, "pid": run.pid, "host": run.host, "running": run.code is None}
+        print(json.dumps(found), file=arguments.output)
+        return 0
+    if run.code is not None:
+        print(f"Everything is up to date (process {run.pid} on {run.host} has ended).", file=arguments.output)
+        return 0
+    print(f"The run goes on in the background (process {run.pid} on {run.host}).", file=arguments.output)
+    print(f"Show it: v3studio attach {shlex.quote(place)}", file=arguments.output)
+    return 0

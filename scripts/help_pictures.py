@@ -1,0 +1,196 @@
+"""Makes the pictures of gui/help from runs of the sample capture: good ones, and bad ones with wrong settings.
+
+    python scripts/help_pictures.py TAKE WORK [--out gui/help]
+
+TAKE is a finished take of the sample capture (`make demo`). The takes with wrong settings are made in the folder WORK,
+which is kept: running it again only draws. Takes about a quarter of an hour on two cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from gui.presenters.drawing.splats import draw  # noqa: E402
+from gui.presenters.playback.compare import difference, heat  # noqa: E402
+from gui.presenters.run.workspace import Workspace  # noqa: E402
+from gui.presenters.stages.calibrate import CalibrateView  # noqa: E402
+from gui.presenters.stages.initialize import InitializeView  # noqa: E402
+from gui.raycast import MeshPicture  # noqa: E402
+from pipelines.config import load_config  # noqa: E402
+from pipelines.stages.base import Context  # noqa: E402
+from pipelines.stages.footage import performer_over  # noqa: E402
+from pipelines.takes.frame_files import read_frame  # noqa: E402
+from pipelines.takes.take import Take  # noqa: E402
+from studio.stream import StreamReader  # noqa: E402
+
+CONFIG = ROOT / "sample_configs" / "quickstart.yaml"
+SIZE = (560, 400)
+FRAME, CAMERA = 14, "cam12"  # held out; the axe points at this camera
+SHORT = ("--capture.start", "14", "--capture.stop", "16", "--train.group_size", "2", "--run.threads", "1")
+FROM_FOOTAGE = ("--until", "calibrate", "--capture.rig", "null", "--calibrate.frames", "4")
+SWAPPED = ("cam03", "cam04")
+WRONG: dict[str, tuple[str, ...]] = {
+    "mattes": (*SHORT, "--until", "initialize", "--capture.mask_sensitivity", "0.25"),
+    "cal_good": FROM_FOOTAGE,
+    "swapped": (*SHORT, "--until", "initialize"),
+    "few": (
+        *SHORT, "--initialize.points", "2000", "--train.max_splats", "1500", "--train.densify_max_splats", "2000",
+        "--train.keyframe_iterations", "300", "--train.densify_from", "50", "--train.densify_until", "200",
+        "--train.prune_finetune_iterations", "50",
+    ),
+    "late": (
+        *SHORT, "--capture.offsets", "{cam01: 4, cam04: 4, cam07: 4, cam10: 4, cam13: 4}", "--initialize.points",
+        "20000", "--train.max_splats", "20000", "--train.densify_max_splats", "24000", "--train.keyframe_iterations",
+        "700", "--train.densify_from", "100", "--train.densify_until", "500", "--train.prune_finetune_iterations",
+        "100",
+    ),
+}  # fmt: skip
+"""Options of the takes with wrong settings, and of one calibrated from the footage."""
+
+
+def run(take: Path, *options: str) -> None:
+    """Run a take; what is finished is not run again."""
+    program = Path(sys.executable).with_name("v3studio")
+    subprocess.run([str(program), "run", str(CONFIG), "--take", str(take), *options], check=True)
+
+
+def swapped_cameras(work: Path) -> Path:
+    """The capture's camera file with two cameras swapped."""
+    cameras = json.loads((ROOT / "sample_captures" / "walk16" / "cameras.json").read_text(encoding="utf-8"))
+    names = dict(zip(SWAPPED, reversed(SWAPPED), strict=True))
+    for camera in cameras["cameras"]:
+        camera["name"] = names.get(camera["name"], camera["name"])
+    work.mkdir(parents=True, exist_ok=True)
+    path = work / "swapped_cameras.json"
+    path.write_text(json.dumps(cameras), encoding="utf-8")
+    return path
+
+
+def context_of(take: Path) -> Context:
+    """What the program knows of a take."""
+    return Context(Take(take), load_config(Take(take).config))
+
+
+def outline(take: Path) -> np.ndarray:
+    """Footage with the matte's outline, cut out around the performer."""
+    import cv2
+
+    from gui.presenters.drawing.palette import ACCENT
+
+    footage = context_of(take).footage.calibrated
+    image = footage.raw_image(CAMERA, FRAME).astype(np.float32)
+    matte = footage.raw_matte(CAMERA, FRAME)[..., None] / np.float32(255)
+    shown = (image * (0.35 + 0.65 * matte)).astype(np.uint8)
+    edge = cv2.morphologyEx((matte > 0.5).astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((2, 2), np.uint8)) > 0
+    shown[edge] = ACCENT
+    return shown
+
+
+def performer_box(good: Path) -> tuple[slice, slice]:
+    """Rows and columns around the performer in the camera's footage, of the pictures' shape."""
+    matte = context_of(good).footage.calibrated.raw_matte(CAMERA, FRAME)
+    rows, columns = np.flatnonzero((matte > 127).any(1)), np.flatnonzero((matte > 127).any(0))
+    high = (rows[-1] - rows[0]) * 1.15
+    high = max(high, (columns[-1] - columns[0]) * 1.1 * SIZE[1] / SIZE[0])
+    wide = high * SIZE[0] / SIZE[1]
+    y, x = (rows[0] + rows[-1]) / 2, (columns[0] + columns[-1]) / 2
+    top = int(np.clip(y - high / 2, 0, matte.shape[0] - high))
+    left = int(np.clip(x - wide / 2, 0, matte.shape[1] - wide))
+    return slice(top, top + int(high)), slice(left, left + int(wide))
+
+
+def stage_picture(take: Path, kind: type[Any], *arguments: Any, frame: int = 0) -> np.ndarray:
+    """A picture of the window's view of a stage."""
+    workspace = Workspace()
+    workspace.open(Take(take))
+    view = kind(workspace, *arguments)
+    view.em, view.frame = 12.0, frame
+    try:
+        pixels = view.draw(SIZE, view.state())
+    finally:
+        view.close()
+        workspace.close()
+    return np.asarray(pixels)
+
+
+def render(take: Path, baked: bool, number: int) -> np.ndarray:
+    """A held-out camera's render of a trained or decoded frame, counted from the take's first."""
+    context = context_of(take)
+    if baked:
+        with StreamReader.open(context.take.stream) as reader:
+            gaussians = reader.gaussians(number)
+    else:
+        gaussians = read_frame(context.take.trained_files()[0][number])
+    return draw(gaussians, context.footage.calibrated.rig[CAMERA], (0.0, 0.0, 0.0))
+
+
+def truth(take: Path) -> np.ndarray:
+    """The held-out camera's footage of the frame, over black."""
+    return np.asarray(performer_over(context_of(take).footage.calibrated, CAMERA, FRAME, (0.0, 0.0, 0.0)))
+
+
+def difference_map(take: Path, baked: bool, number: int, good: Path) -> np.ndarray:
+    """Heat map of a render against the footage."""
+    return heat(difference(render(take, baked, number), truth(good)))
+
+
+def save(path: Path, pixels: np.ndarray) -> None:
+    """Write a small JPEG."""
+    import cv2
+
+    shown = cv2.resize(pixels, SIZE, interpolation=cv2.INTER_CUBIC if pixels.shape[1] < SIZE[0] else cv2.INTER_AREA)
+    cv2.imwrite(str(path), shown[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 82])
+    print(path, path.stat().st_size)
+
+
+def pictures(take: Path, work: Path) -> Iterator[tuple[str, np.ndarray]]:
+    """(name, pixels) of every picture."""
+    box = performer_box(take)
+    group_1 = 15  # its first frame
+    yield "capture_good", outline(take)[box]
+    yield "capture_bad", outline(work / "mattes")[box]
+    yield "calibrate_good", stage_picture(work / "cal_good", CalibrateView)
+    yield "calibrate_bad", stage_picture(work / "swapped", InitializeView, MeshPicture)
+    yield "initialize_good", stage_picture(take, InitializeView, MeshPicture, frame=group_1)
+    yield "initialize_bad", stage_picture(work / "mattes", InitializeView, MeshPicture)
+    yield "train_good", render(take, False, FRAME)[box]
+    yield "train_bad", render(work / "few", False, 0)[box]
+    yield "bake_good", render(take, True, FRAME)[box]
+    yield "bake_bad", render(work / "coarse", True, FRAME)[box]
+    yield "review_good", difference_map(take, True, FRAME, take)[box]
+    yield "review_bad", difference_map(work / "late", True, 0, take)[box]
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("take", type=Path)
+    parser.add_argument("work", type=Path)
+    parser.add_argument("--out", type=Path, default=ROOT / "gui" / "help")
+    options = parser.parse_args()
+    for name, values in WRONG.items():
+        rig = ("--capture.rig", str(swapped_cameras(options.work))) if name == "swapped" else ()
+        run(options.work / name, *values, *rig)
+    coarse = options.work / "coarse"
+    if not coarse.exists():
+        shutil.copytree(options.take, coarse)
+    run(coarse, "--bake.qp", "44")
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name, pixels in pictures(options.take, options.work):
+        save(options.out / f"{name}.jpg", pixels)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,272 @@
+"""Photographs every screen of the window, so that people can look at them after a change.
+
+    python scripts/screens.py TAKE OUT [--size 1280x800] [--scale 1] [--only NAME ...]
+
+TAKE is a finished take of the sample capture (`make demo`); it is copied, since some screens change it. Writes
+OUT/NAME.png. Needs what the window's tests need (`make setup-tests`): Xvfb, xdotool and ImageMagick.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import ctypes.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from gui.actions.menus import MENUS  # noqa: E402
+from gui.presenters.command_list import Command  # noqa: E402
+from tests.gui.conftest import RunningWindow  # noqa: E402
+
+SECONDS = 600.0
+"""Longest wait for a state; generous, because another program may be using the CPU."""
+
+MOST_PICTURES, CHANGING = 20, 0.0005
+"""Pictures until the screen must have come to rest, and the share of its pixels that may change then."""
+
+Screen = Callable[[RunningWindow], None]
+SCREENS: dict[str, Screen] = {}
+
+
+def keys(*names: str) -> Screen:
+    """Press keys."""
+
+    def go(window: RunningWindow) -> None:
+        for name in names:
+            window.key(name)
+
+    return go
+
+
+def stage(name: str, mode: str = "") -> Screen:
+    """Select a stage and one of its pictures."""
+
+    def go(window: RunningWindow) -> None:
+        window.stage(name)
+        if mode:
+            window.click(mode)
+
+    return go
+
+
+def menu(title: str, name: str) -> Screen:
+    """Run an item of a menu, by the name of its action: in the list of commands, as the toolkit does not report where
+    the menus' items are, and a click beside them would press what is below."""
+    words = Command.of(name, title, dict(dict(MENUS)[title])[name]).words
+
+    def go(window: RunningWindow) -> None:
+        commands(words)(window)
+        window.wait_for(words, lambda state: bool(state["lines"]) and state["lines"][0] == words, SECONDS)
+        window.key("Return")
+        window.wait_for(f"the dialog of {words}", lambda state: state["dialog"] not in ("", "commands"), SECONDS)
+
+    return go
+
+
+def edit_tool(*names: str) -> Screen:
+    """Open the edits and press some of their buttons."""
+
+    def go(window: RunningWindow) -> None:
+        window.key("x")
+        window.wait_for("the edits", lambda state: "look" in state["mode"] and state["settled"], SECONDS)
+        for name in names:
+            window.click(name)
+            window.wait_for(name, lambda state: state["settled"], SECONDS)
+
+    return go
+
+
+def commands(typed: str) -> Screen:
+    """Search the commands."""
+
+    def go(window: RunningWindow) -> None:
+        window.chord("k")
+        window.wait_for("the list of commands", lambda state: state["typing"], SECONDS)
+        window.enter_text("dialog line", typed)
+
+    return go
+
+
+SCREENS |= {
+    "review": keys(),
+    "commands": commands("mark"),
+    "log": keys("j"),
+    "review_camera": keys("c", "z"),
+    "review_wipe": keys("c", "z", "w"),
+    "review_difference": keys("c", "z", "d"),
+    "review_side_by_side": keys("c", "z", "s"),
+    "edit": keys("x"),
+    "edit_crop": edit_tool("crop"),
+    "edit_floaters": edit_tool("floaters"),
+    "edit_numbers": edit_tool("crop", "numbers"),
+    "path": keys("k"),
+    "span": keys("Home", "t", "Right", "Right", "Right", "t"),
+    "fullscreen": keys("f"),
+    "scene": keys("o"),
+    "queue": keys("q"),
+    "mark": keys("m"),
+    "shortcuts": keys("question"),
+    "capture": stage("capture"),
+    "capture_images": stage("capture", "images"),
+    "calibrate": stage("calibrate"),
+    "calibrate_report": stage("calibrate", "report"),
+    "calibrate_points": stage("calibrate", "points by hand"),
+    "initialize": stage("initialize"),
+    "train": stage("train"),
+    "bake": stage("bake"),
+    "bake_planes": stage("bake", "planes"),
+}
+
+
+def _help(name: str) -> Screen:
+    def go(window: RunningWindow) -> None:
+        window.stage(name)
+        window.key("F1")
+
+    return go
+
+
+SCREENS |= {f"help_{name}": _help(name) for name in ("capture", "initialize", "train", "review")}
+SCREENS |= {
+    "new_take": menu("File", "new"),
+    "open": menu("File", "open"),
+    "recent": menu("File", "recent"),
+    "preferences": menu("File", "preferences"),
+    "cameras": menu("View", "cameras"),
+    "bakes": menu("View", "bakes"),
+    "export": menu("Export", "export turntable"),
+    "share": menu("Share", "share folder"),
+    "serve": menu("Share", "serve"),
+    "warnings": menu("Help", "warnings"),
+    "about": menu("Help", "about"),
+}
+
+
+def set_dpi(display: str, dpi: int) -> None:
+    """Set the X resource `Xft.dpi`, as `xrdb` does, which not every machine has."""
+    x11 = ctypes.CDLL(ctypes.util.find_library("X11"))
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XDefaultRootWindow.restype = ctypes.c_ulong
+    handle = ctypes.c_void_p(x11.XOpenDisplay(display.encode()))
+    root, text = ctypes.c_ulong(x11.XDefaultRootWindow(handle)), f"Xft.dpi:\t{dpi}\n".encode()
+    manager, string = ctypes.c_ulong(23), ctypes.c_ulong(31)  # XA_RESOURCE_MANAGER, XA_STRING of Xatom.h
+    x11.XChangeProperty(handle, root, manager, string, 8, 0, text, len(text))
+    x11.XSetCloseDownMode(handle, 1)  # RetainPermanent: the property outlives this connection
+    x11.XCloseDisplay(handle)
+
+
+@contextmanager
+def x_server(size: str, scale: float = 1.0) -> Iterator[str]:
+    """A private X server with a screen of that size, and texts `scale` times as large; yields its display."""
+    read_end, write_end = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{size}x24", "-nolisten", "tcp", "-r", "-noreset"],
+        pass_fds=[write_end],
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write_end)
+    try:
+        with os.fdopen(read_end) as pipe:
+            display = f":{pipe.readline().strip()}"
+        if scale != 1:
+            set_dpi(display, round(96 * scale))
+        yield display
+    finally:
+        server.terminate()
+        server.wait(10)
+
+
+def take_picture(window: RunningWindow, path: Path) -> None:
+    """Write the screen once it stays the same.
+
+    The pointer rests at the empty end of the status line, where no tooltip covers anything. Each move has the window
+    drawn: Open3D drops a frame while the last one is still being drawn, which takes seconds at 3840x2160 without a GPU.
+    """
+    width, height = (int(part) for part in window.xdotool("getdisplaygeometry").split())
+    before, same = np.zeros(0, np.uint8), 0
+    for step in range(MOST_PICTURES):
+        window.send("mousemove", round(0.7 * width) + step % 2, round(0.967 * height))
+        window.ticks(30, SECONDS)  # the panels follow later than the viewport
+        time.sleep(width * height / 1e6)
+        window.screenshot(path)
+        now = np.asarray(Image.open(path).convert("RGB"))
+        # figures of the speed change with each draw
+        same = same + 1 if before.shape == now.shape and (before != now).any(axis=2).mean() < CHANGING else 0
+        if same == 2:
+            return
+        before = now
+    print(f"{path}: it kept changing", file=sys.stderr)
+
+
+def photograph(window: RunningWindow, name: str, go: Screen, out: Path) -> None:
+    """Go to a screen from Review, write its picture, and go back."""
+    go(window)
+    window.wait_for(name, lambda state: state["settled"], SECONDS)
+    take_picture(window, out / f"{name}.png")
+    print(out / f"{name}.png", flush=True)
+    for _ in range(5):
+        state = window.states()[-1]
+        edits = name.startswith("edit") and not {"truth", "trained", "decoded"} & set(state["mode"])
+        if not (state["dialog"] or state["fullscreen"] or state["span"] or edits):
+            break
+        window.key("Escape")
+        window.ticks(30, SECONDS)  # the next state
+    if name in ("path", "scene", "log"):
+        window.key({"path": "p", "scene": "o", "log": "j"}[name])
+    if window.states()[-1]["stage"] != "review":
+        window.stage("review")
+    if window.states()[-1]["compare"] != "single":
+        window.key({"wipe": "w", "difference": "d"}.get(window.states()[-1]["compare"], "s"))
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("take", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--size", default="1280x800", help="of the screen and the window, pixels")
+    parser.add_argument("--scale", type=float, default=1.0, help="of the texts, as on a dense screen")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="these screens only")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # ends the window and its X server
+    with tempfile.TemporaryDirectory() as folder, x_server(options.size, options.scale) as display:
+        take = Path(shutil.copytree(options.take, Path(folder) / "take"))
+        width, height = (int(part) for part in options.size.split("x"))
+        size = f"{round(width / options.scale)}x{round(height / options.scale)}"
+        window = RunningWindow(display, Path(folder) / "state.jsonl", "--size", size)
+        try:
+            window.wait_for("the start page", lambda state: state["start"] and state["start_places"], SECONDS)
+            if not options.only or "empty" in options.only:
+                take_picture(window, options.out / "empty.png")
+        finally:
+            window.close()
+        window = RunningWindow(display, Path(folder) / "taken.jsonl", str(take), "--size", size)
+        try:
+            window.wait_for("a take", lambda state: state["frames"] > 1 and not state["opening"], SECONDS)
+            if window.states()[-1]["playing"]:
+                window.key("space")
+            window.key("Home")
+            for name, go in SCREENS.items():
+                if not options.only or name in options.only:
+                    photograph(window, name, go, options.out)
+        finally:
+            window.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,181 @@
+"""Start timecodes of videos (SMPTE ST 12-1), and the offsets between cameras that follow from them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from studio.capture.media import open_media
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+
+_LABEL = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.,])(\d\d\d?)", re.ASCII)
+_NTSC = Fraction(1000, 1001)
+
+_LONGEST = 32  # characters of a wrong label that a message shows
+_FIRST_PACKETS = 8  # the number of a tmcd track is in its first packet
+
+
+@dataclass(frozen=True)
+class Timecode:
+    """The time of day at which a video starts, counted in frames.
+
+    Attributes:
+        text: the label, such as 01:00:00:00; a semicolon before the frames says that labels are dropped.
+        rate: frames per second.
+        frames: frames since midnight.
+        day: frames from midnight to midnight.
+    """
+
+    text: str
+    rate: Fraction
+    frames: int
+    day: int
+
+    @property
+    def drop_frame(self) -> bool:
+        """Whether labels are dropped, so that 29.97 or 59.94 frames per second keep up with the clock."""
+        return ":" not in self.text[8:9]
+
+
+def parse_timecode(text: str, rate: Fraction, file: Path | None = None) -> Timecode:
+    """The frame that a label names.
+
+    Drop-frame labels leave out the first two of each minute (four at 59.94 fps), except in each tenth.
+
+    Args:
+        text: `HH:MM:SS:FF`, or `HH:MM:SS;FF` for drop-frame.
+        rate: frames per second of the video.
+        file: named in errors.
+
+    Raises:
+        StudioError: `sync.timecode_invalid`: there is no such label at this rate.
+    """
+    found = _LABEL.fullmatch(text.strip())
+    fps = round(rate)
+    if found is None or fps < 1:
+        raise _invalid(text, rate, file)
+    hours, minutes, seconds, frames = (int(found[number]) for number in (1, 2, 3, 5))
+    if hours > 23 or minutes > 59 or seconds > 59 or frames >= fps:
+        raise _invalid(text, rate, file)
+    number, day = fps * (3600 * hours + 60 * minutes + seconds) + frames, fps * 86400
+    if found[4] != ":":
+        dropped, minute = fps // 15, 60 * hours + minutes
+        if fps % 30 or abs(rate / (fps * _NTSC) - 1) > 1e-4 or (minutes % 10 and not seconds and frames < dropped):
+            raise _invalid(text, rate, file)
+        number -= dropped * (minute - minute // 10)
+        day -= dropped * (1440 - 144)
+    return Timecode(text.strip(), rate, number, day)
+
+
+def _invalid(text: str, rate: Fraction, file: Path | None) -> StudioError:
+    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return StudioError(
+        "sync.timecode_invalid",
+        f"'{text}' is not a timecode at {float(rate):.5g} fps",
+        file=file,
+        value=text,
+        fix="Write the timecode again, or synchronize by sound or motion.",
+    )
+
+
+def read_timecode(file: Path) -> Timecode | None:
+    """The start timecode of a video: that of the video's stream (with MOV and MP4, its tmcd track), else of the file.
+
+    Returns:
+        the timecode; None if the file has none.
+
+    Raises:
+        StudioError: `footage.video_unreadable`, `sync.timecode_invalid`; or `sync.timecode_rate`: the track counts
+            at another rate than the video's, as cameras do that count to 25 while they film 50 frames.
+    """
+    import av
+
+    try:
+        with open_media(file) as container:
+            video = container.streams.video[0]
+            rate = video.average_rate
+            places = (video, container, *container.streams)
+            text = next((found for place in places if (found := _tag(place.metadata))), None)
+            first = _first_of_track(container)
+    except (av.error.FFmpegError, OSError, IndexError) as error:
+        raise StudioError("footage.video_unreadable", f"cannot read the timecode ({error})", file=file) from None
+    if text is None or not rate:
+        return None
+    timecode = parse_timecode(text, Fraction(rate), file)
+    if first is not None and first != timecode.frames:
+        raise StudioError(
+            "sync.timecode_rate",
+            f"the timecode {timecode.text} does not count the frames of the video ({float(rate):.5g} fps)",
+            file=file,
+            value=timecode.text,
+            fix="Synchronize by sound or motion.",
+        )
+    return timecode
+
+
+def _first_of_track(container: InputContainer) -> int | None:
+    """The number of the first frame in a tmcd track, counted at the rate of the track; None without such a track."""
+    for track in container.streams.data:
+        if _tag(track.metadata):
+            for packet in islice(container.demux(track), _FIRST_PACKETS):
+                if packet.size == 4:
+                    return int.from_bytes(bytes(packet), "big")
+    return None
+
+
+def _tag(metadata: Mapping[str, str]) -> str | None:
+    return next((value for name, value in metadata.items() if name.lower() == "timecode" and value), None)
+
+
+def timecode_offsets(timecodes: Mapping[str, Timecode]) -> dict[str, int]:
+    """Offsets in frames, as `CaptureSettings.offsets`: a camera that started earlier has a larger one.
+
+    That of the camera in the middle is 0. Midnight may lie between the starts: the longest stretch of the day without a
+    start is taken to be the time when nothing was filmed.
+
+    Args:
+        timecodes: camera to the start of its video; at least one.
+
+    Raises:
+        StudioError: `sync.rates_differ`: the videos have different rates, or `sync.timecode_mixed`: only some timecodes
+            are drop-frame. The frames that such labels count do not correspond.
+    """
+    names = sorted(timecodes, key=lambda name: timecodes[name].rate)
+    slowest, fastest = timecodes[names[0]], timecodes[names[-1]]
+    if fastest.rate > slowest.rate * Fraction(100_02, 100_00):  # 29.97 and 30 differ by 0.1%
+        raise StudioError(
+            "sync.rates_differ",
+            f"Camera '{names[0]}' has {float(slowest.rate):.5g} fps and camera '{names[-1]}' "
+            f"{float(fastest.rate):.5g} fps, so the frames that their timecodes count do not correspond",
+            value=(float(slowest.rate), float(fastest.rate)),
+            fix="Convert the footage to one frame rate.",
+            cameras=(names[0], names[-1]),
+        )
+    kinds = {timecodes[name].drop_frame: name for name in reversed(list(timecodes))}
+    if len(kinds) > 1:
+        raise StudioError(
+            "sync.timecode_mixed",
+            f"Camera '{kinds[True]}' has drop-frame timecode ({timecodes[kinds[True]].text}) and camera "
+            f"'{kinds[False]}' has not ({timecodes[kinds[False]].text}), so their labels count differently",
+            fix="Synchronize by sound or motion.",
+            cameras=(kinds[True], kinds[False]),
+        )
+    starts = _unwrapped({name: timecode.frames for name, timecode in timecodes.items()}, slowest.day)
+    middle = sorted(starts.values())[(len(starts) - 1) // 2]
+    return {name: middle - start for name, start in starts.items()}
+
+
+def _unwrapped(starts: Mapping[str, int], day: int) -> dict[str, int]:
+    """Frame numbers around a clock, cut open at its longest stretch without a start."""
+    order = sorted(starts.values())
+    gaps = [later - earlier for earlier, later in zip(order, [*order[1:], order[0] + day], strict=True)]
+    first = order[(gaps.index(max(gaps)) + 1) % len(order)]
+    return {name: (start - first) % day for name, start in starts.items()}

@@ -1,0 +1,35 @@
+"""How many splats of a keyframe are pruned, and in how many rounds."""
+
+from __future__ import annotations
+
+from studio.training.settings import TrainSettings
+
+
+def prune_rounds(settings: TrainSettings, splats: int) -> int:
+    """Number of pruning rounds: at least `settings.prune_rounds`, and enough to reach `settings.max_splats`."""
+    rounds = 0
+    while rounds < settings.prune_rounds or splats > settings.max_splats:
+        splats -= pruned_in_round(settings, splats, rounds)
+        rounds += 1
+    return rounds
+
+
+def pruned_in_round(settings: TrainSettings, splats: int, rounds: int) -> int:
+    """Number of splats that a pruning round removes: at least one, but never all.
+
+    Args:
+        settings: `prune_ratio` of the splats, in rounds after `prune_rounds` no more than needed for `max_splats`.
+        splats: number of splats before the round.
+        rounds: number of rounds before it.
+    """
+    count = int(splats * settings.prune_ratio)
+    if rounds >= settings.prune_rounds:
+        count = min(count, splats - settings.max_splats)
+    return min(splats - 1, max(1, count))
+
+
+def splats_after_pruning(settings: TrainSettings, splats: int) -> int:
+    """Number of splats that all rounds leave."""
+    for rounds in range(prune_rounds(settings, splats)):
+        splats -= pruned_in_round(settings, splats, rounds)
+    return splats

@@ -1,0 +1,106 @@
+"""What is pasted on the start page, and the tour that waits for the sample capture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gui.actions import start as start_module
+from gui.actions.commands import Actions
+from gui.actions.start import StartActions, path_in
+from gui.actions.tour import TourActions
+from gui.presenters.notices import Notices
+from studio.errors import StudioError
+
+
+class Window:
+    """What the actions use of the main window; keeps what was opened."""
+
+    def __init__(self) -> None:
+        self.notices = Notices()
+        self.opening = ""
+        self.opened: list[str] = []
+        self.player = SimpleNamespace(opened=None, transport=SimpleNamespace(pause=lambda: None))
+        self.workspace = SimpleNamespace(take=None)
+        self.preferences = SimpleNamespace(tour_shown=False)
+        self.start = SimpleNamespace(shown=True)
+
+    def open(self, place: str) -> None:
+        """Note it."""
+        self.opened.append(place)
+
+
+@pytest.fixture
+def window() -> Window:
+    return Window()
+
+
+def actions_of(window: Any, footage: list[str], tour: Any = None) -> StartActions:
+    queue, clipboard = SimpleNamespace(), SimpleNamespace()
+    wait = tour.wait if tour is not None else lambda: None
+    new_take: Any = lambda new: footage.append(new.footage)  # noqa: E731
+    return StartActions(window, queue, clipboard, {}, new_take, wait)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("quote", ["{}", "'{}'", "{}\n"])
+@pytest.mark.parametrize("host", ["", "localhost"])
+def test_a_copied_file_address_is_a_path(tmp_path: Path, window: Window, quote: str, host: str) -> None:
+    folder = tmp_path / "Läufer 100% #2"
+    folder.mkdir()
+    address = folder.as_uri().replace("file://", f"file://{host}")
+    assert "%20" in address
+    footage: list[str] = []
+    actions_of(window, footage).pasted(quote.format(address))
+    assert footage == [str(folder)]
+    assert path_in("/takes/100%25") == "/takes/100%25", "a path is taken as it is"
+    assert path_in("https://example.org/a%20b") == "https://example.org/a%20b"
+
+
+def test_the_folder_of_an_unknown_user_is_told(window: Window) -> None:
+    actions_of(window, []).pasted("~no-such-user-anywhere/takes")
+    assert window.opened == []
+    assert window.notices.card is not None
+    assert window.notices.card.bad
+    assert "no such user" in window.notices.text
+
+
+def test_without_the_sample_no_tour_starts_later(window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails() -> Any:
+        raise StudioError("sample.missing", "the disk is full")
+
+    monkeypatch.setattr(start_module, "make_sample_take", fails)
+    started: list[int] = []
+    any_window: Any = window
+    tour = TourActions(any_window, lambda: start.open_sample())
+    monkeypatch.setattr(tour, "_start", lambda: started.append(1))
+    start = actions_of(window, [], tour)
+    tour.ask()
+    assert window.notices.text.startswith("the disk is full")
+    window.workspace.take = "another take"
+    tour.opened()
+    assert started == []
+
+    monkeypatch.setattr(start_module, "make_sample_take", lambda: ("sample take", False))
+    window.workspace.take = None
+    tour.ask()
+    assert window.opened == ["sample take"]
+    window.workspace.take = "sample take"
+    tour.opened()
+    assert started == [1]
+
+
+def test_the_menu_does_not_act_behind_the_page(window: Window) -> None:
+    actions: Any = Actions.__new__(Actions)
+    actions._window, actions.start = window, actions_of(window, [])
+    done: list[str] = []
+    actions._uncovered(lambda: done.append("scene"))
+    assert done == []
+    assert window.notices.line == "Open a take or a stream first."
+    window.player.opened = object()
+    actions.start.show()
+    assert actions.start.wanted
+    actions._uncovered(lambda: done.append("scene"))
+    assert (done, actions.start.wanted) == (["scene"], False)

@@ -1,0 +1,57 @@
+"""In the real window: what to look for in a stage, the buttons below warnings, and spans on the timeline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pipelines.config.loading import load_config
+from pipelines.events import Warned
+from pipelines.takes.take import Take
+from tests.gui.conftest import RunningWindow
+
+
+def test_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow], take_copy: Path, artifacts: Path) -> None:
+    take = Take(take_copy)
+    warning = Warned(
+        stage="train",
+        message="training is slow",
+        code="training.slow",
+        fields={"setting": "capture.scale", "suggested": 0.5},
+    )
+    with take.log.open("a", encoding="utf-8") as log:
+        log.write(warning.to_json() + "\n")
+    before = load_config(take.config).capture.scale
+    assert before != 0.5
+    window = open_window(str(take_copy), "--size", "1280x800")
+    window.wait_for("the take", lambda s: s["frames"] > 1 and s["shown"] is not None and not s["opening"])
+
+    window.stage("train")
+    window.key("F1")
+    window.wait_for("help", lambda s: s["dialog"] == "help" and "dialog setting train.max_splats" in s["widgets"])
+    window.drawn()
+    window.screenshot(artifacts / "help_train.png")
+    window.key("Escape")
+    window.wait_for("no help", lambda s: not s["dialog"])
+    window.click("help")
+    window.wait_for("help again", lambda s: s["dialog"] == "help")
+    window.click("dialog setting train.max_splats")
+    window.wait_for("the setting", lambda s: not s["dialog"] and "setting train.max_splats" in s["widgets"])
+
+    words = "Set capture.scale to 0.5"
+    fixes = window.wait_for("the button", lambda s: words in s["fixes"])["fixes"]
+    window.click("log", *fixes[words])
+    window.wait_for("another button", lambda s: "capture.scale is 0.5 now" in s["fixes"] and s["stage"] == "capture")
+    assert load_config(take.config).capture.scale == 0.5
+    window.screenshot(artifacts / "help_fix.png")
+    window.chord("z")
+    window.wait_for("the button again", lambda s: words in s["fixes"])
+    assert load_config(take.config).capture.scale == before
+
+    window.stage("review")
+    frames = window.states()[-1]["frames"]
+    window.drag("timeline", (window.across_frame(0), 0.1), (window.across_frame(frames - 1), 0.1))
+    window.wait_for("a span", lambda s: s["span"] == [0, frames - 1])
+    window.screenshot(artifacts / "help_span.png")
+    window.key("Escape")
+    window.wait_for("no span", lambda s: s["span"] is None)

@@ -1,0 +1,97 @@
+"""Mouse and keys faster than the window is drawn: nothing is lost, and nothing acts on what it was not meant for."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+CLICK = ("mousedown", 1, "mouseup", 1)
+
+
+def test_input_that_is_faster_than_the_window(
+    open_window: Callable[..., Any], finished_project: Path, tmp_path: Path, artifacts: Path
+) -> None:
+    take = Path(shutil.copytree(finished_project / "take", tmp_path / "take"))
+    window = open_window(str(take))
+    state = window.wait_for("the take", lambda s: s["shown"] is not None and s["stages"]["review"][0] == "done")
+    left, top = window.point("stages", 0.0, 0.0)
+    titles = {"File": (left + 22, top - 12), "Help": (left + 306, top - 12)}
+
+    # pressed and released at once
+    for name in ("wipe", "difference"):
+        window.xdotool("mousemove", *window.point(name), *CLICK)
+        window.wait_for(name, lambda s, name=name: s["compare"] == name)
+
+    # text right after the click that opens the dialog: File > New take
+    window.xdotool("mousemove", *titles["File"], *CLICK)
+    window.drawn()
+    window.xdotool("mousemove", left + 42, top + 21, *CLICK, "type", "--delay", "1", "typed at once")
+    state = window.wait_for("what was typed", lambda s: s["texts"].get("dialog footage") == "typed at once")
+    assert (state["dialog"], state["compare"]) == ("new take", "difference"), "no letter was a shortcut"
+    window.click("dialog close")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+
+    # one click goes from one open menu to another: Help > Shortcuts
+    window.xdotool("mousemove", *titles["File"], *CLICK)
+    window.drawn()
+    window.xdotool("mousemove", *titles["Help"], *CLICK)
+    window.drawn()
+    window.screenshot(artifacts / "interaction_menu.png")
+    window.xdotool("mousemove", left + 326, top + 21 + round(24.3 * 2 + 6.4), *CLICK)
+    window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
+    window.key("Escape")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+
+    # Escape closes a menu: a click where its items were is for what is below
+    window.xdotool("mousemove", *titles["File"], *CLICK)
+    window.drawn()
+    window.xdotool("key", "Escape")
+    window.drawn()
+    window.drawn()
+    window.screenshot(artifacts / "interaction_escape.png")
+    window.xdotool("mousemove", left + 42, top + 21, *CLICK)
+    window.wait_for("the stage below the menu", lambda s: s["stage"] == "capture" and not s["dialog"])
+    window.stage("review")
+
+    # a note typed right after the key that opens its dialog
+    window.xdotool("mousemove", *window.point("viewport"), "key", "m", "type", "--delay", "15", "typed right after")
+    window.wait_for("the note", lambda s: s["texts"].get("dialog line") == "typed right after")
+    window.key("Return")
+    window.wait_for("the mark", lambda s: list(s["marks"].values()) == ["typed right after"] and not s["dialog"])
+
+    # a double click on Edit does not go on to what takes its place
+    window.xdotool("mousemove", *window.point("edit"), *CLICK, *CLICK)
+    window.wait_for("the edits", lambda s: "remove" in s["widgets"])
+    window.ticks(60)
+    before = window.states()[-1]
+    assert "remove" in before["widgets"]
+    window.xdotool("mousemove", *window.point("done"), *CLICK, *CLICK)
+    window.wait_for("the take", lambda s: "truth" in s["widgets"])
+    window.ticks(60)
+    assert window.states()[-1]["what"] == state["what"], "Footage, which came to the place of Done, was not chosen"
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+
+
+def test_hints_lie_over_the_view_and_cover_no_button(
+    open_window: Callable[..., Any], stream_folder: Path, artifacts: Path
+) -> None:
+    window = open_window(str(stream_folder))
+    window.wait_for("the stream", lambda s: s["shown"] is not None)
+    for name, words in (("wipe", "Wipe against"), ("reset view", "Reset the view"), ("all", "Run all")):
+        x, y = window.point(name)
+        window.xdotool("mousemove", x, y)
+        state = window.wait_for(
+            f"a hint of {name}", lambda s, words=words: words in s["hint"] and "hint" in s["widgets"]
+        )
+        window.drawn()
+        window.screenshot(artifacts / f"hint_{name.replace(' ', '_')}.png")
+        view, (left, top, width, height) = state["widgets"]["viewport"], window.states()[-1]["widgets"]["hint"]
+        assert view[0] <= left
+        assert left + width <= view[0] + view[2]
+        assert view[1] <= top
+        assert top + height <= view[1] + view[3]
+    window.xdotool("mousemove", *window.point("viewport"))
+    window.wait_for("no hint", lambda s: "hint" not in s["widgets"])
+    assert window.close() == 0

@@ -1,0 +1,148 @@
+"""The start page, the tour and notices in the window, by keys."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gui.platform.clipboard import Clipboard
+from gui.presenters.tour import STEPS
+from tests.support.waiting import wait_until
+
+
+@pytest.fixture
+def clipboard(display: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Clipboard]:
+    """The clipboard of another program."""
+    monkeypatch.setenv("DISPLAY", display)
+    found = Clipboard()
+    yield found
+    found.close()
+
+
+def test_from_the_start_page_through_the_tour_to_a_notice(
+    open_window: Callable[..., Any],
+    clipboard: Clipboard,
+    take_copy: Path,
+    tmp_path: Path,
+    artifacts: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened, programs = tmp_path / "opened.txt", tmp_path / "bin"
+    programs.mkdir()
+    (programs / "xdg-open").write_text(f'#!/bin/sh\necho "$1" > "{opened}"\n')
+    (programs / "xdg-open").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{programs}:/usr/bin:/bin")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    settings = tmp_path / "config" / "v3studio" / "window.json"
+    settings.parent.mkdir(parents=True)
+    settings.write_text(json.dumps({"recent": [str(tmp_path / "gone"), str(take_copy)]}))
+
+    window = open_window()
+    state = window.wait_for("cards", lambda s: s["start"] and len(s["cards"]) == 2)
+    assert [card[0] for card in state["cards"]] == ["gone", "take"]
+    assert state["cards"][0][1].startswith("missing")
+    assert state["cards"][1][1] == "all stages done"
+    evaluation = json.loads((take_copy / "evaluation.json").read_text())
+    assert state["cards"][1][2] == pytest.approx(evaluation["summary"]["psnr_decoded"])
+
+    # fullscreen by the menu and back: the page alone, without panels
+    panels = {"timeline", "stages", "inspector", "status"}
+    window.menu("View", 5)
+    full = window.wait_for("fullscreen", lambda s: s["fullscreen"])
+    assert not panels & set(full["widgets"])
+    window.key("Escape")
+    state = window.wait_for("the page in a window", lambda s: not s["fullscreen"])
+    assert state["start"]
+    assert not panels & set(state["widgets"])
+
+    # a missing one is removed, the other one opened, by keys
+    window.key("Down")
+    window.wait_for("the first card", lambda s: s["focus"] in ("card 0", "forget"))
+    for _ in range(4):
+        if window.states()[-1]["focus"] != "card 0":
+            window.key("Down")
+    assert window.states()[-1]["focus"] == "card 0"
+    window.key("Delete")
+    window.wait_for("one card", lambda s: [card[0] for card in s["cards"]] == ["take"])
+    assert json.loads(settings.read_text())["recent"] == [str(take_copy)]
+    window.drawn()
+    window.screenshot(artifacts / "start_page.png")
+    window.key("Return")
+    window.wait_for(
+        "the take", lambda s: not s["start"] and s["shown"] is not None and s["title"] == "take - V3 Studio"
+    )
+
+    # back to the start page; a copied path that is wrong; its message is copied
+    window.key("h")
+    window.wait_for("the start page", lambda s: s["start"] and not s["playing"])
+    assert clipboard.copy(str(tmp_path / "nowhere"))
+    window.chord("v")
+    window.wait_for("a failure", lambda s: clipboard.poll() is None and "nowhere: no such folder" in s["notice"])
+    window.screenshot(artifacts / "start_notice.png")
+    window.chord("c")
+    window.wait_for("a copy", lambda s: s["notice"] == "Copied the message.")
+    clipboard.ask()
+    texts: list[str | None] = []
+
+    def pasted() -> bool:
+        texts.append(clipboard.poll())
+        return texts[-1] is not None
+
+    wait_until("the message on the clipboard", pasted)
+    assert str(texts[-1]).startswith(f"{tmp_path / 'nowhere'}: no such folder")
+    window.wait_for("the failure again", lambda s: any(name.startswith("notice ") for name in s["widgets"]))
+    window.key("Escape")
+    window.wait_for("no failure", lambda s: not any(name.startswith("notice ") for name in s["widgets"]))
+    assert window.states()[-1]["start"]
+
+    # a remark in fullscreen is shown over the view
+    window.key("Escape")
+    window.wait_for("the take", lambda s: not s["start"])
+    window.key("f")
+    window.wait_for("fullscreen", lambda s: s["fullscreen"] and not panels & set(s["widgets"]))
+    window.key("t")
+    told = window.wait_for("a remark over the view", lambda s: "status" in s["widgets"] and s["widgets"]["status"][3])
+    assert told["fullscreen"]
+    window.drawn()
+    window.screenshot(artifacts / "fullscreen_remark.png")
+    (x, y, width, height), (left, top, wide, high) = told["widgets"]["status"], told["widgets"]["viewport"]
+    assert left < x < x + width < left + wide
+    assert top < y < y + height < top + high
+    window.key("Escape")
+    window.key("Escape")
+    window.wait_for("the panels", lambda s: not s["fullscreen"] and "timeline" in s["widgets"])
+    window.key("h")
+    window.wait_for("the start page again", lambda s: s["start"])
+    window.key("Escape")
+    window.wait_for("the take again", lambda s: not s["start"])
+
+    # the tour
+    window.menu("Help", 3, separators=1)
+    for number, step in enumerate(STEPS, start=1):
+        state = window.wait_for(f"step {number}", lambda s, number=number: s["tour"][:1] == [number])
+        assert state["stage"] == step.stage
+        window.drawn()
+        window.screenshot(artifacts / f"tour_{number}.png")
+        window.key("Return")
+    window.wait_for("its end", lambda s: s["tour"] == [])
+    assert json.loads(settings.read_text())["tour_shown"] is True
+
+    # a notice with what can be done next
+    window.wait_for("a picture", lambda s: not s["playing"] and s["settled"])
+    window.menu("File", 4, separators=1)
+    window.wait_for("the question", lambda s: s["dialog"] == "screenshot" and s["typing"])
+    window.key("Return")
+    state = window.wait_for("the notice", lambda s: s["notice"].startswith("Written: "))
+    written = Path(state["notice"].removeprefix("Written: "))
+    assert written.is_file()
+    window.drawn()
+    window.screenshot(artifacts / "notice_written.png")
+    window.chord("o")
+    wait_until("the folder", opened.exists)
+    wait_until("its name", lambda: opened.read_text() == f"{written.parent}\n")
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+    assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"

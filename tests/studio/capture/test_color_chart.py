@@ -1,0 +1,99 @@
+"""Colors of cameras from a chart, drawn in perspective with known color matrices and noise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from studio.capture import CaptureSettings, Footage, open_footage
+from studio.capture.color_chart import REFERENCE, find_chart, fit_chart_colors
+from studio.color_fit import neutral
+from studio.errors import StudioError
+from tests.support.color_charts import HEIGHT, WIDTH, flat_chart, matrices, view_of_chart, write_charts
+from tests.support.errors import refuses
+
+NEUTRAL = np.eye(3, 4)
+WALL = np.full((HEIGHT, WIDTH, 3), 140, np.uint8)
+COLORS = np.array([[0.2, 0.5, 0.8, 1.0], [0.8, 0.4, 0.2, 1.0], [0.5, 0.5, 0.5, 1.0], [0.3, 0.7, 0.3, 1.0]]).T
+
+
+def footage_of(folder: Path, **views: np.ndarray | list[np.ndarray]) -> Footage:
+    write_charts(folder, views)
+    return open_footage(CaptureSettings(root=folder, masks="none"), strict=False)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_patches_are_measured_in_the_order_of_the_chart(turned: bool) -> None:
+    found = find_chart(view_of_chart(NEUTRAL, seed=4, turned=turned))
+    assert not found.clipped[18:].any()
+    assert np.abs(255 * found.colors - REFERENCE).max() < 1.5
+    # brown is the first patch: at the upper left of a chart that is not turned
+    first, last = found.corners[0].mean(0), found.corners[-1].mean(0)
+    assert (first < last).all() != turned
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0, 6.0])
+def test_the_matrices_of_cameras_are_recovered(tmp_path: Path, noise: float) -> None:
+    truth = matrices(5)
+    views = {f"cam{number}": view_of_chart(one, number, noise=noise) for number, one in enumerate(truth)}
+    fit = fit_chart_colors(footage_of(tmp_path, **views), 0, list(views))
+    assert not fit.without
+    found = np.stack([fit.matrices[name] for name in views])
+    assert np.allclose(found.mean(0), neutral().numpy(), atol=1e-9), "the mean camera is neutral"
+    off = np.abs(found @ COLORS - truth @ COLORS).max()
+    assert off < 0.006 < 0.04 < np.abs((truth - NEUTRAL) @ COLORS).max()
+    assert max(fit.after.values()) < 1.0
+    assert min(fit.before.values()) > 2.0
+
+
+def test_cameras_without_a_chart_and_with_a_wrong_one_are_named(tmp_path: Path) -> None:
+    truth = matrices(3)
+    shuffled = flat_chart(REFERENCE[np.random.default_rng(0).permutation(24)])
+    bright = np.column_stack([2.2 * np.eye(3), np.zeros(3)])
+    views = {
+        "a": view_of_chart(truth[0], 1),
+        "b": view_of_chart(truth[1], 2, turned=True),
+        "c": view_of_chart(truth[2], 3),
+        "wall": WALL,
+        "wrong": view_of_chart(NEUTRAL, 5, chart=shuffled),
+        "bright": view_of_chart(bright, 7),
+    }
+    fit = fit_chart_colors(footage_of(tmp_path, **views), 0, list(views))
+    assert set(fit.matrices) == {"a", "b", "c"}
+    codes = {name: error.code for name, error in fit.without.items()}
+    assert codes == {
+        "wall": "color_chart.not_found",
+        "wrong": "color_chart.wrong",
+        "bright": "color_chart.camera_clipped",
+    }
+    found = np.stack([fit.matrices[name] for name in "abc"])
+    assert np.abs(found @ COLORS - truth @ COLORS).max() < 0.006
+
+
+def test_what_cannot_be_fitted_is_refused(tmp_path: Path) -> None:
+    chart = view_of_chart(NEUTRAL, 1)
+    footage = footage_of(tmp_path, a=[WALL, chart], b=[WALL, WALL], c=[WALL, chart, chart])
+    with refuses("color_chart.no_frame", value=7, setting="train.color_chart_frame"):
+        fit_chart_colors(footage, 7, "abc")
+    with refuses("color_chart.too_few", value=0):
+        fit_chart_colors(footage, 0, "abc")
+    with refuses("color_chart.too_few", value=1):
+        fit_chart_colors(footage, 2, "abc")
+    fit = fit_chart_colors(footage, 1, "abc")
+    assert set(fit.matrices) == {"a", "c"}
+
+
+def test_reasons_are_told_if_no_camera_can_be_measured(tmp_path: Path) -> None:
+    bright = view_of_chart(np.hstack([np.eye(3) * 4, np.zeros((3, 1))]), 1)
+    footage = footage_of(tmp_path, a=[bright], b=[WALL])
+    with pytest.raises(StudioError, match=r"a: .* too dark or too bright to be measured; b: no ColorChecker is seen"):
+        fit_chart_colors(footage, 0, "ab")
+
+
+@pytest.mark.parametrize("shape", [(1, 2000), (2000, 1), (20, 3)])
+def test_images_too_small_for_a_chart_are_not_searched(shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("cv2.mcc.CCheckerDetector")
+    with refuses("color_chart.not_found"):
+        find_chart(np.zeros((*shape, 3), np.uint8))

@@ -1,0 +1,93 @@
+"""The dilation of Gaussians: every way of making splats from others keeps it, and no other one is drawn by mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from studio.dilation import MAX_DILATION, MIN_DILATION
+from studio.edits.moving import moved
+from studio.export.rigid_motion import turned
+from studio.gaussians import Gaussians, common_dilation
+from studio.similarity import Similarity
+from studio.stream.profiles import coding_of
+from studio.training import LearningRates
+from studio.training.error_density import halves
+from studio.training.offsets import SplatOffsets
+from studio.training.splat_optimizer import SplatOptimizer
+from tests.support.errors import refuses
+
+
+def splats(dilation: float = 0.07, count: int = 6, degree: int = 1) -> Gaussians:
+    generator = torch.Generator().manual_seed(3)
+
+    def noise(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    sh = noise(count, (degree + 1) ** 2, 3)
+    return Gaussians(noise(count, 3), noise(count, 4), noise(count, 3) - 3, noise(count), sh, dilation)
+
+
+def optimized(gaussians: Gaussians) -> Gaussians:
+    optimizer = SplatOptimizer(gaussians, LearningRates(), 1.0)
+    optimizer.append(gaussians)
+    optimizer.keep(torch.arange(3))
+    return optimizer.gaussians
+
+
+def coded(profile: str) -> Callable[[Gaussians], Gaussians]:
+    def decoded(gaussians: Gaussians) -> Gaussians:
+        coding = coding_of(profile, gaussians)
+        return coding.decode(gaussians, coding.coded_values(gaussians))
+
+    return decoded
+
+
+WAYS: dict[str, Callable[[Gaussians], Gaussians]] = {
+    "index": lambda one: one[2],
+    "mask": lambda one: one[torch.arange(6) > 2],
+    "to": lambda one: one.to(torch.float64),
+    "detach": Gaussians.detach,
+    "clone": Gaussians.clone,
+    "degree": lambda one: one.with_sh_degree(2),
+    "cat": lambda one: Gaussians.cat(one, one),
+    "state": lambda one: Gaussians.from_state_dict(one.state_dict()),
+    "turned": lambda one: turned(one, np.eye(3)),
+    "moved": lambda one: moved(one, Similarity(2.0)),
+    "halves": lambda one: halves(one)[1],
+    "offsets": lambda one: SplatOffsets.zeros(torch.arange(2), 1).applied(one[:2]),
+    "optimizer": optimized,
+    "planes": coded("planes"),
+    "motion": coded("motion"),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_splats_made_from_others_keep_their_dilation(way: str) -> None:
+    assert WAYS[way](splats(0.07)).dilation == 0.07
+    assert WAYS[way](splats(0.3)).dilation == 0.3
+
+
+def test_the_usual_dilation_is_not_stored() -> None:
+    """Files of takes that do not set it are those of earlier versions."""
+    assert "dilation" not in splats(0.3).state_dict()
+    stored = splats(0.1).state_dict()
+    assert float(stored["dilation"]) == 0.1
+    for bad in (torch.tensor([0.1, 0.2]), torch.tensor(0.0), torch.tensor(torch.nan)):
+        with refuses("gaussians.dilation"):
+            Gaussians.from_state_dict({**stored, "dilation": bad})
+
+
+@pytest.mark.parametrize("dilation", [0.0, MIN_DILATION / 2, -0.3, 2 * MAX_DILATION, float("nan"), float("inf")])
+def test_it_has_bounds(dilation: float) -> None:
+    with refuses("gaussians.dilation", expected=[MIN_DILATION, MAX_DILATION]):
+        splats(dilation)
+
+
+def test_one_picture_has_one_dilation() -> None:
+    assert common_dilation([splats(0.1), splats(0.1)]) == 0.1
+    with refuses("gaussians.dilations_differ", value=[0.1, 0.3]):
+        Gaussians.cat(splats(0.3), splats(0.1))
