@@ -25,6 +25,7 @@ const GROUP: MotionGroup = {
   firstFrame: 0,
   frameCount: FRAMES,
   splats: SPLATS,
+  dilation: 0.3,
   shDegree: 0,
   bytes: 0,
   rendition: "",
