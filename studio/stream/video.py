@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studio.errors import StudioError
+from studio.scheduling import kept_scheduling
 from studio.stream.settings import PRESETS, QP_MAX
 from studio.stream.source import BAKE_AGAIN
 
@@ -164,7 +165,10 @@ class PlaneEncoder:
         _bytes_of(luma)[:, : self._width] = plane
         self._picture.pts = self._frames
         self._frames += 1
-        for packet in self._stream.encode(self._picture):
+        # SVT-AV1 starts with the first picture
+        with kept_scheduling() if self._frames == 1 else contextlib.nullcontext():
+            packets = self._stream.encode(self._picture)
+        for packet in packets:
             self._out.mux(packet)
 
     def close(self) -> None:
