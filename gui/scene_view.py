@@ -37,23 +37,22 @@ class SceneView:
     """See the module. Nothing is made before the scene is first drawn.
 
     Args:
-        renderer: of the window.
-        on_mouse: receives events with the position in the view (x, y, pixels). Open3D's own controls are not used: with
-            splats in it, the view stays empty after the first press of a button (Open3D 0.20 on llvmpipe).
+        window: where it is shown.
+        on_mouse: receives events with the position in the view (x, y, pixels). Open3D's own controls are not used, so
+            that the view moves as everywhere else and looks through cameras.
+        covered: tells whether something lies over the view at a position in the window, pixels.
 
     Attributes:
-        host: the widget to place in the window.
         latest: the scene that was shown last; None while it is hidden.
     """
 
     def __init__(
         self,
-        renderer: rendering.Renderer,
+        window: gui.Window,
         on_mouse: Callable[[gui.MouseEvent, float, float], bool],
+        covered: Callable[[int, int], bool],
     ) -> None:
-        self._renderer, self._on_mouse = renderer, on_mouse
-        self.host = gui.Vert()  # a scene widget without a scene ends the process with a native crash
-        self.host.visible = False
+        self._window, self._on_mouse, self._covered = window, on_mouse, covered
         self._widget: gui.SceneWidget | None = None
         self._frame: tuple[int, int, int, int] = (0, 0, 16, 16)
         self.latest: NativeScene | None = None
@@ -69,7 +68,7 @@ class SceneView:
         """Set the rectangle in window pixels."""
         self._frame = (x, y, max(width, 16), max(height, 16))
         if self._widget is not None:
-            self.host.frame = gui.Rect(*self._frame)
+            self._widget.frame = gui.Rect(*self._frame)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -79,7 +78,7 @@ class SceneView:
     @property
     def shown(self) -> bool:
         """Whether it is on screen."""
-        return bool(self.host.visible)
+        return self._widget is not None and bool(self._widget.visible)
 
     def drawn(self, scene: NativeScene | None) -> bool:
         """Whether Open3D has been given this scene."""
@@ -92,10 +91,9 @@ class SceneView:
 
     def hide(self) -> bool:
         """Hide it and drop what it shows; returns whether that is a change."""
-        if not self.shown:
+        if self._widget is None or not self._widget.visible:
             return False
-        self.host.visible = False
-        assert self._widget is not None
+        self._widget.visible = False
         self._widget.scene.clear_geometry()
         self._shown, self._scene, self.latest, self._view = {}, None, None, None
         return True
@@ -107,22 +105,27 @@ class SceneView:
             StudioError: `gui.no_open3d_scene`, if Open3D cannot draw splats.
         """
         if self._widget is None:
-            self._make()
+            self._widget = self._make()
         self.latest = scene
-        self.host.visible = True
+        self._widget.visible = True
 
-    def _make(self) -> None:
+    def _make(self) -> gui.SceneWidget:
         if not any(SHADERS.glob("*")):  # Open3D would draw no splats and only log that
             raise StudioError("gui.no_open3d_scene", "this Open3D has no shaders for splats", file=SHADERS)
         widget = gui.SceneWidget()
-        widget.scene = rendering.Open3DScene(self._renderer)
+        widget.scene = rendering.Open3DScene(self._window.renderer)
         widget.enable_scene_caching(True)
         widget.scene.view.set_post_processing(False)
         widget.set_on_mouse(self._mouse)
-        self.host.add_child(widget)
-        self._widget = widget
+        widget.frame = gui.Rect(*self._frame)
+        # only now: a widget without a scene ends the process with a native crash, and one within another widget is
+        # covered by the background of that as soon as it is clicked
+        self._window.add_child(widget)
+        return widget
 
     def _mouse(self, event: gui.MouseEvent) -> gui.Widget.EventCallbackResult:
+        if self._covered(event.x, event.y):
+            return gui.Widget.EventCallbackResult.IGNORED
         self._on_mouse(event, event.x - self._frame[0], event.y - self._frame[1])
         return gui.Widget.EventCallbackResult.CONSUMED
 

@@ -152,7 +152,7 @@ class MainWindow:
     def _build(self) -> None:
         em, changed = self.em, self.changed
         self.viewport = Viewport(lambda: self.views, changed)
-        self.scene_view = SceneView(self.window.renderer, self.viewport.on_mouse)
+        self.scene_view = SceneView(self.window, self.viewport.on_mouse, self._over_view)
         self.timeline = TimelinePanel(self.player, em, changed)
         hints = self.hints = Hints(self.input.active)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed, hints)
@@ -187,7 +187,6 @@ class MainWindow:
         for widget in (
             *self.layout.fills,
             self.viewport.picture.widget,
-            self.scene_view.host,
             *(row.widget for row in self.modes.rows.values()),
             self.timeline.picture.widget,
             self.controls.widget,
@@ -325,6 +324,12 @@ class MainWindow:
     def run(self, stage: str, again: bool) -> None:
         """Run a stage, or check the footage."""
         self.actions.run(stage, again)
+
+    def _over_view(self, x: int, y: int) -> bool:
+        """Whether a menu or a card lies over the view at a position, window pixels."""
+        over = (self.camera_menu.widget, self.notice_bar.widget, self.tour_bubble.widget)
+        frames = [widget.frame for widget in over if widget.visible]
+        return any(f.x <= x < f.x + f.width and f.y <= y < f.y + f.height for f in frames)
 
     def _chosen(self, stage: str, key: str) -> None:
         if self._guard.refuses():
