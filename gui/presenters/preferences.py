@@ -8,7 +8,7 @@ import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from gui.presenters.scene.native import AUTOMATIC, DRAWN_BY
+from gui.presenters.scene.native import BY_RASTERIZER, DRAWN_BY
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_text import parse_json
 
@@ -48,7 +48,7 @@ class Preferences:
 
     picture_size: str = "960 x 540"
     background: str = "dark"
-    scene_drawn_by: str = AUTOMATIC
+    scene_drawn_by: str = BY_RASTERIZER
     play_on_opening: bool = True
     panel_width: float = 18.0
     recent: list[str] = field(default_factory=list)

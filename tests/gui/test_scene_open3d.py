@@ -38,7 +38,6 @@ def test_open3d_draws_what_is_composed_and_its_cameras_can_be_clicked(
     window.menu("View", 12)
     state = window.wait_for("Open3D's", lambda s: s["open3d"] is not None and s["settled"])
     assert "slow" in state["notice"]
-    window.key("Escape")  # the notice
 
     def alike() -> bool:
         return bool(np.abs(small(window, artifacts / "scene_open3d.png") - composed).mean() < 4)
