@@ -19,6 +19,7 @@ from gui.panels.stages import StagesPanel
 from gui.panels.start_panel import StartPanel
 from gui.panels.timeline import TimelinePanel
 from gui.panels.tour_bubble import TourBubble
+from gui.platform.input_order import InputOrder
 from gui.presenters.evaluation import Evaluation
 from gui.presenters.marks import Marks
 from gui.presenters.notices import Notices
@@ -58,6 +59,7 @@ class Shell(Protocol):
     wants_close: bool
     numbers: list[int | None]
     dialogs: Dialogs
+    input: InputOrder
     layout: Layout
     viewport: Viewport
     scene_view: SceneView

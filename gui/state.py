@@ -64,6 +64,7 @@ class WindowState:
         background: name of the viewport's background.
         timeline_left, timeline_width: column of the timeline where frame 0 begins, and columns of all frames, pixels.
         hint: what is told of the button under the pointer; "" if nothing is.
+        keys: number of key presses passed on to the toolkit, and of its reports of one press again, which were dropped.
         widgets: [x, y, width, height] in window pixels by name; visible widgets only.
         texts: content of each visible text field, by widget name.
     """
@@ -120,6 +121,7 @@ class WindowState:
     timeline_left: int
     timeline_width: int
     hint: str
+    keys: list[int]
     widgets: dict[str, list[int]]
     texts: dict[str, str]
 
@@ -181,6 +183,7 @@ class WindowState:
             timeline_left=window.timeline.plots_view.left,
             timeline_width=window.timeline.plots_view.timeline.width,
             hint=window.hints.label.text.strip(),
+            keys=[window.input.reports.passed, window.input.reports.again],
             widgets={
                 name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
                 for name, widget in widgets.items()

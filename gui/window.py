@@ -345,6 +345,7 @@ class MainWindow:
 
     def _on_key(self, event: gui.KeyEvent) -> bool:
         modifier = self._chords.note(event)
+        is_new = event.type != gui.KeyEvent.Type.DOWN or self.input.reports.is_new()
         if event.key == gui.KeyName.ESCAPE:
             self.close_requests.escape()
             if event.type == gui.KeyEvent.Type.DOWN and self.input.escapes.heard(self._chords.again):
@@ -354,6 +355,8 @@ class MainWindow:
             if event.type == gui.KeyEvent.Type.UP:
                 self.dialogs.enter()
                 self.changed()
+            return True
+        if not is_new:
             return True
         if self.dialogs.focusing and self._chords.again:
             return True  # the key that opened the dialog, still held

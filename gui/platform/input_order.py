@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gui.platform.escapes import ESCAPE, Escapes
+from gui.platform.key_reports import KeyReports
 from gui.platform.x_window import BUTTONS, EXPOSE, EXPOSURE_MASK, errors_ignored
 
 Kind = Literal["press", "release", "key", "key up", "move"]
@@ -149,6 +150,7 @@ class InputOrder:
         wanted: called with kind, button and position of each move and press before it is passed on; returns whether it
             is to be.
         escapes: the presses of Escape that have come through here.
+        reports: the presses of all keys that have.
         pressed: called with the code of each key whose press is passed on, also of those that repeat.
     """
 
@@ -161,6 +163,7 @@ class InputOrder:
         self.buttons = 0
         self.wanted: Callable[[Kind, int, int, int], bool] = lambda _kind, _button, _x, _y: True
         self.escapes = Escapes()
+        self.reports = KeyReports()
         self.pressed: Callable[[int], object] = lambda _code: None
         self._dropped: set[int] = set()
         self._down: set[int] = set()  # keys
@@ -213,6 +216,7 @@ class InputOrder:
             The kinds of events that there were.
         """
         self.escapes.tick()
+        self.reports.tick()
         if not self._display:
             return set()
         self._order.tick()
@@ -237,6 +241,7 @@ class InputOrder:
         """Note a key that was passed on."""
         if one is not None and one.kind == "key":
             self.pressed(one.code)
+            self.reports.press()
         if one is None or one.code != ESCAPE or one.repeated:
             return
         if one.kind == "key":

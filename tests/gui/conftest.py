@@ -10,6 +10,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -127,19 +128,25 @@ class RunningWindow:
     def wait_for(self, what: str, accept: Callable[[dict[str, Any]], bool], seconds: float = 120.0) -> dict[str, Any]:
         """Wait for a state that is accepted and return it; fail with `what` after a number of seconds."""
         end = time.monotonic() + seconds
-        state: dict[str, Any] = {}
         while time.monotonic() < end:
             states = self.states()
-            if states:
-                state = states[-1]
-                if accept(state):
-                    return state
+            if states and accept(states[-1]):
+                return states[-1]
             if self.process.poll() is not None:
                 break
             time.sleep(POLL)
-        pytest.fail(
-            f"no state with {what} (status {self.process.poll()}); last: {state}; {self.stderr.read_text()[-2000:]}"
-        )
+        pytest.fail(f"no state with {what} (status {self.process.poll()})\n{self._story()}")
+
+    def _story(self, changes: int = 12) -> str:
+        """What changed last, and what the window has said."""
+        states = self.states()
+        lines = []
+        for before, after in pairwise(states[-changes - 1 :]):
+            changed = {key: value for key, value in after.items() if key != "time" and value != before[key]}
+            lines.append(f"{after['time']:.2f} " + ", ".join(f"{key}={value!s:.80}" for key, value in changed.items()))
+        told = ("stage", "mode", "dialog", "frame", "shown", "playing", "settled", "keys", "texts", "notice", "message")
+        last = {key: states[-1][key] for key in told} if states else {}
+        return "\n".join((*lines, f"last: {last}", self.stderr.read_text()[-1000:]))
 
     def xdotool(self, *arguments: object) -> str:
         """Run xdotool on the window's display."""
@@ -281,8 +288,7 @@ class RunningWindow:
         if not self._entered:
             self._entered = True
             self.send("mousemove", *self.point(self._whole, 0.9, 0.98))
-        self.send("keydown", name)
-        self.send("keyup", name)
+        self.send("key", name)
 
     def chord(self, name: str, *modifiers: str) -> None:
         """Press a key with Ctrl and other modifiers."""

@@ -25,14 +25,28 @@ SETTINGS: Mapping[str, str] = {
 
 _PROGRAM = """
 import sys
+import ray
 from ray.cluster_utils import Cluster
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+class Busy:
+    def begin(self):
+        pass
+
 cpus = int(sys.argv[1])
 cluster = Cluster(initialize_head=True, head_node_args={"wait": False, "num_cpus": cpus, "include_dashboard": False})
 second = cluster.add_node(wait=False, num_cpus=cpus)
 cluster.wait_for_nodes(600)
+ray.init(cluster.address, log_to_driver=False)
+on_first = NodeAffinitySchedulingStrategy(cluster.head_node.node_id, soft=False)
+busy = ray.remote(Busy).options(num_cpus=cpus, scheduling_strategy=on_first).remote()
+ray.get(busy.begin.remote())
 print("ready", cluster.address, second.node_id[:4], flush=True)
 for line in sys.stdin:
-    if line.strip() == "kill":
+    if line.strip() == "free":
+        ray.kill(busy)
+        print("freed", flush=True)
+    elif line.strip() == "kill":
         cluster.remove_node(second, allow_graceful=False)
         print("killed", flush=True)
     else:
@@ -42,7 +56,8 @@ cluster.shutdown()
 
 
 class TwoNodes:
-    """The cluster; in a process of its own, since Ray reads its environment once.
+    """The cluster; in a process of its own, since Ray reads its environment once. All CPUs of the first node, the head,
+    are taken at first, so that the second gets the first task on slow machines, too.
 
     Attributes:
         address: of the head node.
@@ -52,6 +67,11 @@ class TwoNodes:
     def __init__(self, process: subprocess.Popen[str], errors: IO[str]) -> None:
         self._process, self._errors = process, errors
         self.address, self.second = self._answer("ready").split()
+
+    def free_first(self) -> None:
+        """Let the first node take tasks."""
+        self._say("free")
+        self._answer("freed")
 
     def kill_second(self) -> None:
         """Kill all processes of the second node, as when its power fails."""

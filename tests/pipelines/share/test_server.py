@@ -18,6 +18,7 @@ from pipelines.share.host_check import is_allowed
 from pipelines.share.listening import listen
 from pipelines.share.server import BoundedLog, BoundedServer, Limits
 from pipelines.share.web_app import build_app, usable_range
+from tests.support.waiting import wait_until
 from tests.support.web_servers import ask
 
 QUICK = Limits(connections=4, request=0.5, idle=0.3, stall=0.5, handshake=0.5)
@@ -67,8 +68,7 @@ def test_beyond_the_limit_clients_are_told_and_served_again_when_others_have_gon
         assert ask(port, "/manifest.json")[0] == 503
         for client in silent:
             client.close()
-        while server.open:
-            pass
+        wait_until("all connections are closed", lambda: not server.open)
         assert ask(port, "/manifest.json")[0] == 200
 
 
@@ -106,8 +106,7 @@ def test_clients_that_do_not_read_are_dropped(folder: Path) -> None:
     with bounded(folder, QUICK) as (port, server):
         client = connected(port, b"GET /big.bin HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert client.recv(10)
-        while server.open:
-            pass
+        wait_until("the connection is dropped", lambda: not server.open)
         client.close()
 
 

@@ -48,6 +48,8 @@ def run_and_kill(project, take):
             event, _ = read_line(line)
             events.append(event)
             if isinstance(event, GroupState) and (event.stage, event.state) == ("train", "running"):
+                if not nodes:
+                    cluster.free_first()
                 nodes.add(event.node)
                 if event.node.endswith(cluster.second) and 0 < event.frames_done < event.frames:
                     cluster.kill_second()
@@ -60,11 +62,11 @@ def run_and_kill(project, take):
 
 @pytest.mark.timeout(1200)
 def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(project):
-    for attempt in range(5):
+    for attempt in range(3):
         take = project / f"take{attempt}"
         events, nodes = run_and_kill(project, take)
         if any(isinstance(event, Warned) for event in events):
-            break  # on a busy machine the first node may have trained both groups before the other was ready
+            break  # on a busy machine the group may end before the kill is there
     assert len(nodes) == 2
     lost = [event for event in events if isinstance(event, Warned)]
     assert [event.code for event in lost] == ["cluster.worker_lost"]
