@@ -20,6 +20,7 @@ from gui.panels.timeline import STRIP, TimelinePanel
 from gui.panels.tour_bubble import TourBubble
 from gui.presenters.drawing.palette import GROUND, PANEL
 from gui.presenters.stages.stage_views import StageViews
+from gui.scene_view import SceneView
 from gui.viewport import Viewport
 
 NARROW = 60
@@ -46,6 +47,7 @@ class Panels:
     em: float
     views: StageViews
     viewport: Viewport
+    scene: SceneView
     timeline: TimelinePanel
     controls: ControlsPanel
     modes: ModesPanel
@@ -165,6 +167,7 @@ class Layout:
         if alone:
             picture = panels.start.picture if panels.start.shown else panels.viewport.picture
             picture.place(x, y, width, height)
+            panels.scene.place(x, y, width, height)
             self._place_over(context, x, y, width, height)
             return
         left = min(round(self.left * em), width // 3)
@@ -187,6 +190,7 @@ class Layout:
         modes = panels.modes.place(panels.views.row, inner + pad, y + 0.25 * em, view_width - pad, context)
         row = round(modes + 0.5 * em)
         panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
+        panels.scene.place(inner, y + row, view_width, bottom - y - row)
         if figures or panels.inspector.large:
             over = (inner, y + row, inner_width, bottom - y - row)
             panels.inspector.place(inner + view_width + gap, y, right, bottom - y, over)

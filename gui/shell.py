@@ -29,6 +29,7 @@ from gui.presenters.run.exports import Exports
 from gui.presenters.run.serving import Serving
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_views import StageViews
+from gui.scene_view import SceneView
 from gui.viewport import Viewport
 
 
@@ -61,6 +62,7 @@ class Shell(Protocol):
     input: InputOrder
     layout: Layout
     viewport: Viewport
+    scene_view: SceneView
     timeline: TimelinePanel
     controls: ControlsPanel
     modes: ModesPanel

@@ -44,6 +44,7 @@ class WindowState:
         places: the middle of what shows a camera, and of the ends of the scene's axes, 0 to 1 across and down the
             viewport; those in front last.
         shown: frame of the newest picture; None if there is none.
+        open3d: the frame of the scene that Open3D draws; None if it draws none.
         settled: whether the newest picture shows what was last requested.
         pictures: number of pictures shown so far.
         handed_over: pictures per second.
@@ -99,6 +100,7 @@ class WindowState:
     menu_camera: str
     places: dict[str, list[float]]
     shown: int | None
+    open3d: int | None
     settled: bool
     pictures: int
     handed_over: int
@@ -160,6 +162,7 @@ class WindowState:
             menu_camera=window.camera_menu.camera,
             places=_places(window),
             shown=player.picture.frame if player.picture else None,
+            open3d=player.picture.frame if player.picture and window.scene_view.drawn(player.picture.native) else None,
             settled=window.views.settled,
             pictures=window.pictures,
             handed_over=round(player.rate),
@@ -192,8 +195,8 @@ class WindowState:
 def _places(window: Shell) -> dict[str, list[float]]:
     view, size = window.views.stage_view, window.viewport.picture_size
     if view is None:
-        picture = window.player.picture
-        found = (*picture.cameras, *picture.ends) if picture is not None and window.views.shows_scene else ()
+        cameras, ends = window.player.scene_places
+        found = (*cameras, *ends) if window.views.shows_scene else ()
         return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in found}
     return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in view.places}
 

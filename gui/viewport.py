@@ -85,7 +85,7 @@ class Viewport:
         self.clicked_at = self._start = (0.0, 0.0)
         self.picture_size = (16, 16)
         self.most_pixels = MAX_PIXELS
-        self.picture = PictureWidget(self._on_mouse)
+        self.picture = PictureWidget(self.on_mouse)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -102,7 +102,8 @@ class Viewport:
         self.picture_size = (pixels.shape[1], pixels.shape[0])
         self.picture.show(pixels)
 
-    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+    def on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        """Handle a mouse event at a position in the widget, pixels; returns whether it was for the viewport."""
         kind, gestures = gui.MouseEvent.Type, self._gestures()
         # Gestures are in widget pixels; the picture may have fewer.
         scale = self.picture_size[0] / max(self.picture.size[0], 1)

@@ -52,6 +52,7 @@ from gui.presenters.stages.stage_views import StageViews
 from gui.presenters.swap_guard import SwapGuard
 from gui.presenters.worker import LatestWorker
 from gui.raycast import MeshPicture
+from gui.scene_view import SceneView
 from gui.shell import Page
 from gui.state import StateLog
 from gui.viewport import Viewport
@@ -138,7 +139,7 @@ class MainWindow:
         self.dialogs = Dialogs(self.window)
         self.input.pressed = self.dialogs.pressed
         self.dialogs.last_folder, self.dialogs.remembered = self.preferences.folder, self._remember_folder
-        self.actions = Actions(self)
+        self.actions = Actions(self, software)
         self._build()
         self.layout.left = self.preferences.panel_width
         self.window.set_on_layout(self.layout.place)
@@ -151,6 +152,7 @@ class MainWindow:
     def _build(self) -> None:
         em, changed = self.em, self.changed
         self.viewport = Viewport(lambda: self.views, changed)
+        self.scene_view = SceneView(self.window, self.viewport.on_mouse, self._over_view)
         self.timeline = TimelinePanel(self.player, em, changed)
         hints = self.hints = Hints(self.input.active)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed, hints)
@@ -177,8 +179,8 @@ class MainWindow:
         )  # fmt: skip
         self.layout: Layout = Layout(
             Panels(
-                self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
-                self.inspector, self.path_panel, self.message, self.status, self.camera_menu, self.start,
+                self.window, em, self.views, self.viewport, self.scene_view, self.timeline, self.controls, self.modes,
+                self.stages, self.inspector, self.path_panel, self.message, self.status, self.camera_menu, self.start,
                 self.notice_bar, self.tour_bubble, hints,
             )
         )  # fmt: skip
@@ -323,6 +325,12 @@ class MainWindow:
         """Run a stage, or check the footage."""
         self.actions.run(stage, again)
 
+    def _over_view(self, x: int, y: int) -> bool:
+        """Whether a menu or a card lies over the view at a position, window pixels."""
+        over = (self.camera_menu.widget, self.notice_bar.widget, self.tour_bubble.widget)
+        frames = [widget.frame for widget in over if widget.visible]
+        return any(f.x <= x < f.x + f.width and f.y <= y < f.y + f.height for f in frames)
+
     def _chosen(self, stage: str, key: str) -> None:
         if self._guard.refuses():
             return
@@ -438,6 +446,7 @@ class MainWindow:
         changed |= self.actions.edits.poll()
         changed |= self.actions.path.poll()
         changed |= self.actions.search.poll()
+        changed |= self.actions.scene.poll()
         changed |= self.overlays.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
@@ -476,6 +485,7 @@ class MainWindow:
                 self._redraws.pause = 0.0
         due = not pausing and self._redraws.due()
         if due:
+            self.actions.scene.draw()
             shown = self.player.picture.frame if self.player.picture is not None and self.views.shows_player else None
             self.numbers = [shown, self.inspector.frame, self.timeline.frame]
             self.drawn.hit()
@@ -549,7 +559,7 @@ class MainWindow:
             changed = True
         status = self.player.status if stage_view is None else stage_view.status
         told = self.overlays.line
-        words = [told or status, self.exports.words, self.serving.words]
+        words = [told or status, self.scene_view.words, self.exports.words, self.serving.words]
         if self._told != bool(told):
             self._told = bool(told)
             self.status.text_color = color(TEXT if told else DIM)

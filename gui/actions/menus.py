@@ -41,6 +41,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("bakes", "Bakes: compare, choose, delete..."),
             ("start", "Start page (H)"),
             ("log", "Job log, large (J)"),
+            ("open3d", "Draw the scene with Open3D"),
         ),
     ),
     (

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gui.platform.escapes import ESCAPE, Escapes
+from gui.platform.input_event import InputEvent
 from gui.platform.key_reports import KeyReports
 from gui.platform.x_window import BUTTONS, EXPOSE, EXPOSURE_MASK, errors_ignored
 
@@ -119,23 +120,6 @@ class Order:
         return event.kind
 
 
-class _InputEvent(ctypes.Structure):
-    """XKeyEvent, XButtonEvent and XMotionEvent, which begin alike."""
-
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("serial", ctypes.c_ulong),
-        ("send_event", ctypes.c_int),
-        ("display", ctypes.c_void_p),
-        *((name, ctypes.c_ulong) for name in ("window", "root", "subwindow", "time")),
-        *((name, ctypes.c_int) for name in ("x", "y", "x_root", "y_root")),
-        ("state", ctypes.c_uint),
-        ("code", ctypes.c_uint),
-        ("same_screen", ctypes.c_int),
-        ("padding", ctypes.c_long * 24),  # XEvent, which is copied as a whole, is larger
-    )
-
-
 class InputOrder:
     """See the module. Call `poll` at each tick.
 
@@ -174,7 +158,7 @@ class InputOrder:
         if window is None or name is None or not os.environ.get("DISPLAY") or os.environ.get(PLAIN) == "1":
             return
         x = self._x = ctypes.CDLL(name)
-        handle, number, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(_InputEvent)
+        handle, number, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(InputEvent)
         x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
         x.XCreateWindow.restype = number
         x.XCreateWindow.argtypes = [
@@ -266,7 +250,7 @@ class InputOrder:
         there, back = (x, y), self.pointer or (x, y)
         steps = (("move", 6, there), ("press", 4, there), ("release", 5, there), ("move", 6, back))
         for kind, number, (x, y) in steps:
-            event = _InputEvent(type=number, x=x, y=y, x_root=x, y_root=y, same_screen=1)
+            event = InputEvent(type=number, x=x, y=y, x_root=x, y_root=y, same_screen=1)
             event.time = int(1000 * time.monotonic()) & 0xFFFFFFFF  # X servers count like this
             event.code = 1 if kind != "move" else 0
             event.state = 1 << 8 if kind == "release" else 0
@@ -274,7 +258,7 @@ class InputOrder:
 
     def _read(self) -> Iterator[Input]:
         while self._x.XPending(self._display):
-            event = _InputEvent()
+            event = InputEvent()
             self._x.XNextEvent(self._display, ctypes.byref(event))
             if event.type not in _KINDS:
                 continue
@@ -315,7 +299,7 @@ class InputOrder:
     def _send(self, one: Input | None) -> None:
         """Pass an event on to the toolkit; None for a request to draw."""
         if one is None:
-            event, mask = _InputEvent(type=EXPOSE), EXPOSURE_MASK
+            event, mask = InputEvent(type=EXPOSE), EXPOSURE_MASK
         else:
             event, mask = one.event, _KINDS[one.event.type][1]
             event.subwindow = 0

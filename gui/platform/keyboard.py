@@ -13,6 +13,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from gui.platform.input_event import InputEvent
 from gui.platform.x_window import EXPOSE, EXPOSURE_MASK
 
 _KEY_PRESS, _KEY_RELEASE = 2, 3
@@ -28,26 +29,6 @@ _ROWS = (
 KEYS = {letter: first + number for row, first in _ROWS for number, letter in enumerate(row)}
 """X key code by the letter of a place on an American keyboard, which is how the toolkit names keys."""
 _IGNORE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda _display, _error: 0)
-
-
-class _KeyEvent(ctypes.Structure):
-    """XKeyEvent of Xlib.h."""
-
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("serial", ctypes.c_ulong),
-        ("send_event", ctypes.c_int),
-        ("display", ctypes.c_void_p),
-        ("window", ctypes.c_ulong),
-        ("root", ctypes.c_ulong),
-        ("subwindow", ctypes.c_ulong),
-        ("time", ctypes.c_ulong),
-        *((name, ctypes.c_int) for name in ("x", "y", "x_root", "y_root")),
-        ("state", ctypes.c_uint),
-        ("keycode", ctypes.c_uint),
-        ("same_screen", ctypes.c_int),
-        ("padding", ctypes.c_long * 24),  # XEvent, which is copied as a whole, is larger
-    )
 
 
 def send_key(keycode: int, down: bool) -> bool:
@@ -95,13 +76,13 @@ def _send(keys: Sequence[tuple[int, bool, bool] | None]) -> bool:
         now = int(1000 * time.monotonic()) & 0xFFFFFFFF
         for number, key in enumerate(keys):
             if key is None:
-                draw = _KeyEvent(type=EXPOSE, display=display, window=window)
+                draw = InputEvent(type=EXPOSE, display=display, window=window)
                 x11.XSendEvent(handle, ctypes.c_ulong(window), 0, ctypes.c_long(EXPOSURE_MASK), ctypes.byref(draw))
                 continue
             keycode, down, shift = key
             kind, mask = (_KEY_PRESS, 1) if down else (_KEY_RELEASE, 2)
-            event = _KeyEvent(
-                type=kind, display=display, window=window, root=root, keycode=keycode, same_screen=1,
+            event = InputEvent(
+                type=kind, display=display, window=window, root=root, code=keycode, same_screen=1,
                 time=now + number, state=_SHIFT if shift else 0,
             )  # fmt: skip
             x11.XSendEvent(handle, ctypes.c_ulong(window), 1, ctypes.c_long(mask), ctypes.byref(event))

@@ -8,6 +8,7 @@ import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
+from gui.presenters.scene.native import BY_RASTERIZER, DRAWN_BY
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_text import parse_json
 
@@ -36,6 +37,7 @@ class Preferences:
     Attributes:
         picture_size: maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`.
         background: initial background, one of `BACKGROUND_NAMES`.
+        scene_drawn_by: who draws the scene, one of `gui.presenters.scene.native.DRAWN_BY`.
         play_on_opening: whether playback starts when a take or stream is opened.
         panel_width: width of the left panel, em.
         recent: folders, files and URLs, newest first.
@@ -46,6 +48,7 @@ class Preferences:
 
     picture_size: str = "960 x 540"
     background: str = "dark"
+    scene_drawn_by: str = BY_RASTERIZER
     play_on_opening: bool = True
     panel_width: float = 18.0
     recent: list[str] = field(default_factory=list)
@@ -66,6 +69,8 @@ class Preferences:
             found.picture_size = cls.picture_size
         if found.background not in BACKGROUND_NAMES:
             found.background = cls.background
+        if found.scene_drawn_by not in DRAWN_BY:
+            found.scene_drawn_by = cls.scene_drawn_by
         found.recent = [str(name) for name in found.recent][:RECENT]
         return found
 

@@ -49,8 +49,8 @@ def register(commands: Any) -> None:
     trim.add_argument("last", type=int, metavar="OUT", help="last frame to keep")
 
     crop = _kind(kinds, "crop", "remove what is outside of a box", _crop)
-    _vector(crop, "--min", "least corner of the box, in the world that `v3studio edit world` has placed", required=True)
-    _vector(crop, "--max", "greatest corner", required=True)
+    _vector(crop, "--min", "min corner of the box, in the world that `v3studio edit world` has placed", required=True)
+    _vector(crop, "--max", "max corner", required=True)
     crop.add_argument(
         "--training", action="store_true", help="train only on what is in front of the box, too: trains the take again"
     )

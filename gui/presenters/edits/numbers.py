@@ -14,7 +14,7 @@ from studio.violations import violation
 Field = tuple[str, str, str]
 
 TITLES = {
-    "crop": ("Crop box", "Least and greatest corner, x y z in the placed world. Empty: no box."),
+    "crop": ("Crop box", "Min and max corner, x y z in the placed world. Empty: no box."),
     "ground": ("Ground", "Height along up, in the placed world. Empty: no ground plane."),
     "floaters": ("Floaters", "Splats that are removed in every group. Empty: no such limit."),
     "world": ("World", "Of streams and exports. Points and directions in the world of the capture, x y z."),
@@ -36,7 +36,7 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
         if edits.crop is not None:
             corners = world.points(edits.crop.corners)
             low, high = _text(corners.min(axis=0)), _text(corners.max(axis=0))
-        return [("low", "Least corner", low), ("high", "Greatest corner", high)]
+        return [("low", "Min corner", low), ("high", "Max corner", high)]
     if kind == "ground":
         ground = edits.ground
         height = "" if ground is None else f"{_height(edits, ground, up):.4g}"

@@ -17,6 +17,7 @@ from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.other_source import OTHER, OtherSource
 from gui.presenters.playback.sources import FrameSource
 from gui.presenters.scene.contents import SceneWanted
+from gui.presenters.scene.native import NativeScene
 from gui.presenters.scene.render import Place, SceneRenderer
 from pipelines.stages.base import Context
 from pipelines.stages.footage import performer_over
@@ -88,7 +89,8 @@ class RenderRequest:
     @property
     def label(self) -> tuple[object, ...]:
         """What it is a picture of, apart from frame and view: pictures with different labels must not be confused."""
-        return (self.mode, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
+        native = self.scene is not None and self.scene.native
+        return (self.mode, native, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
 
     def shown(self, name: str) -> str:
         """What a picture is called on screen."""
@@ -124,6 +126,7 @@ class Picture:
         camera: the capture camera; "" for the free view.
         label: `RenderRequest.label`.
         cameras, ends: of a scene: name and (N, 2) pixels of frusta and of the ends of the view axes.
+        native: what Open3D draws over the image, which is only the background then; None if all is in the image.
     """
 
     image: np.ndarray
@@ -138,6 +141,7 @@ class Picture:
     label: tuple[object, ...] = ()
     cameras: tuple[Place, ...] = ()
     ends: tuple[Place, ...] = ()
+    native: NativeScene | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +211,14 @@ class FrameRenderer:
         gaussians = source.gaussians(request.frame)
         loaded = time.perf_counter()
         width, height = request.size
+        if wanted.native:
+            contents = self.scene.reader.read(wanted, request.frame)
+            color = np.array([round(255 * value) for value in request.background], np.uint8)
+            return Picture(
+                np.tile(color, (height, width, 1)), request.frame, request.what, len(gaussians), loaded - start, 0.0,
+                request.mode, Box(0, 0, width, height), request.camera, request.label,
+                native=NativeScene(gaussians if "splats" in wanted.parts else None, contents),
+            )  # fmt: skip
         view = request.orbit.camera(width, height)
         if capture is not None:
             view = request.image_zoom.camera(capture, width, height)

@@ -175,13 +175,18 @@ class Viewpoint:
         if self.camera:
             self.look_through("")
 
-    def view(self) -> Camera | None:
-        """The pinhole camera of the current view; None if nothing is open."""
+    def view(self, size: tuple[int, int] | None = None) -> Camera | None:
+        """The pinhole camera of the current view; None if nothing is open.
+
+        Args:
+            size: (width, height) of the picture; `self.size` if None.
+        """
         if self.opened is None:
             return None
+        width, height = size or self.size
         if self.camera and self.opened.rig is not None:
-            return self.image_zoom.camera(self.opened.rig[self.camera].undistorted(), *self.size)
-        return self.orbit.camera(*self.size)
+            return self.image_zoom.camera(self.opened.rig[self.camera].undistorted(), width, height)
+        return self.orbit.camera(width, height)
 
     def reset_view(self) -> None:
         """Reset the free view, or show the whole image in a capture camera's view."""

@@ -49,6 +49,7 @@ class SceneWanted:
         points: (N, 3) points of the performer, world.
         still: whether the view rests: time for full resolution, and for the frame's images on the frusta.
         em: font size, pixels.
+        native: whether Open3D draws it.
     """
 
     take: Take | None
@@ -61,6 +62,7 @@ class SceneWanted:
     points: np.ndarray
     still: bool
     em: float
+    native: bool = False
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -74,6 +76,7 @@ class SceneWanted:
             id(self.points),
             self.still,
             self.em,
+            self.native,
         )
 
 

@@ -424,11 +424,9 @@ class StageViews:
             self._click_scene(x, y)
 
     def _click_scene(self, x: float, y: float) -> None:
-        player, picture = self.player, self.player.picture
-        if picture is None:
-            return
-        end = shown_at(picture.ends, x, y)
-        camera = shown_at(picture.cameras, x, y)
+        player = self.player
+        cameras, ends = player.scene_places
+        end, camera = shown_at(ends, x, y), shown_at(cameras, x, y)
         if end:
             player.look_through("")
             player.orbit = along(player.orbit, end)
@@ -442,8 +440,7 @@ class StageViews:
         if view is not None:
             camera = view.camera_at(x, y)
         else:
-            picture = self.player.picture
-            hit = shown_at(picture.cameras, x, y) if picture is not None and self.shows_scene else ""
+            hit = shown_at(self.player.scene_places[0], x, y) if self.shows_scene else ""
             camera = hit or self.player.camera
         if camera:
             self.asked = ("menu", camera)

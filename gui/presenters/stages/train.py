@@ -9,7 +9,7 @@ import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height
 from gui.presenters.drawing.lanes import draw_lanes
-from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, RAISED, SECOND
+from gui.presenters.drawing.palette import DIM, GROUND, RAISED, SECOND
 from gui.presenters.drawing.plots import curve, legend
 from gui.presenters.drawing.splats import draw
 from gui.presenters.playback.compare import label
@@ -52,13 +52,12 @@ class TrainView(StageView):
         run, em = self.workspace.run, self.em
         share = 0.44 * size[1]
         each = (size[0] - 4 * em) / 3
-        colors = (SECOND, ACCENT, SECOND)
         small, top = round(0.85 * em), 0.7 * em
         numbers = [f"{group}" for group in sorted(run.curves.get("loss", {}))]
         if len(numbers) > 1:  # their curves have different colors
             legend(canvas, em, 0.5 * em, size[0] - 2 * em, small, "Groups", numbers)
             top += line_height(small)
-        for number, ((name, title, form), color) in enumerate(zip(CURVES, colors, strict=True)):
+        for number, (name, title, form) in enumerate(CURVES):
             groups = sorted(run.curves.get(name, {}).items())
             lines = [line for _, line in groups]
             last = max((line for line in lines if line.values), key=lambda line: line.positions[-1], default=None)
@@ -68,7 +67,7 @@ class TrainView(StageView):
                 title += " before pruning"
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
-            curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0%", "100%"), newest)
+            curve(canvas, area, short, series, SECOND, em, (0.0, 1.0), ("0%", "100%"), newest)
         lanes = list(run.lanes.get("train", {}).values())
         if lanes:
             draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)
