@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
-
-from tests.support.waiting import wait_until
 
 
 def small(window: object, path: Path) -> np.ndarray:
@@ -39,10 +38,17 @@ def test_open3d_draws_what_is_composed_and_its_cameras_can_be_clicked(
     state = window.wait_for("Open3D's", lambda s: s["open3d"] is not None and s["settled"])
     assert "slow" in state["notice"]
 
-    def alike() -> bool:
-        return bool(np.abs(small(window, artifacts / "scene_open3d.png") - composed).mean() < 4)
-
-    wait_until("a picture as composed", alike)
+    apart: list[float] = []
+    for attempt in range(100):
+        apart.append(float(np.abs(small(window, artifacts / "scene_open3d.png") - composed).mean()))
+        if apart[-1] < 4:
+            break
+        time.sleep(0.1)
+        if attempt % 20 == 19:  # on processors, Open3D sometimes leaves out tiles of a picture: have another one drawn
+            for key, frame in (("Right", 1), ("Left", 0)):
+                window.key(key)
+                window.wait_for("a new picture", lambda s, frame=frame: s["open3d"] == s["shown"] == frame)
+    assert apart[-1] < 4, apart
     assert json.loads(settings.read_text())["scene_drawn_by"] == "Open3D"
 
     for frame in (1, 2):

@@ -50,7 +50,7 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.click("all")
     window.wait_for("a run", lambda s: s["busy"])
     window.stage("train")
-    state = window.wait_for("all done", lambda s: done(s) and not s["busy"], 150)
+    state = window.wait_for("all done", lambda s: done(s) and not s["busy"], 600)
     for stage in STAGES[1:5]:
         window.stage(stage)
         window.screenshot(artifacts / f"workstation_{3 + STAGES.index(stage)}_{stage}.png")

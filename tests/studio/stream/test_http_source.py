@@ -194,21 +194,21 @@ def test_a_stalling_server(server, source):
         handler.end_headers()
         handler.wfile.write(data[:1000])
         handler.wfile.flush()
-        server.stop_stalling.wait(10)
+        server.stop_stalling.wait(60)
 
     server.faults["/s/file"] = stall
     began = time.monotonic()
     with refuses("source.unavailable", file=f"{server.url}/file", reason="read_timeout"):
         source.read("file", len(CONTENT))
-    assert time.monotonic() - began < 4
+    assert time.monotonic() - began < 30
 
 
 def test_a_server_that_says_nothing(server, source):
-    server.faults["/s/file"] = lambda handler, data: server.stop_stalling.wait(10)
+    server.faults["/s/file"] = lambda handler, data: server.stop_stalling.wait(60)
     began = time.monotonic()
     with refuses("source.unavailable", file=f"{server.url}/file", reason="read_timeout"):
         source.read("file", len(CONTENT))
-    assert time.monotonic() - began < 4
+    assert time.monotonic() - began < 30
 
 
 def test_a_trickle_is_no_stream(server, source):
@@ -216,7 +216,7 @@ def test_a_trickle_is_no_stream(server, source):
         handler.send_response(200)
         handler.send_header("Content-Length", str(len(data)))
         handler.end_headers()
-        for byte in range(100):
+        for byte in range(2000):
             if server.stop_stalling.wait(0.05):
                 return
             handler.wfile.write(data[byte : byte + 1])
@@ -225,7 +225,7 @@ def test_a_trickle_is_no_stream(server, source):
     began = time.monotonic()
     with refuses("source.unavailable", reason="too_slow"):
         source.read("file", len(CONTENT))
-    assert time.monotonic() - began < 4
+    assert time.monotonic() - began < 30
 
 
 def test_a_length_above_the_limit_is_refused_before_anything_is_read(server, source):
@@ -305,7 +305,7 @@ def test_a_retry_after_beyond_the_patience_is_not_waited_for(server, source):
     began = time.monotonic()
     with refuses("source.unavailable", reason="status"):
         source.read("file", 10)
-    assert time.monotonic() - began < 1
+    assert time.monotonic() - began < 30
 
 
 def test_compression_is_refused(server, source):
@@ -340,7 +340,7 @@ def test_nobody_there(server):
     began = time.monotonic()
     with refuses("source.unavailable", reason="no_connection"):
         HttpSource(server.url, first_patience=0.4).read("file", 10)
-    assert time.monotonic() - began < 5
+    assert time.monotonic() - began < 30
 
 
 def test_restarted_in_the_middle(server):

@@ -132,10 +132,10 @@ def test_damaged_manifest_is_refused(stream, edit_manifest, kind):
         values = json.loads((stream / "manifest.json").read_bytes())
         change(values)
         (stream / "manifest.json").write_text(json.dumps(values))
-    began = time.perf_counter()
+    began = time.process_time()
     with refuses(code, file=stream / "manifest.json", location=location, rule=rule) as caught:
         StreamReader.open(stream)
-    assert time.perf_counter() - began < 1
+    assert time.process_time() - began < 1
     text = str(caught.value)
     assert str(stream) in text
     assert len(text) < 600
@@ -207,7 +207,7 @@ def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(stream, edit_manifes
     except (TypeError, KeyError):
         path.write_bytes(original)
         assume(False)  # no groups left whose sizes could be added up
-    began = time.perf_counter()
+    began = time.process_time()
     message = None
     try:
         with StreamReader.open(stream) as reader:
@@ -216,7 +216,7 @@ def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(stream, edit_manifes
         message = str(error)
     finally:
         path.write_bytes(original)
-    assert time.perf_counter() - began < 5
+    assert time.process_time() - began < 5
     assert message is None or str(stream) in message
 
 
