@@ -80,6 +80,7 @@ class Layout:
         self._panels = panels
         self.fullscreen = False
         self.figures: bool | None = None
+        self._width = panels.window.content_rect.width  # asking for it takes a round trip to the X server
         # Fills between the panels: one background under everything would cost a software driver 30 ms per draw.
         # Few, because Open3D draws a window with more than 20 visible children incorrectly.
         self.fills = [gui.Vert() for _ in range(4)]
@@ -99,8 +100,7 @@ class Layout:
         """Whether the right panel is shown."""
         if self.fullscreen or self._panels.start.shown:
             return False
-        wide = self._panels.window.content_rect.width >= NARROW * self._panels.em
-        return wide if self.figures is None else self.figures
+        return self._width >= NARROW * self._panels.em if self.figures is None else self.figures
 
     def toggle_figures(self) -> None:
         """Show or hide the right panel."""
@@ -156,6 +156,7 @@ class Layout:
         panels, em = self._panels, self._panels.em
         area = panels.window.content_rect
         x, y, width, height = area.x, area.y, area.width, area.height
+        self._width = width
         figures = self.shows_figures
         for widget in panels.inspector.widgets:
             widget.visible = figures

@@ -192,9 +192,12 @@ class SceneView:
 
     def follow(self, player: PlayerPresenter) -> bool:
         """Show the player's view; returns whether it has changed."""
-        widget, view = self._widget, player.view(self.size)
+        widget = self._widget
+        if widget is None or self._scene is None or not self.shown:
+            return False
         key = (player.orbit.key, player.camera, player.image_zoom, self.size)
-        if widget is None or view is None or self._scene is None or not self.shown or key == self._view:
+        view = player.view(self.size) if key != self._view else None
+        if view is None:
             return False
         box = widget.scene.bounding_box
         box = box.scale(3.0, box.get_center())  # the far plane lies behind what is shown later, too

@@ -10,8 +10,10 @@ import numpy as np
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.sources import take_contents
 from gui.presenters.playback.thumbnails import Thumbnails
+from gui.presenters.remembered import Remembered
 from gui.presenters.run.camera_path import PathEditor, PathKey
 from gui.shell import Shell
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.export import CameraPath
 
@@ -27,6 +29,7 @@ class PathActions:
     def __init__(self, window: Shell, export: Callable[[], None]) -> None:
         self._window, self._export = window, export
         self.thumbnails = Thumbnails()
+        self._contents: Remembered[Take, tuple[object, ...]] = Remembered(take_contents)
         self._preview: tuple[CameraPath, float] | None = None
         self._shown: tuple[int, OrbitCamera] | None = None
 
@@ -173,9 +176,9 @@ class PathActions:
         """Thumbnails of the views, those that are drawn; not while frames are played."""
         window = self._window
         opened, size = window.player.opened, window.path_panel.thumbnail_size
-        if opened is None or window.player.transport.playing:
+        if opened is None or window.player.transport.playing or not window.path_panel.shown:
             return [None] * len(self.editor.keys)
-        contents = take_contents(opened.take) if opened.take is not None else ()
+        contents = self._contents.get(opened.take) if opened.take is not None else ()
         return [self.thumbnails.get(opened.path, contents, key.camera, key.frame, size) for key in self.editor.keys]
 
     def close(self) -> None:

@@ -97,9 +97,17 @@ class RunningWindow:
         log: file for its state lines.
         arguments: arguments of the command.
         program: arguments of Python that start the program.
+        plays: whether playback starts when a take is opened. It takes both processors for as long as it goes on.
     """
 
-    def __init__(self, display: str, log: Path, *arguments: str, program: tuple[str, ...] = ("-m", "gui.app")) -> None:
+    def __init__(
+        self,
+        display: str,
+        log: Path,
+        *arguments: str,
+        program: tuple[str, ...] = ("-m", "gui.app"),
+        plays: bool = False,
+    ) -> None:
         self.log = log
         self._read = 0
         self._states: list[dict[str, Any]] = []
@@ -109,6 +117,10 @@ class RunningWindow:
             "XDG_STATE_HOME": str(log.parent / "state"),
         }  # fmt: skip
         self.environment.pop("WAYLAND_DISPLAY", None)
+        settings = log.parent / "config" / "v3studio" / "window.json"
+        settings.parent.mkdir(parents=True, exist_ok=True)
+        chosen = json.loads(settings.read_text()) if settings.exists() else {}
+        settings.write_text(json.dumps({**chosen, "play_on_opening": plays}))
         self.stderr = log.with_suffix(".stderr")
         with self.stderr.open("wb") as errors:
             command = (*program, "--log-state", log, *arguments)

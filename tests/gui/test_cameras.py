@@ -29,8 +29,6 @@ def test_cameras_are_clicked_held_out_and_excluded(open_window: Callable, take_c
     before = capture()
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"])
     window.stage("capture")
     press(window, "cam0", 3)
     window.wait_for("its menu", lambda s: s["menu_camera"] == "cam0" and "camera list" in s["widgets"])

@@ -12,8 +12,6 @@ from studio.edits import EditList
 def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"])
     window.key("Home")
     window.key("x")
     window.wait_for("the edits", lambda s: "look" in s["mode"] and "lasso" in s["widgets"] and s["settled"])

@@ -26,7 +26,7 @@ def test_pictures_numbers_and_typed_text(
     settings.mkdir(parents=True)
     # smaller than the viewport: pictures of splats and those of stages then differ in size
     (settings / "window.json").write_text(json.dumps({"picture_size": "640 x 360"}))
-    window = open_window(str(take_copy))
+    window = open_window(str(take_copy), plays=True)
     window.wait_for("a picture", lambda s: s["shown"] is not None and s["playing"])
 
     # during playback all numbers are those of the picture
@@ -45,6 +45,9 @@ def test_pictures_numbers_and_typed_text(
     shot = tmp_path / "shot.png"
 
     def seen() -> np.ndarray:
+        """The viewport, with the pointer away from what shows a hint over it."""
+        window.send("mousemove", *window.point("viewport", 0.5, 0.9))
+        window.wait_for("no hint", lambda s: s["hint"] == "")
         window.drawn()
         return _pixels(window.screenshot(shot))[window.inside("viewport")][40:]
 

@@ -21,8 +21,6 @@ def box_pixels(window: object, path: Path) -> int:
 def test_the_scene_survives_drags_stages_and_playback(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"])
     window.key("Home")
     window.key("o")
     state = window.wait_for("the scene", lambda s: s["compare"] == "scene" and s["settled"] and "+x" in s["places"])

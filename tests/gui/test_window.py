@@ -28,7 +28,7 @@ def test_plays_seeks_turns_and_closes(
     artifacts: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    window = open_window(str(stream_folder), "--size", "1000x640")
+    window = open_window(str(stream_folder), "--size", "1000x640", plays=True)
     first = window.wait_for("a picture, playing", lambda s: s["shown"] is not None and s["playing"])
     assert first["frames"] == 12
     monkeypatch.setenv("DISPLAY", display)

@@ -107,8 +107,6 @@ def test_nothing_overlaps_and_nothing_is_cut_off(
         assert key in state["widgets"], key
     if width >= 1000:
         window.wait_for("one line of controls", lambda s: s["widgets"]["start"][1] == s["widgets"]["reset view"][1])
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"])
     window.click("difference")
     window.wait_for("a comparison", lambda s: s["compare"] == "difference")
     if width > 960:

@@ -106,11 +106,13 @@ def test_broken_takes_are_sentences(open_window: Callable, finished_project: Pat
             window.wait_for(
                 f"{damage.__name__}: {said}", lambda s, said=said: any(said in one for one in s["left_out"])
             )
+            window.key("space")
             window.wait_for("playing", lambda s: s["playing"] and s["shown"] is not None)
+            window.key("space")
         elif said:
             window.wait_for(f"{damage.__name__}: {said}", lambda s, said=said: said in s["message"] + s["notice"])
         else:
-            window.wait_for(damage.__name__, lambda s: s["shown"] is not None and (s["playing"] or s["settled"]))
+            window.wait_for(damage.__name__, lambda s: s["shown"] is not None and s["settled"])
         if window.states()[-1]["start"]:  # nothing has been opened yet
             continue
         for stage in ("train", "bake", "calibrate", "review"):

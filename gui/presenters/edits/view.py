@@ -31,11 +31,13 @@ from gui.presenters.edits.tools import BRUSH, TOOLS, hint
 from gui.presenters.playback import compare
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.viewpoint import BACKGROUNDS
+from gui.presenters.remembered import Remembered
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.scene.compose import SplatLayer
 from gui.presenters.stages.stage_view import OrbitView, Size
 from pipelines.reports.terminal import counted
 from pipelines.takes.edit_words import describe
+from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
 
@@ -79,6 +81,7 @@ class EditView(OrbitView):
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
+        self._trained: Remembered[Take, int] = Remembered(lambda take: len(take.trained_files()[0]))
         self.tool, self.show_removed = "look", False
         self.pending: EditList | None = None
         self.clicks: tuple[tuple[float, ...], ...] = ()
@@ -334,7 +337,7 @@ class EditView(OrbitView):
         return []
 
     def _trained_count(self) -> int:
-        return len(self.workspace.take.trained_files()[0]) if self.workspace.take is not None else 0
+        return self._trained.get(self.workspace.take) if self.workspace.take is not None else 0
 
     def poll(self, size: Size) -> np.ndarray | None:
         """See `StageView`."""

@@ -16,9 +16,12 @@ from gui.presenters.playback.compare import label
 from gui.presenters.playback.frame_renderer import RenderRequest, ground_truth
 from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.remembered import Remembered
 from gui.presenters.run.run_state import Curve
+from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import Size, StageView
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 CURVES = (
@@ -37,12 +40,16 @@ class TrainView(StageView):
 
     modes = ("progress", "gaussians")
 
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self._count: Remembered[Take, int] = Remembered(lambda take: len(take.trained_files()[0]))
+
     def state(self) -> Hashable:
         """The run's metrics and previews, and the trained frames."""
         run, take = self.workspace.run, self.workspace.take
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
-        frames = len(take.trained_files()[0]) if take is not None else 0
+        frames = self._count.get(take) if take is not None else 0
         lanes = tuple(run.lanes.get("train", {}).values())
         return (take, frames, preview, points, run.stage, run.outcome, lanes, self.em)
 

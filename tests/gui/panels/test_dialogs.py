@@ -102,8 +102,6 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     state = window.wait_for("the take", lambda s: s["frames"] > 1 and s["dialog"] == "" and s["opening"] == "")
     assert state["title"].startswith("take ")
 
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"])
     window.key("Home")
     window.wait_for("the first frame", lambda s: s["shown"] == 0)
     window.key("m")

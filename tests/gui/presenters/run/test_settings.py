@@ -147,8 +147,6 @@ def opened(open_window: Callable, take: Path, stage: str) -> Any:
     """A window on the take, paused, with a finished stage selected."""
     window = open_window(str(take))
     window.wait_for("a take", lambda s: s["stages"][stage][0] == "done")
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"])
     window.stage(stage)
     return window
 
