@@ -8,8 +8,8 @@ import io
 from pathlib import Path
 
 from pipelines.ablation.results import AblationResults
-from pipelines.reports.terminal import counted
 from pipelines.takes.atomic_files import write_bytes, write_text
+from studio.counts import counted
 
 
 def table_rows(results: AblationResults, qp: int) -> list[list[str]]:

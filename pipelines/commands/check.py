@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pipelines.reports.terminal import counted
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.progress import ProgressFn
 

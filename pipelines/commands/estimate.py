@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.reports.terminal import counted
+from studio.counts import counted
 from studio.environment import keep_freed_memory
 from studio.errors import StudioError
 from studio.memory import require_memory

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.reports.terminal import counted
+from studio.counts import counted
 from studio.errors import StudioError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.reports.terminal import counted
+from studio.counts import counted
 from studio.errors import StudioError
 
 

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from pipelines.commands.share import add_page_options, page_text
-from pipelines.reports.terminal import counted
+from studio.counts import counted
 
 
 def register(commands: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from studio.counts import plural
 from studio.json_types import JsonData
 
 
@@ -115,7 +116,7 @@ def _span(values: object) -> str:
 
 
 def _count(value: object, noun: str) -> str:
-    return f"{_plain(value)} {noun}{'' if value == 1 else 's'}"
+    return f"{_plain(value)} {plural(noun, value if isinstance(value, int | float) else 2)}"
 
 
 def _plain(value: object) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pipelines.reports.terminal import console, counted
+from pipelines.reports.terminal import console
 from pipelines.takes.evaluation import Quality, read_evaluation
 from pipelines.takes.take import Take
+from studio.counts import counted
 
 if TYPE_CHECKING:
     from rich.table import Table

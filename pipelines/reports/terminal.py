@@ -17,11 +17,6 @@ def console() -> Console:
     return Console(highlight=False, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
 
 
-def counted(count: float, noun: str) -> str:
-    """A count with its noun: "1 frame", "1,200 frames"."""
-    return f"{count:,} {noun}{'s' * (count != 1)}"
-
-
 def duration(seconds: float) -> str:
     """Seconds as "12 s", "3 min 05 s" or "2 h 07 min"."""
     if seconds < 60:

@@ -18,7 +18,8 @@ from pipelines.events import (
     Warned,
 )
 from pipelines.reports.summary_words import summary_words
-from pipelines.reports.terminal import console, counted, duration
+from pipelines.reports.terminal import console, duration
+from studio.counts import counted
 from studio.standard_output import NativeLines, discard
 
 

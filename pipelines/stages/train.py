@@ -9,7 +9,6 @@ from pathlib import Path
 
 from pipelines.config.renamed import first_name, first_names
 from pipelines.events.cancellation import Cancellation
-from pipelines.reports.terminal import counted
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.camera_colors import camera_colors_key, ensure_camera_colors
 from pipelines.stages.footage_check import footage_check
@@ -24,6 +23,7 @@ from pipelines.takes.frame_files import read_about
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import InitialPointsReport, TrainedGroup
+from studio.counts import counted
 from studio.errors import Message, StudioError
 
 

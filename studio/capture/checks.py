@@ -11,6 +11,7 @@ from studio.capture.color_drift import ColorDrift
 from studio.capture.footage import Footage
 from studio.capture.frame_numbers import number_ranges
 from studio.capture.mattes.matte_source import FullMatteSource, MissingMatteSource
+from studio.counts import plural
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
@@ -121,4 +122,4 @@ def check_footage(
 
 
 def _frames(numbers: list[int]) -> str:
-    return f"frame{'s' if len(numbers) > 1 else ''} {number_ranges(numbers)}"
+    return f"{plural('frame', len(numbers))} {number_ranges(numbers)}"

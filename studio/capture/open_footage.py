@@ -20,6 +20,7 @@ from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
+from studio.counts import counted, plural
 from studio.errors import Message, StudioError, shown
 from studio.memory import memory_limit
 from studio.storage import is_address, mirrored
@@ -216,11 +217,11 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
                 )
             )
         else:
-            plural = "s" if len(missing) > 1 else ""
+            frames_lacking = f"{plural('frame', len(missing))} {number_ranges(missing)}"
             problems.append(
                 Message(
                     "footage.frames_missing",
-                    f"Camera '{camera}' lacks frame{plural} {number_ranges(missing)}, which other cameras have",
+                    f"Camera '{camera}' lacks {frames_lacking}, which other cameras have",
                     fix="Add the missing files, or exclude the camera or the frames.",
                     fields={"camera": camera, "frames": tuple(missing)},
                 )
@@ -262,7 +263,7 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
     span = "no common frames"
     if frames:
         span = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames ({frames[0]} to {frames[-1]})"
-    return f"Footage '{pattern}' in {shown(str(spec.root))}: {len(sources)} cameras, {span}, {size}."
+    return f"Footage '{pattern}' in {shown(str(spec.root))}: {counted(len(sources), 'camera')}, {span}, {size}."
 
 
 def _stem(name: str) -> str:

@@ -14,6 +14,7 @@ from studio.capture.footage import Footage
 from studio.capture.media import open_media
 from studio.capture.patterns import VIDEO_EXTENSIONS
 from studio.capture.timecode import Timecode, read_timecode, timecode_offsets
+from studio.counts import counted
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
@@ -54,7 +55,7 @@ class SyncReport:
         camera in `unsure`."""
         found = []
         for name, offset in self.whole.items():
-            frames = f"{abs(offset)} frame{'s' if abs(offset) > 1 else ''}"
+            frames = counted(abs(offset), "frame")
             what = f"is {frames} {'late' if offset > 0 else 'early'}"
             if self.method == "timecode":  # what comes late in a file was filmed by a camera that started early
                 what = f"started {frames} {'earlier' if offset > 0 else 'later'} than the others"

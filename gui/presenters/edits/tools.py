@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipelines.reports.terminal import counted
+from studio.counts import counted
 from studio.edits.edit_list import Floaters
 
 Choice = tuple[str, str, str]

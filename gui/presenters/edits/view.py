@@ -35,10 +35,10 @@ from gui.presenters.remembered import Remembered
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.scene.compose import SplatLayer
 from gui.presenters.stages.stage_view import OrbitView, Size
-from pipelines.reports.terminal import counted
 from pipelines.takes.edit_words import describe
 from pipelines.takes.take import Take
 from studio.cameras import Camera
+from studio.counts import counted
 from studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
 
 

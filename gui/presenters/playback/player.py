@@ -26,8 +26,8 @@ from gui.presenters.scene.places import frusta_places
 from gui.presenters.scene.render import Place, SceneRenderer, no_mesh
 from gui.presenters.scene.rest import Rest
 from gui.presenters.worker import Done, LatestWorker
-from pipelines.reports.terminal import counted
 from pipelines.takes.videos import FALLBACK_FPS
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.playback import Output, SoundDevice

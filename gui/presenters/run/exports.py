@@ -15,8 +15,8 @@ from gui.presenters.run.jobs import ChildProcess, v3studio_command
 from gui.presenters.run.shares import ShareRequest, megabytes
 from gui.presenters.run.target import NamedTarget
 from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.reports.terminal import counted
 from pipelines.takes.atomic_files import remove
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.export import Key
 

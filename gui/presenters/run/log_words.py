@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 
 from pipelines.events import Metrics
 from pipelines.reports.summary_words import size_words, summary_words
-from pipelines.reports.terminal import counted, duration
+from pipelines.reports.terminal import duration
+from studio.counts import counted
 from studio.json_types import JsonData
 
 Figures = dict[str, JsonData]

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from gui.presenters.run.target import NamedTarget
-from pipelines.reports.terminal import counted
 from pipelines.runs.staleness import StageStatus
 from pipelines.share import MAX_SINGLE_FILE_BYTES, ShareSize
+from studio.counts import counted
 
 FORMS: dict[str, tuple[str, str]] = {
     "folder": ("Folder for a web server", "-share"),

@@ -13,10 +13,10 @@ import numpy as np
 from gui.presenters.edits.handles import up_of
 from gui.presenters.scene import contents as scene
 from gui.presenters.scene.contents import Lines, SceneCamera, SceneContents, SceneWanted, Surface
-from pipelines.reports.terminal import counted
 from pipelines.takes.edits import read_edits
 from pipelines.takes.point_files import read_points
 from studio.cameras import Camera, Rig
+from studio.counts import counted
 from studio.edits.edit_list import EditList
 from studio.errors import StudioError
 

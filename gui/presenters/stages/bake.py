@@ -14,7 +14,7 @@ from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.qp_chart import QpChart
 from gui.presenters.stages.qp_trial import QpTrial
 from gui.presenters.stages.stage_view import Size, StageView
-from pipelines.reports.terminal import counted
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import Manifest, StreamReader

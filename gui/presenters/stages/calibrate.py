@@ -17,12 +17,12 @@ from gui.presenters.run.inspector import Block
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.rig_coverage import RigCoverage
 from gui.presenters.stages.stage_view import OrbitView, Size, rectangle
-from pipelines.reports.terminal import counted
 from pipelines.takes.calibration import CamerasReport, read_cameras_report
 from pipelines.takes.point_files import read_points, read_surface
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, CameraReport
 from studio.cameras import Camera, Rig
+from studio.counts import counted
 from studio.errors import StudioError
 
 BANDS: dict[str, tuple[str, RGB]] = {

@@ -15,12 +15,12 @@ from gui.presenters.drawing.palette import DIM, GROUND
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import OrbitView, Size
-from pipelines.reports.terminal import counted
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import InitialPointsReport
 from pipelines.takes.take import Take
 from studio.cameras import Camera
+from studio.counts import counted
 from studio.errors import StudioError
 
 

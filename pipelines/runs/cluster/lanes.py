@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pipelines.events import Emit, GroupState, Metrics, Progress
-from pipelines.reports.terminal import counted
 from pipelines.takes.groups import Group
+from studio.counts import counted
 
 
 class Lanes:

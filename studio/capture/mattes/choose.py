@@ -29,6 +29,7 @@ from studio.capture.mattes.onnx_model import OnnxModel
 from studio.capture.mattes.plain_background import PlainMatteSource, plain_color, spread
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings, OnnxSettings
+from studio.counts import plural
 from studio.errors import StudioError
 from studio.storage import whole_files
 
@@ -295,7 +296,7 @@ def _file_matte_source(
         if missing:
             raise StudioError(
                 "matte.missing",
-                f"Camera '{name}' has no {what} for frame{'s' if len(missing) > 1 else ''} {number_ranges(missing)}",
+                f"Camera '{name}' has no {what} for {plural('frame', len(missing))} {number_ranges(missing)}",
                 fix="Add the missing files, or exclude the camera or the frames.",
                 camera=name,
                 frames=tuple(missing),
