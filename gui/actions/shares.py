@@ -37,7 +37,7 @@ class ShareActions:
         opened = window.player.opened
         assert opened is not None
         assert isinstance(opened.path, Path)
-        request = self._request = ShareRequest(form, str(opened.path), opened.title, opened.path.parent, self._stale)
+        request = self._request = ShareRequest(form, str(opened.path), opened.title, opened.path.parent, self.stale)
         request.begin_with(window.preferences.last_share(form, request.source))
         ask_share(window.dialogs, request, words, self._share)
 
@@ -59,7 +59,7 @@ class ShareActions:
         if size is None:
             return
         assert opened is not None
-        ask_serve(window.dialogs, size_words(size, "serve"), self._stale, partial(self._start, str(opened.path)))
+        ask_serve(window.dialogs, size_words(size, "serve"), self.stale, partial(self._start, str(opened.path)))
 
     def _start(self, source: str, https: bool) -> None:
         try:
@@ -90,16 +90,17 @@ class ShareActions:
 
     def _tell_stale(self) -> bool:
         """Tell in the open dialog what has been found out meanwhile; returns whether it has changed."""
-        words = self._stale
+        words = self.stale
         if self._request is not None:
             self._request.stale = words
         return show_stale(self._window.dialogs, words)
 
     @property
-    def _stale(self) -> str:
+    def stale(self) -> str | None:
+        """See `stale_words`; None for a stream without a take."""
         workspace = self._window.workspace
         if workspace.take is None:
-            return ""
+            return None
         bake = workspace.assessment.stages.get("bake")
         return stale_words(bake, workspace.checked, workspace.unreadable)
 

@@ -96,7 +96,7 @@ def ask_share(
         row,
         dialogs.label(size, dim=False),
         dialogs.label(PHONES[request.form]),
-        *_stale(dialogs, request.stale),
+        *stale_parts(dialogs, request.stale),
     ]
     if error:
         parts.append(refusal(dialogs, error))
@@ -108,19 +108,20 @@ def ask_share(
     dialogs.focus(first)
 
 
-def _stale(dialogs: Dialogs, words: str) -> list[gui.Label]:
-    """A warning that the stream is out of date, or not known to be; none if `words` are empty."""
-    if not words:
+def stale_parts(dialogs: Dialogs, words: str | None) -> list[gui.Label]:
+    """Whether the stream is up to date, with room for what may be found out later; none without a take."""
+    if words is None:
         return []
     dialogs.widgets["stale"] = label = gui.Label("")
     show_stale(dialogs, words)
     return [label]
 
 
-def show_stale(dialogs: Dialogs, words: str) -> bool:
-    """Change the warning of the open dialog, if it has one; returns whether it has changed."""
+def show_stale(dialogs: Dialogs, words: str | None) -> bool:
+    """Change what the open dialog says of it, if it does; returns whether it has changed. `words` as of
+    `stale_parts`."""
     label = dialogs.widgets.get("stale")
-    if not isinstance(label, gui.Label):
+    if words is None or not isinstance(label, gui.Label):
         return False
     lines = broken(words or "The stream is up to date.").splitlines()[:STALE_LINES]
     text = "\n".join(filled(lines, STALE_LINES))
@@ -129,13 +130,13 @@ def show_stale(dialogs: Dialogs, words: str) -> bool:
     return changed
 
 
-def ask_serve(dialogs: Dialogs, size: str, stale: str, start: Callable[[bool], None]) -> None:
+def ask_serve(dialogs: Dialogs, size: str, stale: str | None, start: Callable[[bool], None]) -> None:
     """Whether to encrypt.
 
     Args:
         dialogs: where it is shown.
         size: what a phone will fetch, a sentence.
-        stale: why the stream is not up to date, or not known to be; "" if it is.
+        stale: why the stream is not up to date, or not known to be; "" if it is, None if it is of no take.
         start: called by "Serve" with the choice, after the dialog has closed.
     """
     dialogs.widgets = {}
@@ -150,7 +151,7 @@ def ask_serve(dialogs: Dialogs, size: str, stale: str, start: Callable[[bool], N
     parts: list[gui.Widget] = [
         dialogs.label(size, dim=False),
         dialogs.label(PHONES_SERVE),
-        *_stale(dialogs, stale),
+        *stale_parts(dialogs, stale),
         https,
     ]
     answers: list[Answer] = [("save", "Serve", go), ("close", "Cancel", dialogs.close)]

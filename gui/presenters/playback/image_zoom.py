@@ -11,6 +11,15 @@ from studio.cameras import Camera
 
 MOST_ZOOM = 40.0
 
+BODY_MARGIN = 0.125
+"""Room on each side of the body, as a part of its size. The body is what 99 % of the points span in each direction."""
+
+THIN_MARGIN = 0.04
+"""Room on each side of the outermost points, as a part of what they span: a splat is wider than its mean."""
+
+FARTHEST = 0.5
+"""Points farther than this from the body, as a part of its size, are ignored: they float."""
+
 
 @dataclass(frozen=True)
 class ImageZoom:
@@ -82,7 +91,7 @@ class ImageZoom:
 
     @classmethod
     def around(cls, points: np.ndarray, camera: Camera, width: int, height: int) -> ImageZoom:
-        """The part that contains almost all of the points.
+        """The part that contains the points, with a margin; those far from almost all others are ignored.
 
         Args:
             points: (N, 3) world coordinates.
@@ -93,8 +102,14 @@ class ImageZoom:
         if len(pixels) == 0:
             return cls()
         low, high = np.percentile(pixels, [0.5, 99.5], axis=0)
-        size = np.maximum(high - low, 1.0) * 1.25
-        middle = (low + high) / 2
+        size = np.maximum(high - low, 1.0)
+        near = (np.abs(pixels - (low + high) / 2) <= (0.5 + FARTHEST) * size).all(axis=1)
+        # What is thin, such as the handle of an axe, has few points and must not be cut.
+        outer = pixels[near] if near.any() else np.stack([low, high])
+        thin = np.maximum(np.ptp(outer, axis=0), 1.0) * THIN_MARGIN
+        low = np.minimum(low - BODY_MARGIN * size, outer.min(axis=0) - thin)
+        high = np.maximum(high + BODY_MARGIN * size, outer.max(axis=0) + thin)
+        size, middle = high - low, (low + high) / 2
         fit = min(width / camera.width, height / camera.height)
         zoom = float(np.clip(min(width / size[0], height / size[1]) / fit, 1.0, MOST_ZOOM))
         if zoom == 1.0:

@@ -98,6 +98,21 @@ def test_the_performer_fills_the_picture() -> None:
     assert np.ptp(pixels[:, 1]) > 120
 
 
+def test_what_is_thin_is_not_cut_and_what_floats_is_ignored() -> None:
+    generator = np.random.default_rng(0)
+    body = generator.uniform([-0.1, -0.2, -0.1], [0.1, 0.2, 0.1], (4000, 3))
+    handle = np.linspace([0.1, 0.0, 0.0], [0.17, 0.0, 0.0], 12)  # 0.3 % of the points, beyond the body's margin
+    plain, held, floats = (
+        ImageZoom.around(np.concatenate(parts), camera(), 100, 200)
+        for parts in ((body,), (body, handle), (body, handle, [[1.5, 0.0, 0.0]]))
+    )
+    tip = np.array([[0.17, 0.0, 0.0]])
+    ends = [float(zoom.camera(camera(), 100, 200).project(tip)[0][0, 0]) for zoom in (plain, held, floats)]
+    assert ends[0] > 100, "it would be cut"
+    assert ends[1] < 98
+    assert floats.zoom == pytest.approx(held.zoom, rel=0.01), "one splat in 4,000 does not zoom out"
+
+
 def test_views_from_where_nothing_was_filmed_are_faded():
     covered = view_range([camera_at("cam0", (3.0, 0.0, 0.0))], (0, 0, 0))
     picture = np.full((60, 200, 3), 200, np.uint8)

@@ -15,6 +15,7 @@ import pytest
 from open3d.visualization import gui
 
 from gui.actions.shares import ShareActions
+from gui.panels.share_dialogs import stale_parts
 from gui.presenters.preferences import SHARES, Preferences
 from gui.presenters.run.exports import Exports
 from gui.presenters.run.serving import Serving
@@ -209,3 +210,18 @@ def test_the_dialog_tells_what_is_found_while_it_is_open() -> None:
     found.take = None
     dialogs.widgets = {}
     assert not actions.poll()
+
+
+def test_a_dialog_opened_while_all_is_up_to_date_tells_a_later_change() -> None:
+    done, stale = (Assessment({"bake": StageStatus("bake", *how)}) for how in (("done",), ("stale", "bake.qp changed")))
+    found = SimpleNamespace(take=object(), assessment=done, checked=True, unreadable=False)
+    dialogs: Any = SimpleNamespace(widgets={})
+    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving())
+    actions = ShareActions(window)
+    (label,) = stale_parts(dialogs, actions.stale)
+    assert "The stream is up to date." in label.text
+    found.assessment = stale
+    assert actions.poll()
+    assert "out of date: bake.qp changed." in label.text
+    found.take = None
+    assert not stale_parts(dialogs, actions.stale), "a stream of no take is never out of date"
