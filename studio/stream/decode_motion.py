@@ -9,6 +9,7 @@ import torch
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.rasterizer.kernels import kernels_for
 from studio.rotations import mrp_to_quats, quat_multiply
 from studio.stream.decoder import DecodedFrame, GroupDecoder
 from studio.stream.luma_check import check_luma
@@ -49,9 +50,60 @@ class GroupTables:
         self.pixels = rows * width + columns
         self.first = first
         escapes = side.escapes
-        order = np.argsort(escapes.frame, kind="stable")
+        order = np.lexsort((escapes.splat, escapes.channel, escapes.frame))
         self._escapes = (escapes.channel[order], escapes.splat[order], escapes.code[order].astype(np.float32))
         self._starts = np.searchsorted(escapes.frame[order], np.arange(group.frame_count + 1))
+        self._steps = np.array([entry.step for entry in group.channels], dtype=np.float32)
+        self._offsets = np.array([entry.offset - 128 * entry.step for entry in group.channels], dtype=np.float32)
+        self._indices = {  # as the kernel takes them
+            "pixels": self.pixels.astype(np.int32),
+            "first": np.array(first, dtype=np.int64),
+            "labels": side.labels.astype(np.int32),
+        }
+
+    def gaussians(self, index: int, picture: np.ndarray, threads: int = 1) -> Gaussians:
+        """Splats of frame `index` of the group, in one pass of the C++ kernel; by `gaussians_numpy` if there is none.
+
+        The results differ by rounding only. More than one thread pays off where nothing else decodes.
+        """
+        group, count = self.group, self.group.splats
+        kernels = kernels_for(torch.empty(0))
+        if kernels is None:
+            return self.gaussians_numpy(index, picture)
+        shapes = ([count, 3], [count, 4], [count, 3], [count], [count, (len(group.channels) - 10) // 3, 3])
+        means, quats, log_scales, logits, sh = map(kernels.empty_float, shapes)
+        turned = self.state.rotations(index)
+        turned = turned if turned is None else np.ascontiguousarray(turned)
+        begin, end = self._starts[index : index + 2]
+        channel, splat, code = (part[begin:end] for part in self._escapes)
+        kernels.dequantize(
+            picture=np.ascontiguousarray(picture), **self._indices, steps=self._steps, offsets=self._offsets,
+            escape_starts=np.searchsorted(channel, np.arange(len(group.channels) + 1)).astype(np.int64),
+            escape_splats=splat.astype(np.int32), escape_codes=code, gains=self.gains, keyframe=self.state.keyframe,
+            local=self.state.blocks.local, maps=self.state.maps(index), turned=turned,
+            means=means, quats=quats, log_scales=log_scales, logits=logits, sh=sh, threads=threads,
+        )  # fmt: skip
+        return Gaussians(means, quats, log_scales, logits, sh, dilation=group.dilation)
+
+    def gaussians_numpy(self, index: int, picture: np.ndarray) -> Gaussians:
+        """`gaussians` in plain NumPy. This is the definition."""
+        values = self.values(index, picture)
+        means = self.state.positions(index) + (values[:3] * self.gains).T
+        quats = mrp_to_quats(values[3:6].T)
+        turned = self.state.rotations(index)
+        if turned is not None:
+            quats = quat_multiply(turned[self.state.labels], quats)
+        opacities = np.clip(values[9], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+        luma, orange, green = values[10::3].T, values[11::3].T, values[12::3].T  # (N, K) each
+        sh = np.stack(from_ycocg(luma, orange, green), axis=-1)
+        return Gaussians(
+            means=torch.from_numpy(means),
+            quats=torch.from_numpy(quats),
+            log_scales=torch.from_numpy(np.ascontiguousarray(values[6:9].T)),
+            logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
+            sh=torch.from_numpy(sh),
+            dilation=self.group.dilation,
+        )
 
     def values(self, index: int, picture: np.ndarray) -> np.ndarray:
         """(C, N) float32 values of the channels in frame `index` of the group, classes not yet applied."""
@@ -64,9 +116,9 @@ class GroupTables:
         if end > begin:
             channel, splat, code = (part[begin:end] for part in self._escapes)
             values[channel, splat] = code
-        for row, entry in zip(values, group.channels, strict=True):
-            row *= np.float32(entry.step)
-            row += np.float32(entry.offset - 128 * entry.step)
+        for row, step, offset in zip(values, self._steps, self._offsets, strict=True):
+            row *= step
+            row += offset
         return values
 
 
@@ -78,24 +130,7 @@ class MotionFrame(DecodedFrame):
 
     def gaussians(self) -> Gaussians:
         """See `DecodedFrame.gaussians`."""
-        tables, index = self._tables, self._index
-        values = tables.values(index, self._picture)
-        means = tables.state.positions(index) + (values[:3] * tables.gains).T
-        quats = mrp_to_quats(values[3:6].T)
-        turned = tables.state.rotations(index)
-        if turned is not None:
-            quats = quat_multiply(turned[tables.state.labels], quats)
-        opacities = np.clip(values[9], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
-        luma, orange, green = values[10::3].T, values[11::3].T, values[12::3].T  # (N, K) each
-        sh = np.stack(from_ycocg(luma, orange, green), axis=-1)
-        return Gaussians(
-            means=torch.from_numpy(means),
-            quats=torch.from_numpy(quats),
-            log_scales=torch.from_numpy(np.ascontiguousarray(values[6:9].T)),
-            logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
-            sh=torch.from_numpy(sh),
-            dilation=tables.group.dilation,
-        )
+        return self._tables.gaussians(self._index, self._picture)
 
 
 class MotionDecoder(GroupDecoder):

@@ -165,11 +165,15 @@ class MotionState:
 
     def positions(self, index: int) -> np.ndarray:
         """(N, 3) means of the keyframe, moved by the affine motion of the blocks to frame `index` of the group."""
+        maps = self.maps(index)
+        return self.keyframe if maps is None else np.asarray(self.keyframe + self.blocks.displace(maps))
+
+    def maps(self, index: int) -> np.ndarray | None:
+        """(B, 4, 3) affine motion of the blocks since the keyframe; None for the keyframe itself."""
         if index == 0:
-            return self.keyframe
+            return None
         maps = (self._side.affine[index - 1].T * self._table.step).reshape(-1, 4, 3)
-        result: np.ndarray = self.keyframe + self.blocks.displace(maps.astype(self.keyframe.dtype))
-        return result
+        return np.ascontiguousarray(maps.astype(self.keyframe.dtype))
 
     def rotations(self, index: int) -> np.ndarray | None:
         """(B, 4) mean rotations since the keyframe; None if no block rotates."""

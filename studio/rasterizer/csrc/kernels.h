@@ -156,6 +156,22 @@ struct DropoutJob {
     T *out, *derivative;  // (N,)
 };
 
+struct DequantizeJob {
+    std::int64_t count;
+    int coefficients;                                 // of SH, K; there are C = 10 + 3 K channels
+    const std::uint8_t* picture;
+    const std::int32_t* pixels;                       // (N,) of each splat, relative to the first one of a channel
+    const std::int64_t* first;                        // (C,)
+    const float *steps, *offsets;                     // (C,)
+    const std::int64_t* escape_starts;                // (C + 1,) first escape of each channel
+    const std::int32_t* escape_splats;                // (E,) ascending within a channel
+    const float* escape_codes;                        // (E,) instead of the pixels
+    const float *gains, *keyframe, *local;            // (N,), (N, 3), (N, 4)
+    const std::int32_t* labels;                       // (N,) rows of `maps` and `turned`
+    const float *maps, *turned;                       // (B, 4, 3), (B, 4) quaternions; may be null: nothing moves
+    float *means, *quats, *log_scales, *logits, *sh;  // results
+};
+
 template <typename T>
 struct TrainingKernels {
     void (*field_forward)(const FieldJob<T>&, Buffer<T>& activations, T* out, int threads);
@@ -174,6 +190,7 @@ struct Kernels {
     void (*backward_float)(const Splats<float>&, const Gradients<float>&, const Frame<float>&, int threads);
     void (*backward_double)(const Splats<double>&, const Gradients<double>&, const Frame<double>&, int threads);
     void (*loss)(LossJob&, int threads);
+    void (*dequantize)(const DequantizeJob&, int threads);
     TrainingKernels<float> training_float;
     TrainingKernels<double> training_double;
 };

@@ -1,0 +1,98 @@
+// Splats of a frame of the stream's profile `motion`. The definition is studio/stream/decode_motion.py.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+
+#include "isa_namespace.h"
+#include "kernels.h"
+#include "parallel_for.h"
+#include "simd.h"
+
+namespace vs::VS_ISA {
+
+constexpr int DEQUANTIZE_BLOCK = 256;  // splats whose channels fit into the cache; a multiple of LANES
+constexpr int DEQUANTIZE_CHANNELS = 10;  // means, rotations, log scales, opacity; then 3 for each SH coefficient
+constexpr float OPACITY_MARGIN = 1e-6f;  // as in decode_motion.py
+
+// Values of one channel of the block's splats.
+static void dequantize_channel(const DequantizeJob& job, int channel, std::int64_t begin, int n, float* out) {
+    const std::uint8_t* picture = job.picture + job.first[channel];
+    const std::int32_t* pixels = job.pixels + begin;
+    for (int i = 0; i < n; i++) out[i] = float(picture[pixels[i]]);
+    // escapes are sorted by channel, then by splat
+    const std::int64_t low = job.escape_starts[channel], high = job.escape_starts[channel + 1];
+    const std::int32_t* splats = job.escape_splats;
+    for (std::int64_t e = std::lower_bound(splats + low, splats + high, std::int32_t(begin)) - splats; e < high; e++) {
+        if (splats[e] >= begin + n) break;
+        out[splats[e] - begin] = job.escape_codes[e];
+    }
+    const float step = job.steps[channel], offset = job.offsets[channel];
+    for (int i = 0; i < n; i++) out[i] = out[i] * step + offset;
+}
+
+static void dequantize(const DequantizeJob& job, int threads) {
+    auto block = [&](int task) {
+        const std::int64_t begin = std::int64_t(task) * DEQUANTIZE_BLOCK;
+        const int n = int(std::min<std::int64_t>(DEQUANTIZE_BLOCK, job.count - begin));
+        alignas(64) float value[4][DEQUANTIZE_BLOCK] = {};
+        for (int k = 0; k < 3; k++) dequantize_channel(job, k, begin, n, value[k]);
+        for (int i = 0; i < n; i++) {
+            const std::int64_t splat = begin + i;
+            const float* keyframe = job.keyframe + 3 * splat;
+            float moved[3] = {keyframe[0], keyframe[1], keyframe[2]};
+            if (job.maps) {
+                const float* map = job.maps + 12 * std::int64_t(job.labels[splat]);
+                const float* local = job.local + 4 * splat;
+                for (int k = 0; k < 3; k++)
+                    moved[k] += map[9 + k] + local[0] * map[k] + local[1] * map[3 + k] + local[2] * map[6 + k];
+            }
+            for (int k = 0; k < 3; k++) job.means[3 * splat + k] = moved[k] + value[k][i] * job.gains[splat];
+        }
+
+        for (int k = 0; k < 3; k++) dequantize_channel(job, 3 + k, begin, n, value[k]);
+        for (int i = 0; i < n; i++) {
+            const std::int64_t splat = begin + i;
+            const float x = value[0][i], y = value[1][i], z = value[2][i];
+            const float square = x * x + y * y + z * z, scale = 1 / (1 + square);
+            const float b[4] = {(1 - square) * scale, 2 * x * scale, 2 * y * scale, 2 * z * scale};
+            float* quat = job.quats + 4 * splat;
+            if (job.turned) {
+                const float* a = job.turned + 4 * std::int64_t(job.labels[splat]);
+                quat[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
+                quat[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
+                quat[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
+                quat[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
+            } else {
+                for (int k = 0; k < 4; k++) quat[k] = b[k];
+            }
+        }
+
+        for (int k = 0; k < 3; k++) {
+            dequantize_channel(job, 6 + k, begin, n, value[k]);
+            for (int i = 0; i < n; i++) job.log_scales[3 * (begin + i) + k] = value[k][i];
+        }
+
+        dequantize_channel(job, 9, begin, n, value[0]);
+        const VFloat low = broadcast<float>(OPACITY_MARGIN), high = broadcast<float>(1 - OPACITY_MARGIN);
+        for (int i = 0; i < n; i += LANES) {
+            const VFloat opacity = vmin<float>(vmax<float>(load<float>(value[0] + i), low), high);
+            store<float>(value[0] + i, 0.69314718f * (vlog2(opacity) - vlog2(1.0f - opacity)));
+        }
+        for (int i = 0; i < n; i++) job.logits[begin + i] = value[0][i];
+
+        for (int c = 0; c < job.coefficients; c++) {
+            for (int k = 0; k < 3; k++)
+                dequantize_channel(job, DEQUANTIZE_CHANNELS + 3 * c + k, begin, n, value[k]);  // luma, orange, green
+            for (int i = 0; i < n; i++) {
+                float* sh = job.sh + 3 * ((begin + i) * job.coefficients + c);
+                sh[0] = value[0][i] + value[1][i] - value[2][i];
+                sh[1] = value[0][i] + value[2][i];
+                sh[2] = value[0][i] - value[1][i] - value[2][i];
+            }
+        }
+    };
+    parallel_for(int((job.count + DEQUANTIZE_BLOCK - 1) / DEQUANTIZE_BLOCK), threads, block);
+}
+
+}  // namespace vs::VS_ISA

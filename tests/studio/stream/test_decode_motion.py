@@ -1,0 +1,120 @@
+"""Frames of the profile `motion` are the same by the C++ kernel as by their definition in NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from studio.gaussians import Gaussians
+from studio.rasterizer.cpu import load_kernels
+from studio.rasterizer.kernels import definitions_only
+from studio.stream import BakeSettings, StreamReader, bake_group, fetch_group, write_manifest
+from studio.stream.decode_motion import MotionFrame
+
+SPLATS = 1001  # not a multiple of the kernel's blocks
+
+
+def with_odd_colors(frames: list[Gaussians]) -> list[Gaussians]:
+    """Colors so far from the others that they become escapes, in the first and the last of the kernel's blocks."""
+    odd = [Gaussians(f.means, f.quats, f.log_scales, f.logit_opacities, f.sh.clamp(-0.8, 0.8)) for f in frames]
+    for frame in odd:
+        frame.sh[3, 0] = torch.tensor([60.0, 40.0, -50.0])
+        frame.sh[SPLATS - 2, 0] = torch.tensor([-30.0, 20.0, 70.0])
+        frame.logit_opacities[5:9] = torch.tensor([-40.0, 40.0, 12.0, -12.0])  # beyond the margin on either side
+    return odd
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+@pytest.mark.parametrize("instruction_set", load_kernels().instruction_sets())
+def test_kernel_and_definition_agree(
+    tmp_path: Path, turning_bodies: Callable, degree: int, instruction_set: str
+) -> None:
+    settings = BakeSettings(profile="motion", preset="veryfast", qp=20)
+    entry = bake_group(with_odd_colors(turning_bodies(4, SPLATS, degree)), tmp_path, 0, 0, settings)
+    write_manifest(tmp_path, [entry], 30, settings)
+    kernels = load_kernels()
+    used = kernels.instruction_set()
+    kernels.use_instruction_set(instruction_set)
+    try:
+        with StreamReader.open(tmp_path) as reader:
+            group = reader.manifest.groups[0]
+            decoder = reader.open_group(group, fetch_group(reader.source, group))
+            for index in range(4):
+                frame = decoder.read()
+                assert isinstance(frame, MotionFrame)
+                found = frame.gaussians()
+                with definitions_only():
+                    wanted = frame.gaussians()
+                tables = frame._tables
+                assert index == 0 or tables.state.rotations(index) is not None, "the test needs blocks that turn"
+                assert len(tables._escapes[0]) > 0, "the test needs escapes"
+                again = tables.gaussians(index, frame._picture, threads=3)
+                for (name, one), (_, other), (_, third) in zip(
+                    found.items(), wanted.items(), again.items(), strict=True
+                ):
+                    # at opacities near 1, one rounding of the opacity is 6% of what is left to 1
+                    tolerance = 0.07 if name == "logit_opacities" else 2e-6
+                    assert one.shape == other.shape
+                    assert torch.allclose(one, other, rtol=tolerance, atol=2e-6), (name, index)
+                    assert torch.equal(one, third), (name, index)
+    finally:
+        kernels.use_instruction_set(used)
+
+
+def arguments() -> dict[str, object]:
+    """A call on two splats with 13 channels."""
+    return {
+        "picture": np.zeros((13, 2), np.uint8),
+        "pixels": np.array([0, 1], np.int32),
+        "first": np.arange(0, 26, 2),
+        "steps": np.ones(13, np.float32),
+        "offsets": np.zeros(13, np.float32),
+        "escape_starts": np.zeros(14, np.int64),
+        "escape_splats": np.zeros(0, np.int32),
+        "escape_codes": np.zeros(0, np.float32),
+        "gains": np.ones(2, np.float32),
+        "keyframe": np.zeros((2, 3), np.float32),
+        "local": np.zeros((2, 4), np.float32),
+        "labels": np.zeros(2, np.int32),
+        "maps": np.zeros((1, 4, 3), np.float32),
+        "turned": None,
+        "means": torch.empty(2, 3),
+        "quats": torch.empty(2, 4),
+        "log_scales": torch.empty(2, 3),
+        "logits": torch.empty(2),
+        "sh": torch.empty(2, 1, 3),
+        "threads": 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("pixels", np.array([0, 2], np.int32), "outside the picture"),
+        ("pixels", np.array([0, -1], np.int32), "pixels has a negative value"),
+        ("first", np.arange(0, 24, 2), "10 \\+ 3 K channels"),
+        ("labels", np.array([0, 1], np.int32), "a label is outside the blocks"),
+        ("escape_starts", np.ones(14, np.int64), "escape_starts must ascend"),
+        ("means", torch.empty(1, 3), "means has 3 values, expected 6"),
+        ("sh", torch.empty(2, 4, 3), "sh has 24 values, expected 6"),
+    ],
+)
+def test_no_call_reads_or_writes_outside_of_its_arrays(name: str, value: object, said: str) -> None:
+    kernels = load_kernels()
+    kernels.dequantize(**arguments())
+    with pytest.raises(ValueError, match=said):
+        kernels.dequantize(**{**arguments(), name: value})
+
+
+def test_an_escape_of_a_splat_that_is_not_there_is_refused() -> None:
+    changed = {
+        "escape_starts": np.array([0] * 13 + [1]),
+        "escape_splats": np.array([2], np.int32),
+        "escape_codes": np.array([300], np.float32),
+    }
+    with pytest.raises(ValueError, match="an escape is outside the group"):
+        load_kernels().dequantize(**{**arguments(), **changed})
