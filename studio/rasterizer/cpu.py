@@ -18,14 +18,22 @@ from studio.gaussians import Gaussians
 from studio.rasterizer.types import Pinhole, Render
 
 
+KERNEL_INTERFACE = 2
+"""Number of the functions and arguments of the kernels that this code calls; as `interface` in `csrc/module.cpp`."""
+
+
 def load_kernels() -> Any:
     """The compiled module `studio.rasterizer._kernels`.
 
     Raises:
-        StudioError: `rasterizer.kernels_missing`: it was not built, or was built for another Python version.
+        StudioError: `rasterizer.kernels_missing`: it was not built, or was built for another Python version or from
+            older sources.
     """
     try:
-        return importlib.import_module("studio.rasterizer._kernels")
+        kernels = importlib.import_module("studio.rasterizer._kernels")
+        if getattr(kernels, "interface", 1) != KERNEL_INTERFACE:
+            raise ImportError(f"{kernels.__file__} was built from other sources")
+        return kernels
     except ImportError as error:
         raise StudioError(
             "rasterizer.kernels_missing",

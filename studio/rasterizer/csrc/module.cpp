@@ -453,6 +453,7 @@ void add(nb::module_& m, const char* frame_name) {
 NB_MODULE(_kernels, m) {
     // An autograd graph may still hold a frame when the interpreter exits; that is not worth a leak warning.
     nb::set_leak_warnings(false);
+    m.attr("interface") = 2;  // as KERNEL_INTERFACE in cpu.py: raise both when functions or their arguments change
     m.doc() = "C++ kernels of the CPU rasterizer and of training; use studio.rasterizer and studio.training instead.";
     vs::add<float>(m, "FrameFloat");
     vs::add<double>(m, "FrameDouble");

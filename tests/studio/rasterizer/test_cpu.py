@@ -337,3 +337,11 @@ def test_kernels_check_the_sizes_of_arrays() -> None:
         kernels.loss(image, torch.zeros(3, 5, 3), 4, 4, 0.2, None, 1)
     with pytest.raises(TypeError):
         kernels.loss(image.double(), image.double(), 4, 4, 0.2, None, 1)
+
+
+def test_kernels_of_other_sources_are_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studio.rasterizer.cpu.KERNEL_INTERFACE", 0)
+    with refuses("rasterizer.kernels_missing") as caught:
+        load_kernels()
+    assert "was built from other sources" in str(caught.value)
+    assert "pip install -e ." in str(caught.value)

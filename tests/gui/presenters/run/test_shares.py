@@ -90,6 +90,7 @@ def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
     wait_until("address", lambda: serving.poll() and bool(serving.address), 180.0)
     assert serving.words.endswith(serving.address)
     place = urllib.parse.urlsplit(serving.address)
+    assert place.port is not None
     der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", place.port)))
     assert serving.fingerprint.replace(":", "").lower() == hashlib.sha256(der).hexdigest()
     serving.stop()
