@@ -64,7 +64,7 @@ class GroupTables:
     def gaussians(self, index: int, picture: np.ndarray, threads: int = 1) -> Gaussians:
         """Splats of frame `index` of the group, in one pass of the C++ kernel; by `gaussians_numpy` if there is none.
 
-        The results differ by rounding only. More than one thread pays off where nothing else decodes.
+        Opacities differ by rounding; all else has the same bits. More than one thread helps where nothing else decodes.
         """
         group, count = self.group, self.group.splats
         kernels = kernels_for(torch.empty(0))

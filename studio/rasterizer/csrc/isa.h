@@ -3,7 +3,6 @@
 #pragma once
 
 #include "coded.h"
-#include "dequantize.h"
 #include "dropout.h"
 #include "field.h"
 #include "isa_namespace.h"
@@ -31,7 +30,6 @@ const Kernels VS_JOIN(kernels_, VS_ISA) = {
     VS_ISA::backward<float>,
     VS_ISA::backward<double>,
     VS_ISA::photometric_loss,
-    VS_ISA::dequantize,
     VS_TRAINING(float),
     VS_TRAINING(double),
 };

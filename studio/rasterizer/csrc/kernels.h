@@ -172,6 +172,8 @@ struct DequantizeJob {
     float *means, *quats, *log_scales, *logits, *sh;  // results
 };
 
+void dequantize(const DequantizeJob& job, int threads);  // the same on all processors, see dequantize.cpp
+
 template <typename T>
 struct TrainingKernels {
     void (*field_forward)(const FieldJob<T>&, Buffer<T>& activations, T* out, int threads);
@@ -190,7 +192,6 @@ struct Kernels {
     void (*backward_float)(const Splats<float>&, const Gradients<float>&, const Frame<float>&, int threads);
     void (*backward_double)(const Splats<double>&, const Gradients<double>&, const Frame<double>&, int threads);
     void (*loss)(LossJob&, int threads);
-    void (*dequantize)(const DequantizeJob&, int threads);
     TrainingKernels<float> training_float;
     TrainingKernels<double> training_double;
 };

@@ -357,7 +357,7 @@ std::int64_t largest(const In<std::int32_t>& indices, const char* name) {
     return high;
 }
 
-void dequantize(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64_t> first, In<float> steps,
+void dequantize_checked(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64_t> first, In<float> steps,
                 In<float> offsets, In<std::int64_t> escape_starts, In<std::int32_t> escape_splats,
                 In<float> escape_codes, In<float> gains, In<float> keyframe, In<float> local, In<std::int32_t> labels,
                 std::optional<In<float>> maps, std::optional<In<float>> turned, Out<float> means, Out<float> quats,
@@ -397,7 +397,7 @@ void dequantize(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64
                                maps ? maps->data() : nullptr, turned ? turned->data() : nullptr, means.data(),
                                quats.data(), log_scales.data(), logits.data(), sh.data()};
     nb::gil_scoped_release release;
-    kernels->dequantize(job, checked_threads(threads));
+    dequantize(job, checked_threads(threads));
 }
 
 template <typename T>
@@ -462,7 +462,7 @@ NB_MODULE(_kernels, m) {
     m.def("loss", &vs::loss, nb::arg("image").noconvert(), nb::arg("target").noconvert(), nb::arg("width"),
           nb::arg("height"), nb::arg("dssim_weight"), nb::arg("gradient").noconvert().none(), nb::arg("threads"),
           "Mean absolute difference and mean SSIM; writes the gradient of (1 - w) L1 + w (1 - SSIM).");
-    m.def("dequantize", &vs::dequantize, nb::arg("picture").noconvert(), nb::arg("pixels").noconvert(),
+    m.def("dequantize", &vs::dequantize_checked, nb::arg("picture").noconvert(), nb::arg("pixels").noconvert(),
           nb::arg("first").noconvert(), nb::arg("steps").noconvert(), nb::arg("offsets").noconvert(),
           nb::arg("escape_starts").noconvert(), nb::arg("escape_splats").noconvert(),
           nb::arg("escape_codes").noconvert(), nb::arg("gains").noconvert(), nb::arg("keyframe").noconvert(),

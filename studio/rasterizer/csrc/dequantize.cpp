@@ -1,10 +1,12 @@
 // Splats of a frame of the stream's profile `motion`. The definition is studio/stream/decode_motion.py.
-#pragma once
+//
+// Compiled once, without fused multiply-add: positions have the same bits as in Python and in the browser, whatever the
+// processor. So the order of the operations matters, too.
+#define VS_ISA exact
 
 #include <algorithm>
 #include <cstdint>
 
-#include "isa_namespace.h"
 #include "kernels.h"
 #include "parallel_for.h"
 #include "simd.h"
@@ -31,7 +33,7 @@ static void dequantize_channel(const DequantizeJob& job, int channel, std::int64
     for (int i = 0; i < n; i++) out[i] = out[i] * step + offset;
 }
 
-static void dequantize(const DequantizeJob& job, int threads) {
+static void dequantize_all(const DequantizeJob& job, int threads) {
     auto block = [&](int task) {
         const std::int64_t begin = std::int64_t(task) * DEQUANTIZE_BLOCK;
         const int n = int(std::min<std::int64_t>(DEQUANTIZE_BLOCK, job.count - begin));
@@ -45,7 +47,7 @@ static void dequantize(const DequantizeJob& job, int threads) {
                 const float* map = job.maps + 12 * std::int64_t(job.labels[splat]);
                 const float* local = job.local + 4 * splat;
                 for (int k = 0; k < 3; k++)
-                    moved[k] += map[9 + k] + local[0] * map[k] + local[1] * map[3 + k] + local[2] * map[6 + k];
+                    moved[k] += ((map[9 + k] + local[0] * map[k]) + local[1] * map[3 + k]) + local[2] * map[6 + k];
             }
             for (int k = 0; k < 3; k++) job.means[3 * splat + k] = moved[k] + value[k][i] * job.gains[splat];
         }
@@ -54,8 +56,8 @@ static void dequantize(const DequantizeJob& job, int threads) {
         for (int i = 0; i < n; i++) {
             const std::int64_t splat = begin + i;
             const float x = value[0][i], y = value[1][i], z = value[2][i];
-            const float square = x * x + y * y + z * z, scale = 1 / (1 + square);
-            const float b[4] = {(1 - square) * scale, 2 * x * scale, 2 * y * scale, 2 * z * scale};
+            const float square = (x * x + y * y) + z * z, whole = 1 + square;
+            const float b[4] = {(1 - square) / whole, 2 * x / whole, 2 * y / whole, 2 * z / whole};
             float* quat = job.quats + 4 * splat;
             if (job.turned) {
                 const float* a = job.turned + 4 * std::int64_t(job.labels[splat]);
@@ -96,3 +98,9 @@ static void dequantize(const DequantizeJob& job, int threads) {
 }
 
 }  // namespace vs::VS_ISA
+
+namespace vs {
+
+void dequantize(const DequantizeJob& job, int threads) { VS_ISA::dequantize_all(job, threads); }
+
+}  // namespace vs
