@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -100,13 +100,14 @@ class ObjectStore:
                 client.put_object(Bucket=BUCKET, Key=key, Body=path.read_bytes())
 
     def contents(self, prefix: str) -> dict[str, bytes]:
-        """Objects by their path below a folder of the bucket."""
+        """Objects by their path below a folder of the bucket, without those that are deleted meanwhile."""
         client = self.client
         found = {}
         for page in client.get_paginator("list_objects_v2").paginate(Bucket=BUCKET, Prefix=f"{prefix}/"):
             for about in page.get("Contents", ()):
-                body = client.get_object(Bucket=BUCKET, Key=about["Key"])["Body"].read()
-                found[about["Key"].removeprefix(f"{prefix}/")] = body
+                with suppress(client.exceptions.NoSuchKey):
+                    body = client.get_object(Bucket=BUCKET, Key=about["Key"])["Body"].read()
+                    found[about["Key"].removeprefix(f"{prefix}/")] = body
         return found
 
     def environment(self, cache: Path) -> dict[str, str]:

@@ -141,15 +141,21 @@ def _extract(path: Path, folder: Path, job: SfmJob) -> None:
     options.max_image_size = job.max_image_size
     options.sift.max_num_features = job.max_features
     names = [file_name(number, sync_frame) for number in range(len(job.names)) for sync_frame in range(job.sync_frames)]
-    with polled("features", len(names), lambda: count_rows(path, "SELECT COUNT(*) FROM keypoints")):
-        pycolmap.extract_features(
-            path,
-            folder / "images",
-            image_names=names,
-            reader_options=reader,
-            extraction_options=options,
-            device=pycolmap.Device.cpu,
-        )
+    count = "SELECT COUNT(*) FROM keypoints"
+    with polled("features", len(names), lambda: count_rows(path, count)):
+        # Once, on a busy machine, COLMAP left an image out without a word. A second call goes on with those that
+        # are missing; an image without any feature is not missing.
+        for _ in range(2):
+            pycolmap.extract_features(
+                path,
+                folder / "images",
+                image_names=names,
+                reader_options=reader,
+                extraction_options=options,
+                device=pycolmap.Device.cpu,
+            )
+            if count_rows(path, count) >= len(names):
+                break
 
 
 def _match(path: Path, folder: Path, job: SfmJob) -> None:
