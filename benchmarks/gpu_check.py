@@ -151,7 +151,8 @@ class Check:
         with tempfile.TemporaryDirectory() as folder:
             results = Path(folder) / "tests.xml"
             command = [sys.executable, "-m", "pytest", "-q", "-m", "gpu"]
-            command += [f"tests/studio/rasterizer/test_{name}.py" for name in ("cuda", "triton")]
+            tests = ("rasterizer/test_cuda", "rasterizer/test_triton", "training/test_triton_loss")
+            command += [f"tests/studio/{name}.py" for name in tests]
             command += [f"--junitxml={results}", "-p", "no:cacheprovider"]
             done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(TESTING))
             if not results.is_file():

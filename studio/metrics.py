@@ -73,14 +73,15 @@ def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
 
 
 @functools.cache
-def _taps() -> tuple[float, ...]:
+def ssim_taps() -> tuple[float, ...]:
+    """The `SSIM_WINDOW` weights of SSIM's Gaussian window in one direction, sum 1."""
     values = [math.exp(-((i - SSIM_WINDOW // 2) ** 2) / (2 * SSIM_SIGMA**2)) for i in range(SSIM_WINDOW)]
     return tuple(value / sum(values) for value in values)
 
 
 def gaussian_blur(planes: Tensor) -> Tensor:
     """Blur (C, H, W) planes with the window of SSIM, zero padding; same size."""
-    taps = planes.new_tensor(_taps())
+    taps = planes.new_tensor(ssim_taps())
     channels = planes.shape[0]
     row = taps.view(1, 1, 1, -1).expand(channels, 1, 1, -1)
     column = taps.view(1, 1, -1, 1).expand(channels, 1, -1, 1)

@@ -1,4 +1,5 @@
-"""The photometric loss of 3DGS, (1 - w) L1 + w (1 - SSIM): a fused C++ kernel for float32 on the CPU, else PyTorch."""
+"""The photometric loss of 3DGS, (1 - w) L1 + w (1 - SSIM): for float32, a fused C++ kernel on the CPU and fused Triton
+kernels on an NVIDIA GPU; else PyTorch."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from studio.errors import StudioError
 from studio.metrics import check_image_pair, ssim
 from studio.rasterizer import available_backends
 from studio.rasterizer.cpu import kernel_threads, load_kernels
+from studio.training.triton_loss import photometric_loss_triton
 
 
 class _Fused(torch.autograd.Function):
@@ -60,7 +62,10 @@ def photometric_loss(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -
             value=dssim_weight,
             setting="train.dssim_weight",
         )
-    on_cpu = image.device.type == "cpu" and target.device.type == "cpu"
-    if on_cpu and image.dtype == target.dtype == torch.float32 and "cpu" in available_backends():
-        return _Fused.apply(image, target, float(dssim_weight))
+    device = image.device if image.device == target.device else None
+    if device is not None and image.dtype == target.dtype == torch.float32:
+        if device.type == "cpu" and "cpu" in available_backends():
+            return _Fused.apply(image, target, float(dssim_weight))
+        if device.type == "cuda" and "triton" in available_backends():
+            return photometric_loss_triton(image, target, float(dssim_weight))
     return photometric_loss_torch(image, target, dssim_weight)

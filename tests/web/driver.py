@@ -177,7 +177,8 @@ class Page:
         )
 
     def wait_ready(self) -> None:
-        self.wait("player.state.ready || (seen.error ?? []).length")
+        """Wait for the first picture. The page may still be the one before, or its element not yet defined."""
+        self.wait("player?.state?.ready || (seen?.error ?? []).length")
         assert not self.seen("error"), self.seen("error")
 
     def seen(self, name: str) -> list[Any]:

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import importlib.machinery
 import importlib.util
-import os
-import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,33 +11,18 @@ import torch
 
 from studio.rasterizer import available_backends, interface, preferred_device, rasterize
 from tests.support.errors import refuses
-
-ROOT = Path(__file__).parents[3]
-needs_triton = pytest.mark.skipif(
-    importlib.util.find_spec("triton") is None,
-    reason="Triton is not installed; PyTorch's CUDA builds for Linux bring it",
-)
+from tests.support.triton import compile_kernels, needs_triton, run_interpreted
 
 
 @needs_triton
 def test_the_interpreted_kernels_against_the_reference() -> None:
-    file = Path(__file__).with_name("interpreted_triton.py")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", str(file)]
-    # The variable is read when Triton is imported, so that this takes a process of its own.
-    environment = {**os.environ, "TRITON_INTERPRET": "1", "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
-    assert re.search(r"\b1[0-9] passed", done.stdout.splitlines()[-1]), done.stdout
+    run_interpreted(Path(__file__).with_name("interpreted_triton.py"), 14)
 
 
 @needs_triton
 @pytest.mark.parametrize("capability", [80, 90])
 def test_the_kernels_compile_for_gpus(capability: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
-    import triton
-    from triton.backends.compiler import GPUTarget
-    from triton.compiler import ASTSource
-
     from studio.rasterizer import triton_kernels
     from studio.rasterizer.triton_backend import BACKWARD_WARPS, FORWARD_WARPS
 
@@ -51,18 +32,8 @@ def test_the_kernels_compile_for_gpus(capability: int, tmp_path: Path, monkeypat
         **dict.fromkeys(("width", "height", "tiles_x"), "i32"),
         "alpha_max": "fp32",
     }
-    kernels = {name: kernel for name, kernel in vars(triton_kernels).items() if isinstance(kernel, triton.JITFunction)}
     warps = {"blend_tile": FORWARD_WARPS, "blend_tile_backward": BACKWARD_WARPS, "sum_pairs": 1}
-    assert set(warps) == {name for name in kernels if not name.startswith("_")}
-    for name, count in warps.items():
-        signature = {argument: types.get(argument, "*fp32") for argument in kernels[name].arg_names}
-        source = ASTSource(kernels[name], signature, {})
-        options = {"num_warps": count, "enable_fp_fusion": True}
-        compiled = triton.compile(source, target=GPUTarget("cuda", capability, 32), options=options)
-        assert compiled.asm["cubin"][:4] == b"\x7fELF"
-        assert f".target sm_{capability}" in compiled.asm["ptx"]
-        # The order of atomic additions would change the bits.
-        assert re.search(r"\b(atom|red)\.", compiled.asm["ptx"]) is None
+    compile_kernels(triton_kernels, types, warps, capability)
 
 
 @pytest.mark.parametrize(

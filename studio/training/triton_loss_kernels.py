@@ -1,0 +1,166 @@
+"""The kernels of the photometric loss on an NVIDIA GPU (`triton_loss.py`).
+
+SSIM blurs five moments of the two images and, for the gradient, three derivatives. The window is separable: a kernel
+for the rows is followed by one for the columns. All images and planes are (H, W, 3), so that one element to the right
+is three numbers further. Sums have a row for each program and no atomic operations, so that the same input gives the
+same bits.
+
+With TRITON_INTERPRET=1, set before Triton is imported, the same code runs on the CPU.
+"""
+
+# mypy: disable-error-code="no-untyped-def,untyped-decorator"
+from __future__ import annotations
+
+import triton
+import triton.language as tl
+
+from studio.metrics import SSIM_C1, SSIM_C2, SSIM_WINDOW
+
+BLOCK = 1024
+"""Elements of a program: pixels times channels."""
+
+_BLOCK = tl.constexpr(BLOCK)
+_WINDOW = tl.constexpr(SSIM_WINDOW)
+_HALF = tl.constexpr(SSIM_WINDOW // 2)
+_C1 = tl.constexpr(SSIM_C1)
+_C2 = tl.constexpr(SSIM_C2)
+
+
+@triton.jit
+def _elements(count):
+    """This program's elements, and which of them are inside the image."""
+    element = tl.program_id(0) * _BLOCK + tl.arange(0, _BLOCK)
+    return element, element < count
+
+
+@triton.jit
+def blur_rows_of_moments(image, target, taps, planes, width, count):
+    """Blur x, y, x * x, y * y and x * y of the images x and y along the rows.
+
+    Args:
+        image, target: (H, W, 3) float32.
+        taps: (11,) float32, the window.
+        planes: (5, H, W, 3) float32, output.
+        width, count: columns, and elements of an image (3 H W).
+    """
+    element, inside = _elements(count)
+    column = (element // 3) % width
+    x = tl.zeros([_BLOCK], tl.float32)
+    y = tl.zeros([_BLOCK], tl.float32)
+    xx = tl.zeros([_BLOCK], tl.float32)
+    yy = tl.zeros([_BLOCK], tl.float32)
+    xy = tl.zeros([_BLOCK], tl.float32)
+    for tap in tl.static_range(_WINDOW):
+        there = column + (tap - _HALF)
+        seen = inside & (there >= 0) & (there < width)
+        weight = tl.load(taps + tap)
+        a = tl.load(image + element + (tap - _HALF) * 3, mask=seen, other=0.0)
+        b = tl.load(target + element + (tap - _HALF) * 3, mask=seen, other=0.0)
+        x += weight * a
+        y += weight * b
+        xx += weight * a * a
+        yy += weight * b * b
+        xy += weight * a * b
+    tl.store(planes + element, x, mask=inside)
+    tl.store(planes + count + element, y, mask=inside)
+    tl.store(planes + 2 * count + element, xx, mask=inside)
+    tl.store(planes + 3 * count + element, yy, mask=inside)
+    tl.store(planes + 4 * count + element, xy, mask=inside)
+
+
+@triton.jit
+def compare(image, target, taps, planes, derivatives, sums, width, height, count):
+    """Blur the moments along the columns; absolute differences, SSIM, and SSIM's derivatives.
+
+    Args:
+        image, target, taps, width, count: as above; height: rows.
+        planes: (5, H, W, 3) float32, from `blur_rows_of_moments`.
+        derivatives: (3, H, W, 3) float32, output: derivatives of SSIM with respect to the blurred x, x * x and x * y.
+        sums: (programs, 2) float32, output: sums of |x - y| and of SSIM.
+    """
+    element, inside = _elements(count)
+    row = element // 3 // width
+    x = tl.zeros([_BLOCK], tl.float32)
+    y = tl.zeros([_BLOCK], tl.float32)
+    xx = tl.zeros([_BLOCK], tl.float32)
+    yy = tl.zeros([_BLOCK], tl.float32)
+    xy = tl.zeros([_BLOCK], tl.float32)
+    for tap in tl.static_range(_WINDOW):
+        there = row + (tap - _HALF)
+        seen = inside & (there >= 0) & (there < height)
+        weight = tl.load(taps + tap)
+        plane = planes + element + (tap - _HALF) * 3 * width
+        x += weight * tl.load(plane, mask=seen, other=0.0)
+        y += weight * tl.load(plane + count, mask=seen, other=0.0)
+        xx += weight * tl.load(plane + 2 * count, mask=seen, other=0.0)
+        yy += weight * tl.load(plane + 3 * count, mask=seen, other=0.0)
+        xy += weight * tl.load(plane + 4 * count, mask=seen, other=0.0)
+    # SSIM = a1 a2 / (b1 b2), Wang et al. 2004, equation 13
+    a1 = 2.0 * x * y + _C1
+    a2 = 2.0 * (xy - x * y) + _C2
+    b1 = x * x + y * y + _C1
+    b2 = (xx - x * x) + (yy - y * y) + _C2
+    similarity = a1 * a2 / (b1 * b2)
+    difference = tl.load(image + element, mask=inside, other=0.0) - tl.load(target + element, mask=inside, other=0.0)
+    tl.store(sums + tl.program_id(0) * 2, tl.sum(tl.abs(difference), axis=0))
+    tl.store(sums + tl.program_id(0) * 2 + 1, tl.sum(tl.where(inside, similarity, 0.0), axis=0))
+    by_x = 2.0 * y * (a2 - a1) / (b1 * b2) - 2.0 * x * similarity * (1.0 / b1 - 1.0 / b2)
+    tl.store(derivatives + element, by_x, mask=inside)
+    tl.store(derivatives + count + element, -similarity / b2, mask=inside)
+    tl.store(derivatives + 2 * count + element, 2.0 * a1 / (b1 * b2), mask=inside)
+
+
+@triton.jit
+def blur_rows(planes, taps, blurred, width, count):
+    """Blur three planes along the rows.
+
+    Args:
+        planes: (3, H, W, 3) float32; blurred: the same, output.
+        taps, width, count: as above.
+    """
+    element, inside = _elements(count)
+    column = (element // 3) % width
+    first = tl.zeros([_BLOCK], tl.float32)
+    second = tl.zeros([_BLOCK], tl.float32)
+    third = tl.zeros([_BLOCK], tl.float32)
+    for tap in tl.static_range(_WINDOW):
+        there = column + (tap - _HALF)
+        seen = inside & (there >= 0) & (there < width)
+        weight = tl.load(taps + tap)
+        plane = planes + element + (tap - _HALF) * 3
+        first += weight * tl.load(plane, mask=seen, other=0.0)
+        second += weight * tl.load(plane + count, mask=seen, other=0.0)
+        third += weight * tl.load(plane + 2 * count, mask=seen, other=0.0)
+    tl.store(blurred + element, first, mask=inside)
+    tl.store(blurred + count + element, second, mask=inside)
+    tl.store(blurred + 2 * count + element, third, mask=inside)
+
+
+@triton.jit
+def combine(image, target, taps, planes, gradient, width, height, count, of_l1, of_ssim):
+    """Blur the derivatives along the columns and add them to the gradient of the absolute differences.
+
+    Args:
+        image, target, taps, width, height, count: as above.
+        planes: (3, H, W, 3) float32, the derivatives, blurred along the rows.
+        gradient: (H, W, 3) float32, output.
+        of_l1, of_ssim: derivatives of the loss with respect to the sum of |x - y| and to the sum of SSIM.
+    """
+    element, inside = _elements(count)
+    row = element // 3 // width
+    by_x = tl.zeros([_BLOCK], tl.float32)
+    by_xx = tl.zeros([_BLOCK], tl.float32)
+    by_xy = tl.zeros([_BLOCK], tl.float32)
+    for tap in tl.static_range(_WINDOW):
+        there = row + (tap - _HALF)
+        seen = inside & (there >= 0) & (there < height)
+        weight = tl.load(taps + tap)
+        plane = planes + element + (tap - _HALF) * 3 * width
+        by_x += weight * tl.load(plane, mask=seen, other=0.0)
+        by_xx += weight * tl.load(plane + count, mask=seen, other=0.0)
+        by_xy += weight * tl.load(plane + 2 * count, mask=seen, other=0.0)
+    x = tl.load(image + element, mask=inside, other=0.0)
+    y = tl.load(target + element, mask=inside, other=0.0)
+    sign = tl.where(x > y, 1.0, tl.where(x < y, -1.0, 0.0))
+    value = of_l1 * sign + of_ssim * (by_x + 2.0 * x * by_xx + y * by_xy)
+    tl.store(gradient + element, value, mask=inside)

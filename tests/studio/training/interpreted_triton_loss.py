@@ -1,0 +1,56 @@
+"""The Triton kernels of the photometric loss against its definition. `test_triton_loss.py` runs this file with
+TRITON_INTERPRET=1.
+"""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from studio.training.photometric import photometric_loss, photometric_loss_torch
+from studio.training.triton_loss import photometric_loss_triton
+
+
+def pair(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(height * 1000 + width)
+    target = torch.rand(height, width, 3, generator=generator)
+    image = target + 0.2 * torch.randn(target.shape, generator=generator)
+    image[0, 0] = target[0, 0]  # no difference: the L1 term has no gradient there
+    return image.requires_grad_(), target
+
+
+@pytest.mark.parametrize(
+    ("size", "weight"), [((1, 1), 0.2), ((1, 40), 0.2), ((40, 1), 1.0), ((14, 9), 0.0), ((29, 23), 0.2)]
+)
+def test_value_and_gradient(size, weight) -> None:  # type: ignore[no-untyped-def]
+    image, target = pair(*size)
+    loss = photometric_loss_triton(image, target, weight)
+    (gradient,) = torch.autograd.grad(3 * loss, image)
+    exact = image.detach().double().requires_grad_()
+    true_loss = photometric_loss_torch(exact, target.double(), weight)
+    (true_gradient,) = torch.autograd.grad(3 * true_loss, exact)
+    assert loss.dtype == torch.float32
+    torch.testing.assert_close(loss.detach().double(), true_loss.detach(), rtol=1e-5, atol=1e-6)
+    assert (gradient - true_gradient).norm() <= 2e-5 * true_gradient.norm() + 1e-6
+
+
+def test_images_that_are_not_contiguous() -> None:
+    image, target = pair(14, 9)
+    turned = image.detach().transpose(0, 1).requires_grad_()
+    loss = photometric_loss_triton(turned, target.transpose(0, 1), 0.2)
+    (gradient,) = torch.autograd.grad(loss, turned)
+    (plain,) = torch.autograd.grad(photometric_loss_triton(image, target, 0.2), image)
+    torch.testing.assert_close(gradient.transpose(0, 1), plain, rtol=1e-4, atol=1e-8)
+
+
+def test_only_the_image_has_a_gradient() -> None:
+    image, target = pair(12, 9)
+    assert not photometric_loss_triton(image.detach(), target, 0.2).requires_grad
+    assert not photometric_loss_triton(image.detach(), target.clone().requires_grad_(), 0.2).requires_grad
+
+
+def test_the_interpreter_is_not_chosen() -> None:
+    image, target = pair(14, 9)
+    (fused,) = torch.autograd.grad(photometric_loss(image, target), image)
+    (interpreted,) = torch.autograd.grad(photometric_loss_triton(image, target, 0.2), image)
+    assert not torch.equal(fused, interpreted), "on the CPU the C++ kernel is used"
