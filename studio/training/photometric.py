@@ -62,10 +62,9 @@ def photometric_loss(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -
             value=dssim_weight,
             setting="train.dssim_weight",
         )
-    device = image.device if image.device == target.device else None
-    if device is not None and image.dtype == target.dtype == torch.float32:
-        if device.type == "cpu" and "cpu" in available_backends():
+    if image.device == target.device and image.dtype == target.dtype == torch.float32:
+        if image.device.type == "cpu" and "cpu" in available_backends():
             return _Fused.apply(image, target, float(dssim_weight))
-        if device.type == "cuda" and "triton" in available_backends():
+        if image.device.type == "cuda" and "triton" in available_backends():
             return photometric_loss_triton(image, target, float(dssim_weight))
     return photometric_loss_torch(image, target, dssim_weight)

@@ -34,6 +34,17 @@ def _elements(count):
 
 
 @triton.jit
+def _blur(plane, taps, element, inside, position, size, step):
+    """A plane, blurred in one direction: `position` of `size` in it, `step` elements from one to the next."""
+    blurred = tl.zeros([_BLOCK], tl.float32)
+    for tap in tl.static_range(_WINDOW):
+        there = position + (tap - _HALF)
+        seen = inside & (there >= 0) & (there < size)
+        blurred += tl.load(taps + tap) * tl.load(plane + element + (tap - _HALF) * step, mask=seen, other=0.0)
+    return blurred
+
+
+@triton.jit
 def blur_rows_of_moments(image, target, taps, planes, width, count):
     """Blur x, y, x * x, y * y and x * y of the images x and y along the rows.
 
@@ -80,21 +91,11 @@ def compare(image, target, taps, planes, derivatives, sums, width, height, count
     """
     element, inside = _elements(count)
     row = element // 3 // width
-    x = tl.zeros([_BLOCK], tl.float32)
-    y = tl.zeros([_BLOCK], tl.float32)
-    xx = tl.zeros([_BLOCK], tl.float32)
-    yy = tl.zeros([_BLOCK], tl.float32)
-    xy = tl.zeros([_BLOCK], tl.float32)
-    for tap in tl.static_range(_WINDOW):
-        there = row + (tap - _HALF)
-        seen = inside & (there >= 0) & (there < height)
-        weight = tl.load(taps + tap)
-        plane = planes + element + (tap - _HALF) * 3 * width
-        x += weight * tl.load(plane, mask=seen, other=0.0)
-        y += weight * tl.load(plane + count, mask=seen, other=0.0)
-        xx += weight * tl.load(plane + 2 * count, mask=seen, other=0.0)
-        yy += weight * tl.load(plane + 3 * count, mask=seen, other=0.0)
-        xy += weight * tl.load(plane + 4 * count, mask=seen, other=0.0)
+    x = _blur(planes, taps, element, inside, row, height, 3 * width)
+    y = _blur(planes + count, taps, element, inside, row, height, 3 * width)
+    xx = _blur(planes + 2 * count, taps, element, inside, row, height, 3 * width)
+    yy = _blur(planes + 3 * count, taps, element, inside, row, height, 3 * width)
+    xy = _blur(planes + 4 * count, taps, element, inside, row, height, 3 * width)
     # SSIM = a1 a2 / (b1 b2), Wang et al. 2004, equation 13
     a1 = 2.0 * x * y + _C1
     a2 = 2.0 * (xy - x * y) + _C2
@@ -120,20 +121,9 @@ def blur_rows(planes, taps, blurred, width, count):
     """
     element, inside = _elements(count)
     column = (element // 3) % width
-    first = tl.zeros([_BLOCK], tl.float32)
-    second = tl.zeros([_BLOCK], tl.float32)
-    third = tl.zeros([_BLOCK], tl.float32)
-    for tap in tl.static_range(_WINDOW):
-        there = column + (tap - _HALF)
-        seen = inside & (there >= 0) & (there < width)
-        weight = tl.load(taps + tap)
-        plane = planes + element + (tap - _HALF) * 3
-        first += weight * tl.load(plane, mask=seen, other=0.0)
-        second += weight * tl.load(plane + count, mask=seen, other=0.0)
-        third += weight * tl.load(plane + 2 * count, mask=seen, other=0.0)
-    tl.store(blurred + element, first, mask=inside)
-    tl.store(blurred + count + element, second, mask=inside)
-    tl.store(blurred + 2 * count + element, third, mask=inside)
+    for plane in tl.static_range(3):
+        value = _blur(planes + plane * count, taps, element, inside, column, width, 3)
+        tl.store(blurred + plane * count + element, value, mask=inside)
 
 
 @triton.jit
@@ -148,17 +138,9 @@ def combine(image, target, taps, planes, gradient, width, height, count, of_l1, 
     """
     element, inside = _elements(count)
     row = element // 3 // width
-    by_x = tl.zeros([_BLOCK], tl.float32)
-    by_xx = tl.zeros([_BLOCK], tl.float32)
-    by_xy = tl.zeros([_BLOCK], tl.float32)
-    for tap in tl.static_range(_WINDOW):
-        there = row + (tap - _HALF)
-        seen = inside & (there >= 0) & (there < height)
-        weight = tl.load(taps + tap)
-        plane = planes + element + (tap - _HALF) * 3 * width
-        by_x += weight * tl.load(plane, mask=seen, other=0.0)
-        by_xx += weight * tl.load(plane + count, mask=seen, other=0.0)
-        by_xy += weight * tl.load(plane + 2 * count, mask=seen, other=0.0)
+    by_x = _blur(planes, taps, element, inside, row, height, 3 * width)
+    by_xx = _blur(planes + count, taps, element, inside, row, height, 3 * width)
+    by_xy = _blur(planes + 2 * count, taps, element, inside, row, height, 3 * width)
     x = tl.load(image + element, mask=inside, other=0.0)
     y = tl.load(target + element, mask=inside, other=0.0)
     sign = tl.where(x > y, 1.0, tl.where(x < y, -1.0, 0.0))
