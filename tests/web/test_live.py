@@ -50,8 +50,8 @@ def test_a_live_stream_is_followed(site, baked, open_page):
     page.wait("(seen.looped ?? []).length")
     frames = [entry["frame"] for entry in page.seen("time")]
     lap = frames[: next(i for i in range(1, len(frames)) if frames[i] < frames[i - 1])]
-    assert {0, 4, 8} <= set(lap)  # a busy machine drops others
-    assert max(lap) > 8
+    assert {0, 4, 8} <= set(lap)  # a busy machine drops others: all three of the last group, too
+    page.wait("seen.time.some(({frame}) => frame > 8)")  # in one of the loops
     assert not page.state["live"]
     assert not page.seen("notice")
 

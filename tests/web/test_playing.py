@@ -12,6 +12,9 @@ from tests.support.streams import damage, edit_manifest, group_files
 
 pytestmark = pytest.mark.web
 
+DIFFERENT = "new Set(seen.time.map(({frame}) => frame)).size"
+"""How many different frames were shown."""
+
 
 def test_it_plays_by_itself_and_loops(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
@@ -19,9 +22,10 @@ def test_it_plays_by_itself_and_loops(site, baked, open_page):
     edit_manifest(site.stream, lambda values: values.update(fps=4.0))
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 2")
+    page.wait(f"{DIFFERENT} === 9")  # a busy machine needs more loops to show each
+    page.call("pause")
     frames = [entry["frame"] for entry in page.seen("time")]
-    assert set(frames) <= set(range(9))
-    assert max(frames) >= 6
+    assert set(frames) == set(range(9))
     # Only forward, except for loops.
     backwards = sum(b < a for a, b in itertools.pairwise(frames))
     assert backwards == len(page.seen("looped")) or backwards + 1 == len(page.seen("looped"))
@@ -32,12 +36,13 @@ def test_it_plays_by_itself_and_loops(site, baked, open_page):
 def test_the_frame_rate_is_the_manifests(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
     edit_manifest(site.stream, lambda values: values.update(fps=2.0))
-    page = open_page()
+    page = open_page("?t=0")
     began = page.evaluate("() => performance.now()")
+    page.call("play")
     page.wait("(seen.looped ?? []).length >= 1")
     seconds = (page.evaluate("() => performance.now()") - began) / 1000
     assert seconds > 3.0  # nine frames at two per second take 4.5
-    assert [entry["frame"] for entry in page.seen("time")][:9] == list(range(9))
+    page.wait(f"{DIFFERENT} === 9")
 
 
 def test_it_stops_at_the_end_where_it_shall_not_loop(stream, open_page):
@@ -72,11 +77,12 @@ def test_many_seeks_at_once_end_at_the_last(stream, open_page):
 def test_speed(stream, open_page):
     page = open_page("?t=0")
     page.call("setSpeed", 0.25)
+    began = page.evaluate("() => performance.now()")
     page.call("play")
     page.wait("(seen.looped ?? []).length >= 1")
     assert page.state["speed"] == 0.25
-    # Slow enough that even a busy machine drops almost nothing.
-    assert len({entry["frame"] for entry in page.seen("time")}) >= 8
+    seconds = (page.evaluate("() => performance.now()") - began) / 1000
+    assert seconds > 0.9  # nine frames at 25 / 4 per second take 1.44; at full speed 0.36
 
 
 @pytest.mark.parametrize("file", [0, 1], ids=["side file", "video"])
