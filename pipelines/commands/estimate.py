@@ -80,7 +80,7 @@ def _rehearsed(context: Context, title: str) -> Estimate:
     from pipelines.estimate.work import Work
 
     bake = context.config.bake
-    known = bake.profile == "motion" and bake.stream_version == 3 and not bake.ladder
+    known = bake.profile == "motion" and bake.stream_version == 3 and not bake.ladder and bake.max_loss is None
     qp = bake.qp if known and bake.target_kb_per_frame is None and bake.target_psnr is None else None
     work = Work.of(context)
     with working(title, None) as progress:

@@ -53,13 +53,14 @@ def register(commands: Any) -> None:
 
 
 class _Target(argparse.Action):
-    """Sets one bake target and clears the other, which may be set in the take; the last option wins."""
+    """Sets one bake target and clears what contradicts it and may be set in the take; the last option wins."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
         """Called by argparse."""
-        cleared = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr") if name != self.const]
+        others = ("target_kb_per_frame", "target_psnr", "max_loss")
+        cleared = [f"bake.{name}=null" for name in others if name != self.const]
         namespace.set = [*namespace.set, *cleared, f"bake.{self.const}={values}"]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.contribution import DrawnContribution
+from pipelines.stages.filmed_error import FilmedError
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.rungs import FinetunedFrames, RungTraining, finetuned_rungs, finetuning_params
 from pipelines.stages.summaries import BakeSummary
@@ -21,18 +22,19 @@ from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_co
 from pipelines.takes.edit_params import edit_params
 from pipelines.takes.edited import EditedFrames, EditedGroup, edits_of_group
 from pipelines.takes.groups import Group
-from pipelines.takes.records import digests_on_record
+from pipelines.takes.records import digests_on_record, result_of
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
 from studio.atomic_files import exchange, sync
 from studio.capture.digest import digest_files
+from studio.counts import counted
 from studio.edits.edit_list import UP, Trim
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.cameras import Camera
     from studio.gaussians import Gaussians
-    from studio.stream import AudioEntry, BakedGroup, StreamMetadata
+    from studio.stream import AudioEntry, BakedGroup, BakeSettings, StreamMetadata
 
 
 SHORT_SOUND = 0.05
@@ -93,6 +95,7 @@ class BakeStage:
         """Encoding settings, and the contents of the manifest."""
         return {
             **(finetuning_params(context) if finetuned_rungs(context) else {}),
+            **_compared_footage(context),
             **settings_affecting(context.config, "videos", "manifest", "sound"),
             "frames a second": float(context.footage.raw.fps),
             **_content_of_sound(context),
@@ -287,6 +290,7 @@ class BakeStage:
             group.first,
             content,
             *([finetuned] if finetuned else []),
+            *([compared] if (compared := _compared_footage(context)) else []),
             *([edited] if edited else []),
         )
 
@@ -355,6 +359,10 @@ class BakeStage:
             offsets = training.offsets(group.trained, rung, reporter, progress)
             finetuned[rung.kind] = FinetunedFrames(edited, group.indices, offsets)
             start = end
+        error = None
+        if bake.max_loss is not None:
+            numbers = [context.footage.raw.frames[index] for index in group.indices]
+            error = FilmedError(context, frames, numbers)
         entry = bake_group(
             frames,
             self._folder(context),
@@ -367,7 +375,10 @@ class BakeStage:
             fps=float(context.footage.raw.fps),
             contribution=DrawnContribution(context, frames, stream_cameras(context)),
             finetuned=lambda rung: finetuned[rung.kind],
+            error=error,
         )
+        if error is not None:
+            _tell_losses(group, error.losses, bake, reporter)
         seen = seen_box(frames[index] for index in sorted({0, len(frames) // 2, len(frames) - 1}))
         folder = self._folder(context)
         if bake.stream_version == 3:
@@ -491,11 +502,40 @@ class BakeStage:
         remove(new)
 
 
+def _compared_footage(context: Context) -> Params:
+    """The footage with which decoded frames are compared; nothing without `bake.max_loss`."""
+    if context.config.bake.max_loss is None:
+        return {}
+    result = result_of(context.take, "calibrate")
+    return {"compared": context.footage.digest, **settings_affecting(context.config, "evaluation"), "cameras": result}
+
+
 def _content_of_sound(context: Context) -> Params:
     sound = context.footage.raw.sound
     if sound is None or context.config.bake.stream_version == 2:
         return {}
     return {"sound": digest_files(sound.path.parent, [sound.path])}
+
+
+def _tell_losses(part: Part, losses: Mapping[int, float], bake: BakeSettings, reporter: StageReporter) -> None:
+    """Warn of frames that lose more than `bake.max_loss` in spite of lower QPs."""
+    if not losses or bake.max_loss is None:
+        return  # lossless, or a first rung with fewer splats
+    worst = max(losses, key=lambda index: losses[index])
+    text = f"frame {part.indices[worst]} loses most to encoding, {losses[worst]:.2f} dB"
+    over = sum(value > bake.max_loss for value in losses.values())
+    if not over:
+        reporter.log(f"group {part.index}: {text}")
+        return
+    reporter.warn(
+        Message(
+            "bake.loss_above_limit",
+            f"group {part.index}: {counted(over, 'frame')} above bake.max_loss {bake.max_loss:g}: {text}",
+            value=round(losses[worst], 3),
+            fix="Lower bake.qp, or raise bake.max_loss.",
+            fields={"setting": "bake.max_loss", "group": part.index},
+        )
+    )
 
 
 class DrawnError:

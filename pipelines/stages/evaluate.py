@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipelines.reports.evaluation import Sample, render_report
-from pipelines.reports.pictures import draw
 from pipelines.stages.bake import BakeStage
 from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.evaluated_view import evaluated_cameras, evaluated_view
 from pipelines.stages.measured_groups import Measured, read_measured, write_measured
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.residuals import Residual, flicker_of
@@ -23,36 +22,12 @@ from pipelines.takes.edited import EditedGroup
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
-from studio.comparison import HIGHEST_PSNR, padded_box
+from studio.comparison import HIGHEST_PSNR
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
-    from studio.cameras import Camera
     from studio.gaussians import Gaussians
     from studio.stream import StreamReader
-
-
-@dataclass(frozen=True, eq=False)
-class _View:
-    """A view of the footage.
-
-    Attributes:
-        camera: from which splats are drawn.
-        box: rows and columns that are measured.
-        truth: (h, w, 3) float32 footage in the box, 0 to 1.
-    """
-
-    camera: Camera
-    box: tuple[slice, slice]
-    truth: np.ndarray
-
-    def draw(self, context: Context, gaussians: Gaussians) -> np.ndarray:
-        """(h, w, 3) float32 in 0 to 1: splats in the box."""
-        return draw(gaussians, self.camera, context.config.capture.background, context.device)[self.box]
-
-    def residual(self, decoded: np.ndarray) -> Residual:
-        """Of what was drawn in the box."""
-        return Residual(self.box, (decoded - self.truth).astype(np.float16))
 
 
 class EvaluateStage:
@@ -86,7 +61,7 @@ class EvaluateStage:
         footage, lpips = context.footage.calibrated, context.lpips
         if lpips is not None and lpips.remark:
             reporter.warn(lpips.remark)
-        held_out, cameras = bool(footage.held_out_cameras), _cameras(context)
+        held_out, cameras = bool(footage.held_out_cameras), evaluated_cameras(context)
         if not held_out:
             reporter.warn(
                 Message(
@@ -228,7 +203,7 @@ class EvaluateStage:
     ) -> Measured:
         from studio.metrics import psnr, ssim
 
-        measured, cameras = Measured(), _cameras(context)
+        measured, cameras = Measured(), evaluated_cameras(context)
         sizes = {
             frame: one.bytes / one.frame_count
             for one in reader.manifest.groups
@@ -252,7 +227,7 @@ class EvaluateStage:
             for number, camera in enumerate(cameras):
                 done = (position + number / len(cameras)) / len(group.frames)
                 reporter.progress(start + (stop - start) * done, f"frame {frame}", frame=frame, group=group.index)
-                view = self._view(context, camera, frame)
+                view = evaluated_view(context, camera, frame)
                 if view is None:
                     measured.unseen.append((index, camera))
                     continue
@@ -285,9 +260,9 @@ class EvaluateStage:
         if index not in baked:
             return found
         decoded = reader.gaussians(index - baked[0])
-        for camera in _cameras(context):
+        for camera in evaluated_cameras(context):
             context.cancellation.check()
-            view = self._view(context, camera, context.footage.raw.frames[index])
+            view = evaluated_view(context, camera, context.footage.raw.frames[index])
             if view is not None:
                 found[camera] = view.residual(view.draw(context, decoded))
         return found
@@ -313,35 +288,11 @@ class EvaluateStage:
             cameras=cameras,
         )
 
-    def _view(self, context: Context, camera: str, frame: int) -> _View | None:
-        """One view; None if the camera does not see the performer."""
-        from studio.edits import silhouette
-
-        footage, settings, crop = context.footage.calibrated, context.config, context.edits.crop
-        view = footage.view(camera, frame)
-        matte = footage.evaluation_matte(camera, frame)
-        if crop is not None:
-            matte = np.where(silhouette(view.camera, crop), matte, 0).astype(matte.dtype)
-        box = padded_box(matte, settings.evaluate.crop_padding)
-        if box is None:
-            return None
-        alpha = matte[box][..., None].astype(np.float32) / 255
-        background = np.array(settings.capture.background, dtype=np.float32)
-        truth = view.image[box].astype(np.float32) / 255 * alpha + background * (1 - alpha)
-        world = context.edits.similarity
-        return _View(view.camera if world.is_identity else world.camera(view.camera), box, truth)
-
 
 def baked_frames(context: Context) -> range:
     """The frames of the stream, counted from 0 in the take. Raises StudioError as `BakeStage.parts`."""
     parts = BakeStage().parts(context)
     return range(parts[0].first, parts[-1].indices[-1] + 1)
-
-
-def _cameras(context: Context) -> tuple[str, ...]:
-    """Those that are compared: held-out ones; training cameras if none is held out."""
-    footage = context.footage.calibrated
-    return footage.held_out_cameras or footage.train_cameras
 
 
 def _tensor(image: np.ndarray) -> Any:

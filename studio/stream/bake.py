@@ -16,6 +16,7 @@ from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
 from studio.stream.bake_ladder import ContributionFn, FinetunedFn, bake_ladder
 from studio.stream.encode_group import encode_group, prepare
+from studio.stream.frame_losses import FilmedErrorFn
 from studio.stream.ladder_models import AudioEntry, BakedGroup, GroupLadder
 from studio.stream.manifest import MANIFEST_NAME, PROFILES, Codec, Manifest, seal
 from studio.stream.manifest_models import MAX_SPLATS, FileEntry, GroupEntry
@@ -41,6 +42,7 @@ def bake_group(
     fps: float | None = None,
     contribution: ContributionFn | None = None,
     finetuned: FinetunedFn | None = None,
+    error: FilmedErrorFn | None = None,
 ) -> BakedGroup:
     """Bake one group: into `directory/group_<nnn>/` for version 2, into files named by their content for version 3.
 
@@ -61,13 +63,14 @@ def bake_group(
         fps: version 3: frames per second of the stream, which the level of its videos is chosen for; None: 30.
         contribution: what each splat adds to the pictures; required for rungs that keep fewer splats as they are.
         finetuned: frames of rungs that keep fewer splats and are trained further; required for these.
+        error: errors of a decoded and of the trained frame against the footage; required for `max_loss`.
 
     Returns:
         The group's entry for the manifest.
 
     Raises:
         StudioError: no frames, differing splat counts, values that are not finite, a target that no QP reaches, no
-            `contribution` or `finetuned` for a rung that needs it, or the folder cannot be written.
+            `contribution`, `finetuned` or `error` where it is needed, or the folder cannot be written.
     """
     if not isinstance(frames, Sequence):
         frames = list(frames)
@@ -103,10 +106,21 @@ def bake_group(
                 fps,
                 contribution,
                 finetuned,
+                error,
             )
         prepared = prepare(frames, settings, progress)
         entry = encode_group(
-            prepared, partial, folder.name, group, first_frame, len(frames), settings, progress, quality, threads
+            prepared,
+            partial,
+            folder.name,
+            group,
+            first_frame,
+            len(frames),
+            settings,
+            progress,
+            quality,
+            threads,
+            error=error,
         )
         _replace_folder(partial, folder)
     except OSError as error:

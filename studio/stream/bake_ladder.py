@@ -20,6 +20,7 @@ from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn
 from studio.stream.encode_group import contents, encode_group, prepare
+from studio.stream.frame_losses import FilmedErrorFn
 from studio.stream.ladder_models import (
     FILES,
     GroupLadder,
@@ -53,6 +54,7 @@ def bake_ladder(
     fps: float | None,
     contribution: ContributionFn | None,
     finetuned: FinetunedFn | None,
+    error: FilmedErrorFn | None,
 ) -> GroupLadder:
     """Bake all rungs into `directory/files`. Arguments as for `bake.bake_group`; `partial` is a folder for work.
 
@@ -81,9 +83,22 @@ def bake_ladder(
         prepared = prepare(part, settings, progress)
         for rung in same:
             own = settings.replace(ladder=(), qp=rung.qp)
+            if rung != rungs[0] or rung.pruned:  # the others are for lower rates
+                own = own.replace(max_loss=None)
             steps = _Steps(progress, len(made), len(rungs))
             entry = encode_group(
-                prepared, partial, "work", group, first_frame, count, own, steps, quality, threads, fps or NOMINAL_FPS
+                prepared,
+                partial,
+                "work",
+                group,
+                first_frame,
+                count,
+                own,
+                steps,
+                quality,
+                threads,
+                fps or NOMINAL_FPS,
+                error,
             )
             psnr = None
             if quality is not None:

@@ -122,8 +122,12 @@ class MotionBake:
         progress: ProgressFn,
         threads: int = 0,
         fps: float | None = None,
+        offsets: Sequence[int] = (),
     ) -> MotionGroup:
-        """Write side file and video into `folder`, which is `name` in the manifest; `fps` as for `PlaneEncoder`."""
+        """Write side file and video into `folder`, which is `name` in the manifest.
+
+        `fps` and `offsets` are as for `PlaneEncoder`.
+        """
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
         encoding = settings.encoding
         cell = encoding.keyframe_step * coarse * self._step
@@ -172,7 +176,7 @@ class MotionBake:
         side = Side(codes, self._labels, classes, affine, turns, Escapes(channel_, splat_, frame_, code_))
         data, raw_bytes = compress(side, bits)
         (folder / "motion.bin").write_bytes(data)
-        self._encode(pictures, folder / "video.mp4", settings, progress, fps)
+        self._encode(pictures, folder / "video.mp4", settings, progress, fps, offsets)
         side_entry = SideEntry(**describe(folder / "motion.bin", name), raw_bytes=raw_bytes)
         video = VideoEntry(**describe(folder / "video.mp4", name), qp=codec_qp(settings.codec, settings.qp))
         try:
@@ -209,12 +213,18 @@ class MotionBake:
         return self._smoothed
 
     def _encode(
-        self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn, fps: float | None
+        self,
+        pictures: np.ndarray,
+        path: Path,
+        settings: BakeSettings,
+        progress: ProgressFn,
+        fps: float | None,
+        offsets: Sequence[int],
     ) -> None:
         size = (pictures.shape[2], pictures.shape[1])
         b_frames = min(settings.encoding.b_frames, max(self._count - 2, 0))
         encoder = PlaneEncoder(
-            path, size, settings.qp, settings.preset, tiles=settings.codec, b_frames=b_frames, fps=fps
+            path, size, settings.qp, settings.preset, settings.codec, b_frames=b_frames, fps=fps, offsets=offsets
         )
         try:
             for number, picture in enumerate(pictures):

@@ -59,12 +59,13 @@ class PlanesBake:
         progress: ProgressFn,
         threads: int = 0,
         fps: float | None = None,
+        offsets: Sequence[int] = (),
     ) -> PlanesGroup:
-        """Write the videos into `folder`, which is `name` in the manifest; `fps` as for `PlaneEncoder`."""
+        """Write the videos into `folder`, which is `name` in the manifest; `fps`, `offsets`: as for `PlaneEncoder`."""
         frames, low, high = self._frames, self._low, self._high
         planes = _planes(frames[0].sh_degree, settings)
         values = component_frames(frames, self._order)
-        _encode(values, folder, planes, low, high, settings, len(frames), progress, threads, fps)
+        _encode(values, folder, planes, low, high, settings, len(frames), progress, threads, fps, offsets)
         return _entry(folder, name, planes, low, high, group, first_frame, frames, self._box)
 
 
@@ -125,6 +126,7 @@ def _encode(
     progress: ProgressFn,
     threads: int,
     fps: float | None,
+    offsets: Sequence[int],
 ) -> None:
     encoders: list[PlaneEncoder] = []
 
@@ -142,7 +144,7 @@ def _encode(
                     side = plane_side(frame.shape[1])
                     for _, component, part, qp in planes:
                         path = folder / _file_name(component, part)
-                        encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset, fps=fps))
+                        encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset, fps=fps, offsets=offsets))
                 list(pool.map(encode, range(len(planes)), repeat(frame)))
                 progress(number + 1, frame_count)
             list(pool.map(PlaneEncoder.close, encoders))

@@ -120,6 +120,11 @@ class BakeSettings(Settings):
     """Instead of qp: choose, per group, the highest QP whose decoded frames, rendered from a few cameras, reach this
     PSNR in dB against the trained frames."""
 
+    max_loss: Annotated[float, Field(gt=0, le=10)] | None = None
+    """The most PSNR in dB that encoding may cost any frame, measured as in the evaluation: against the footage of the
+    held-out cameras, or of training cameras if there are none. Frames that lose more get a lower QP. Applies to the
+    ladder's first rung if that keeps all splats, and requires codec h264. null: no limit."""
+
     codec: Annotated[Literal["h264", "hevc", "av1"], Heading("Encoding")] = "h264"
     """h264 plays on every device. hevc and av1 require profile motion."""
 
@@ -188,6 +193,16 @@ class BakeSettings(Settings):
                 "Set one of them to null.",
                 "target_kb_per_frame",
                 "target_psnr",
+            )
+        for target in ("target_kb_per_frame", "target_psnr"):
+            if self.max_loss is not None and getattr(self, target) is not None:
+                raise Conflict(f"max_loss and {target} are both set", "Set one of them to null.", "max_loss", target)
+        if self.max_loss is not None and self.codec != "h264":
+            raise Conflict(
+                "max_loss requires codec h264: the other encoders do not take the QP of single frames",
+                "Set max_loss to null, or codec to h264.",
+                "max_loss",
+                "codec",
             )
         if self.splats < 1 and self.stream_version == 2:
             raise Conflict("splats requires stream_version 3", "Set stream_version to 3.", "splats", "stream_version")
@@ -270,6 +285,7 @@ class BakeSettings(Settings):
             "attribute_qps": dict(sorted(self.attribute_qps.items())),
             "target_kb_per_frame": self.target_kb_per_frame,
             "target_psnr": self.target_psnr,
+            **({"max_loss": self.max_loss} if self.max_loss is not None else {}),
             "codec": self.codec,
             "preset": self.preset,
             "mirror_low_bytes": self.mirror_low_bytes,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import os
 import threading
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from studio.stream.settings import PRESETS, QP_MAX
 from studio.stream.source import BAKE_AGAIN
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     import av
     from av.container import InputContainer
@@ -63,6 +64,7 @@ class _Codec:
 
 # Psychovisual tuning (psy) helps pictures, not numbers. Scene cut detection would insert more I frames.
 _X264 = "keyint=infinite:scenecut=0:bframes={b}:psy=0:threads=1:lookahead-threads=1:log=0"
+_X264_FIRST = 3  # QPs by which its I pictures are better than P pictures, by default (ipratio 1.4)
 # One picture of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
 _X264_TILES = f"{_X264}:no-deblock=1:ipratio=1.0"
 _X265_TILES = (
@@ -82,6 +84,7 @@ _TILES = {
     ),
 }
 # SVT-AV1 numbers its presets; these take about as long as the x264 presets of the same name.
+# SVT-AV1 numbers its presets; these take about as long as the x264 presets of the same name.
 _AV1_PRESETS = {name: str(number) for name, number in zip(PRESETS, (12, 11, 10, 10, 9, 8, 7, 6, 5), strict=True)}
 AV1_QP_MAX = 63
 
@@ -89,6 +92,23 @@ AV1_QP_MAX = 63
 def codec_qp(codec: str, qp: int) -> int:
     """The QP on the codec's own scale: 0 to 51 for H.264 and HEVC, 0 to 63 for AV1."""
     return round(qp * AV1_QP_MAX / QP_MAX) if codec == "av1" else qp
+
+
+def _x264_zones(qp: int, offsets: Sequence[int], first: int) -> str:
+    """Parameters of x264 that lower the QP of single pictures: `offsets`, at most 0.
+
+    x264 keeps constant QPs between those of its I, P and B pictures. So the QP of I pictures becomes the lowest that is
+    wanted, and the only I picture, the first, is raised to `first` below `qp` again.
+    """
+    lowest = max(-min(offsets), first)
+    parts = [f"0,0,q={qp + lowest - first + offsets[0]}"]
+    start = 1
+    for offset, run in itertools.groupby(offsets[1:]):
+        end = start + sum(1 for _ in run)
+        if offset:
+            parts.append(f"{start},{end - 1},q={qp + offset}")
+        start = end
+    return f":ipratio={2 ** (lowest / 6):.6f}:zones={'/'.join(parts)}"
 
 
 class PlaneEncoder:
@@ -110,6 +130,8 @@ class PlaneEncoder:
             that are not defined, which MP4 does not take.
         fps: frames per second that the level is chosen for; the file then also has a `colr` box. None: as in version 2
             of the format, the level for `NOMINAL_FPS` and no such box.
+        offsets: what is added to the QP of each picture, at most 0; the QP stays at least 1. Empty: nothing. H.264
+            only; without effect where `qp` is 0.
     """
 
     def __init__(
@@ -121,6 +143,7 @@ class PlaneEncoder:
         tiles: str | None = None,
         b_frames: int = 0,
         fps: float | None = None,
+        offsets: Sequence[int] = (),
     ) -> None:
         import av
 
@@ -130,6 +153,9 @@ class PlaneEncoder:
         assert b_frames == 0 or codec.takes_b_frames
         if b_frames > 0:
             parameters += _B_FRAMES
+        if qp > 0 and any(offsets):
+            assert codec.encoder == "libx264"
+            parameters += _x264_zones(qp, [max(offset, 1 - qp) for offset in offsets], 0 if tiles else _X264_FIRST)
         if tiles == "av1":
             os.environ.setdefault("SVT_LOG", "1")  # errors only: the library ignores FFmpeg's log level
         self._width = size[0]

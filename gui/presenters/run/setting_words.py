@@ -9,6 +9,7 @@ EMPTY: Mapping[str, str] = {
     "bake.b_frames": "automatic",
     "bake.first_group_size": "automatic",
     "bake.ladder": "none",
+    "bake.max_loss": "no limit",
     "bake.smooth_paths": "automatic",
     "bake.target_kb_per_frame": "no target",
     "bake.target_psnr": "no target",
@@ -45,6 +46,7 @@ EMPTY: Mapping[str, str] = {
 """What is shown instead of null, an empty list, an empty mapping or an empty text."""
 
 UNITS: Mapping[str, str] = {
+    "bake.max_loss": "dB",
     "bake.target_psnr": "dB",
     "calibrate.board.marker": "m",
     "calibrate.board.square": "m",

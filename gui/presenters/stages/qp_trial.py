@@ -22,8 +22,8 @@ TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 MEASURED_FRAMES = 3
 """Frames of the group whose error is measured: the keyframe, one in the middle, the last."""
 
-NO_TARGET: dict[str, None] = {"target_kb_per_frame": None, "target_psnr": None}
-"""Overrides that disable targets, which would choose the QP."""
+NO_TARGET: dict[str, None] = {"target_kb_per_frame": None, "target_psnr": None, "max_loss": None}
+"""Overrides that disable what would choose another QP."""
 
 HIGHEST_PSNR = 100.0
 """dB; that of equal pictures is infinite."""
