@@ -53,6 +53,7 @@ ADDED: JsonObject = {
     "train.camera_colors": False,
     "train.camera_color_iterations": 600,
     "train.camera_color_every": 150,
+    "train.camera_vignettes": True,  # colors that were fitted before stay as they are
     "train.color_chart_frame": None,
     "bake.stream_version": 2,
     "bake.ladder": [],

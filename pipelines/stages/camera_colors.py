@@ -18,7 +18,7 @@ from pipelines.takes.stage_files import CameraColors, InitialPointsReport
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
-    from studio.training import TrainingView
+    from studio.training import FittedColors, TrainingView
 
 VERSION = 1
 
@@ -86,7 +86,7 @@ def _fit_to_chart(context: Context, reporter: StageReporter, key: str, frame: in
 
     footage = context.footage.calibrated
     fit = fit_chart_colors(footage, frame, footage.train_cameras, tell)
-    _write(context, key, frame, fit.matrices)
+    _write(context, key, frame, fit.matrices, {})
     for name in fit.matrices:
         reporter.log(
             f"colors of {name}: {fit.before[name]:.1f} levels of 255 from the mean camera on the chart, "
@@ -103,13 +103,20 @@ def _fit_to_chart(context: Context, reporter: StageReporter, key: str, frame: in
         )
 
 
-def _write(context: Context, key: str, frame: int, matrices: Mapping[str, Any]) -> None:
+def _write(
+    context: Context,
+    key: str,
+    frame: int,
+    matrices: Mapping[str, Any],
+    vignettes: Mapping[str, tuple[float, float, float]],
+) -> None:
     write_model(
         context.take.camera_colors,
         CameraColors(
             key=key,
             frame=int(frame),
             cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()},
+            vignettes=dict(vignettes),
         ),
     )
 
@@ -131,7 +138,7 @@ def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
         context, reporter, group.keyframe, reading, context.threads, colored=False
     )
     points, colors = read_points(context.take.initialize_group(group.index) / "points.ply")
-    matrices = fit_camera_colors(
+    found = fit_camera_colors(
         views,
         torch.from_numpy(points).to(device),
         torch.from_numpy(colors).to(device),
@@ -140,8 +147,11 @@ def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
         progress=tell,
     )
     names = [view.camera.name for view in views]
-    _write(context, key, group.keyframe, dict(zip(names, matrices, strict=True)))
-    _tell(reporter, names, matrices)
+    vignettes = {
+        name: (one.a, one.b, one.reach) for name, one in zip(names, found.vignettes, strict=True) if one is not None
+    }
+    _write(context, key, group.keyframe, dict(zip(names, found.matrices, strict=True)), vignettes)
+    _tell(reporter, names, found)
     without = [name for name in context.footage.calibrated.train_cameras if name not in names]
     if without:
         reporter.warn(
@@ -156,19 +166,29 @@ def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
         )
 
 
-def _tell(reporter: StageReporter, names: list[str], matrices: Any) -> None:
-    """Log how far apart the cameras are, on a middle gray."""
+def _tell(reporter: StageReporter, names: list[str], found: FittedColors) -> None:
+    """Log how far apart the cameras are, on a middle gray, and which have a vignette."""
     import torch
 
     gray = torch.full((4,), 0.5, dtype=torch.float64)
     gray[3] = 1
-    offsets = (matrices @ gray - 0.5).abs().amax(1)
+    offsets = (found.matrices @ gray - 0.5).abs().amax(1)
     far = sorted(((float(off), name) for off, name in zip(offsets, names, strict=True) if off > _LARGE), reverse=True)
     reporter.log(
         f"colors of {len(names)} cameras: a middle gray differs from the mean camera by "
         f"{255 * float(offsets.mean()):.0f} levels of 255 (mean), {255 * float(offsets.max()):.0f} (most)"
         + (f"; most in {', '.join(name for _, name in far[:5])}" if far else "")
     )
+    ends = {
+        name: 100 * (float(one.gain_at(torch.tensor(one.reach))) - 1)
+        for name, one in zip(names, found.vignettes, strict=True)
+        if one is not None
+    }
+    if ends:
+        reporter.log(
+            "vignettes, brightness where the performer is farthest from the middle of the image: "
+            + ", ".join(f"{name} {share:+.0f}%" for name, share in ends.items())
+        )
 
 
 def _key_of_file(context: Context) -> str | None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from studio.training import TrainingView
+    from studio.vignette import Vignette
 
 
 def training_views(
@@ -54,7 +55,7 @@ def training_views(
         chroma = None if settings.chroma_siting == "none" else footage.chroma(cameras[number])
         seen = TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates, chroma)
         # a camera that did not see the performer in the frame that was fitted has no matrix
-        return seen.with_color(colors[cameras[number]]) if cameras[number] in colors else seen
+        return seen.with_color(*colors[cameras[number]]) if cameras[number] in colors else seen
 
     views = []
     with ThreadPoolExecutor(min(readers, len(cameras)), thread_name_prefix="views") as pool:
@@ -85,13 +86,18 @@ def training_views(
     return views
 
 
-def read_camera_colors(context: Context) -> dict[str, Tensor]:
-    """(3, 4) float64 color matrix by camera.
+def read_camera_colors(context: Context) -> dict[str, tuple[Tensor, Vignette | None]]:
+    """(3, 4) float64 color matrix and vignette by camera.
 
     Raises:
         StudioError: `take.file_not_found` or `take.damaged`: run `v3studio train` again.
     """
     import torch
 
+    from studio.vignette import Vignette
+
     found = read_model(context.take.camera_colors, CameraColors)
-    return {name: torch.tensor(matrix, dtype=torch.float64) for name, matrix in found.cameras.items()}
+    vignettes = {name: Vignette(*one) for name, one in found.vignettes.items()}
+    return {
+        name: (torch.tensor(matrix, dtype=torch.float64), vignettes.get(name)) for name, matrix in found.cameras.items()
+    }

@@ -62,6 +62,9 @@ class CameraColors(Result):
     """By training camera: 3x4 matrix from the splats' colors (RGB 0 to 1, and 1) to those of the camera. The mean of
     all cameras changes nothing."""
 
+    vignettes: dict[str, tuple[float, float, float]] = Field(default_factory=dict)
+    """By camera that has one: a, b and reach of its gain toward the corners, see `studio.vignette.Vignette`."""
+
 
 class BakedGroupNote(Result):
     """.v3studio/work/bake/group_NNN.json: what a baked group was made from."""

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING
 from studio.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from studio.training.camera_colors import fit_camera_colors
+    from studio.training.camera_colors import FittedColors, fit_camera_colors
     from studio.training.interframe import InterframeResult, interframe_steps, train_interframe
     from studio.training.keyframe import keyframe_steps, train_keyframe
     from studio.training.settings import LearningRates, TrainSettings
     from studio.training.views import TrainingView
 
 __all__ = [
+    "FittedColors",
     "InterframeResult",
     "LearningRates",
     "TrainSettings",

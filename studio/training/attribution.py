@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from studio.color_fit import correct_color
 from studio.gaussians import SH_C0, Gaussians
 from studio.rasterizer import rasterize
 from studio.training.views import TrainingView, interior
@@ -65,9 +64,6 @@ def picture_error(gaussians: Gaussians, view: TrainingView) -> Tensor:
     backdrop = view.backdrop(background)
     behind = background if backdrop is None else backdrop
     render = rasterize(gaussians, view.camera, behind)
-    image = render.image
-    if view.color is not None:
-        rest = (1 - render.alpha)[..., None] * behind
-        image = correct_color(image - rest, render.alpha, view.color) + rest
+    image = view.in_its_colors(render.image, render.alpha, behind)
     error = (image - view.composited(background)).abs().mean(-1)
     return error * interior(view.matte)

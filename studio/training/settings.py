@@ -126,6 +126,11 @@ class TrainSettings(Settings):
     camera_color_every: int = Field(default=150, ge=1)
     """Steps after which they are fitted again."""
 
+    camera_vignettes: bool = True
+    """With camera_colors, also fit by how much each camera's image is darker toward its corners, and correct it where
+    that explains the image better than the matrix alone. Needs cameras in which the performer covers much of the image.
+    Not with color_chart_frame."""
+
     color_chart_frame: Annotated[int | None, Unbounded("frame numbers are those of the footage")] = None
     """With camera_colors: frame in which cameras see a ColorChecker Classic (24 patches), counted as capture.start
     counts; it may lie before that. The matrices are then fitted to its patches instead of to splats. Cameras that do

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from studio.chroma import resampled
-from studio.color_fit import correct_color
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.metrics import psnr
@@ -90,11 +89,7 @@ class Stepper:
         backdrop = view.backdrop(background)
         behind = background if backdrop is None else backdrop
         render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
-        image = render.image
-        if view.color is not None:
-            # only the splats; the background has no color error, and a plate that of this camera
-            rest = (1 - render.alpha)[..., None] * behind
-            image = correct_color(image - rest, render.alpha, view.color) + rest
+        image = view.in_its_colors(render.image, render.alpha, behind)
         if self.chroma_shift is not None and view.chroma is not None:
             image = resampled(image, view.chroma, self.chroma_shift)
         loss = photometric_loss(image, target, self._settings.dssim_weight)

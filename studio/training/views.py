@@ -11,8 +11,10 @@ from torch import Tensor
 
 from studio.cameras import Camera
 from studio.chroma import ChromaSampling
+from studio.color_fit import correct_color
 from studio.errors import StudioError
 from studio.views import CapturedView
+from studio.vignette import Vignette
 
 CACHED_PIXELS = 400_000
 """Views of up to this many pixels also cache their images as floats, which saves 1.4 of 23 ms per step and takes 32
@@ -43,6 +45,7 @@ class TrainingView:
         camera, full_size, chroma: as above.
         color: (3, 4) matrix from the splats' colors to those of this camera; None: they are the same. See
             `studio.color_fit.correct_color`.
+        vignette: by which this camera's image is darker toward its corners, on top of `color`; None: by nothing.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class TrainingView:
     ) -> None:
         self.camera, self.full_size, self.chroma = camera, full_size, chroma
         self.color: Tensor | None = None
+        self.vignette: Vignette | None = None
         self._image, self._matte, self._plate = image, matte, plate
         self._near = None if plate is None else surroundings(_floats(matte)).to(torch.uint8)
         self._cached: tuple[Tensor, Tensor, Tensor | None] | None = None
@@ -131,11 +135,29 @@ class TrainingView:
             view._cached = view._parts()
         return view
 
-    def with_color(self, matrix: Tensor) -> TrainingView:
-        """The same view by a camera with other colors; `matrix`: (3, 4), see `color`."""
+    def with_color(self, matrix: Tensor, vignette: Vignette | None = None) -> TrainingView:
+        """The same view by a camera with other colors; `matrix`: (3, 4), see `color` and `vignette`."""
         view = copy.copy(self)
-        view.color = matrix.to(self.device, torch.float32)
+        view.color, view.vignette = matrix.to(self.device, torch.float32), vignette
         return view
+
+    def in_its_colors(self, image: Tensor, alpha: Tensor, behind: Tensor) -> Tensor:
+        """A drawing in the colors of this camera (`color`, `vignette`); differentiable.
+
+        Only the splats change: a background color has no color error, and a plate has that of this camera.
+
+        Args:
+            image: (H, W, 3) drawn over `behind`.
+            alpha: (H, W) drawn alpha.
+            behind: (3,) or (H, W, 3) background.
+        """
+        if self.color is None:
+            return image
+        rest = (1 - alpha)[..., None] * behind
+        splats = correct_color(image - rest, alpha, self.color)
+        if self.vignette is not None:
+            splats = splats * self.vignette.gain(self.camera, self.full_size, self.device)[..., None]
+        return splats + rest
 
     def half_size(self) -> TrainingView:
         """The same view at half the width and height: means of 2x2 pixels, without an odd last row or column.
@@ -158,7 +180,7 @@ class TrainingView:
         plate = None if self.plate is None else stored(_halved(self.plate))
         size = (self.full_size[0] // 2, self.full_size[1] // 2)
         view = TrainingView(camera, stored(image), stored(matte)[..., 0], size, plate)
-        view.color = self.color
+        view.color, view.vignette = self.color, self.vignette
         return view
 
     def composited(self, background: Tensor) -> Tensor:

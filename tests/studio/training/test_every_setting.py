@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from studio.training import (
     train_interframe,
     train_keyframe,
 )
+from studio.training.camera_colors import camera_colors
 from tests.studio.training.test_group import HEIGHT, SHIFT, WIDTH, ball, cameras
 from tests.support.color_charts import matrices, view_of_chart, write_charts
 
@@ -239,7 +241,7 @@ def _checkpoints() -> bool:
 
 def _colors(**changes: Any) -> torch.Tensor:
     seen = [view.with_color(torch.eye(3, 4)) for view in views(0)]
-    return fit_camera_colors(seen, *points(), settings(**changes), seed=1)
+    return fit_camera_colors(seen, *points(), settings(**changes), seed=1).matrices
 
 
 @observed_by("camera_color_iterations")
@@ -250,6 +252,15 @@ def _color_steps() -> bool:
 @observed_by("camera_color_every")
 def _color_fits() -> bool:
     return not torch.equal(_colors(), _colors(camera_color_every=2))
+
+
+@observed_by("camera_vignettes")
+def _camera_vignettes() -> bool:
+    """Here, that the fit is told; what it does: `test_camera_colors.py`."""
+    with mock.patch("studio.training.camera_colors.camera_colors", wraps=camera_colors) as fit:
+        for wanted in (True, False):
+            _colors(camera_vignettes=wanted, camera_color_every=6)
+    return [call.args[2] for call in fit.call_args_list] == [True, False]
 
 
 @observed_by("camera_colors")
