@@ -127,6 +127,7 @@ SCREENS |= {
     "calibrate_points": stage("calibrate", "points by hand"),
     "initialize": stage("initialize"),
     "train": stage("train"),
+    "train_colors": stage("train", "camera colors"),
     "bake": stage("bake"),
     "bake_planes": stage("bake", "planes"),
 }

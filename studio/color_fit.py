@@ -50,3 +50,9 @@ def correct_color(premultiplied: Tensor, alpha: Tensor, matrix: Tensor) -> Tenso
     """
     matrix = matrix.to(premultiplied)
     return premultiplied @ matrix[:, :3].T + alpha[..., None] * matrix[:, 3]
+
+
+def uncorrected(colors: Tensor, matrix: Tensor) -> Tensor:
+    """Colors of splats that a camera sees as `colors` (..., 3), both opaque: the inverse of `correct_color`."""
+    matrix = matrix.to(colors)
+    return (colors - matrix[:, 3]) @ torch.linalg.pinv(matrix[:, :3]).T

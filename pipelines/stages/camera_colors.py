@@ -18,12 +18,12 @@ from pipelines.takes.stage_files import CameraColors, InitialPointsReport
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
-    from studio.training import FittedColors, TrainingView
+    from studio.training import TrainingView
 
 VERSION = 1
 
-_LARGE = 0.05
-"""Distance of a camera's colors from the mean camera that is worth a line in the log; 0 to 1."""
+_LARGE = 13.0
+"""Levels of 255 from the mean camera from which on a camera is named in the log."""
 
 
 def camera_colors_key(context: Context, recipe: Params) -> str:
@@ -109,16 +109,15 @@ def _write(
     frame: int,
     matrices: Mapping[str, Any],
     vignettes: Mapping[str, tuple[float, float, float]],
-) -> None:
-    write_model(
-        context.take.camera_colors,
-        CameraColors(
-            key=key,
-            frame=int(frame),
-            cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()},
-            vignettes=dict(vignettes),
-        ),
+) -> CameraColors:
+    colors = CameraColors(
+        key=key,
+        frame=int(frame),
+        cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()},
+        vignettes=dict(vignettes),
     )
+    write_model(context.take.camera_colors, colors)
+    return colors
 
 
 def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
@@ -137,11 +136,11 @@ def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
     views: list[TrainingView] = training_views(
         context, reporter, group.keyframe, reading, context.threads, colored=False
     )
-    points, colors = read_points(context.take.initialize_group(group.index) / "points.ply")
+    points, points_colors = read_points(context.take.initialize_group(group.index) / "points.ply")
     found = fit_camera_colors(
         views,
         torch.from_numpy(points).to(device),
-        torch.from_numpy(colors).to(device),
+        torch.from_numpy(points_colors).to(device),
         settings,
         seed=derived_seed(context.config.run.seed, "camera colors"),
         progress=tell,
@@ -150,8 +149,8 @@ def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
     vignettes = {
         name: (one.a, one.b, one.reach) for name, one in zip(names, found.vignettes, strict=True) if one is not None
     }
-    _write(context, key, group.keyframe, dict(zip(names, found.matrices, strict=True)), vignettes)
-    _tell(reporter, names, found)
+    colors = _write(context, key, group.keyframe, dict(zip(names, found.matrices, strict=True)), vignettes)
+    _tell(reporter, colors)
     without = [name for name in context.footage.calibrated.train_cameras if name not in names]
     if without:
         reporter.warn(
@@ -166,28 +165,19 @@ def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
         )
 
 
-def _tell(reporter: StageReporter, names: list[str], found: FittedColors) -> None:
+def _tell(reporter: StageReporter, colors: CameraColors) -> None:
     """Log how far apart the cameras are, on a middle gray, and which have a vignette."""
-    import torch
-
-    gray = torch.full((4,), 0.5, dtype=torch.float64)
-    gray[3] = 1
-    offsets = (found.matrices @ gray - 0.5).abs().amax(1)
-    far = sorted(((float(off), name) for off, name in zip(offsets, names, strict=True) if off > _LARGE), reverse=True)
+    off = {name: colors.off_on_gray(name) for name in colors.cameras}
+    far = sorted((name for name in off if off[name] > _LARGE), key=lambda name: -off[name])
     reporter.log(
-        f"colors of {len(names)} cameras: a middle gray differs from the mean camera by "
-        f"{255 * float(offsets.mean()):.0f} levels of 255 (mean), {255 * float(offsets.max()):.0f} (most)"
-        + (f"; most in {', '.join(name for _, name in far[:5])}" if far else "")
+        f"colors of {len(off)} cameras: a middle gray differs from the mean camera by "
+        f"{sum(off.values()) / len(off):.0f} levels of 255 (mean), {max(off.values()):.0f} (most)"
+        + (f"; most in {', '.join(far[:5])}" if far else "")
     )
-    ends = {
-        name: 100 * (float(one.gain_at(torch.tensor(one.reach))) - 1)
-        for name, one in zip(names, found.vignettes, strict=True)
-        if one is not None
-    }
-    if ends:
+    if colors.vignettes:
         reporter.log(
             "vignettes, brightness where the performer is farthest from the middle of the image: "
-            + ", ".join(f"{name} {share:+.0f}%" for name, share in ends.items())
+            + ", ".join(f"{name} {100 * (colors.change_at_reach(name) or 0):+.0f}%" for name in colors.vignettes)
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from studio.color_fit import correct_color, fit_color, neutral
+from studio.color_fit import correct_color, fit_color, neutral, uncorrected
 
 
 def drawn() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -52,3 +52,11 @@ def test_the_fitted_matrix_brings_the_drawing_to_the_target():
     color = premultiplied / alpha[:, None]
     assert torch.allclose(target.view(-1, 3), (color @ matrix[:, :3].T + matrix[:, 3]) * alpha[:, None])
     assert torch.allclose(fit_color(image, alpha.view(20, 20), target), matrix, atol=1e-9)
+
+
+def test_uncorrected_is_the_inverse():
+    matrix = torch.tensor([[0.9, 0.1, 0, 0.02], [0, 1.2, -0.1, 0], [0.05, 0, 0.8, -0.03]], dtype=torch.float64)
+    colors = torch.rand(5, 7, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    seen = np.concatenate([colors.numpy(), np.ones((5, 7, 1))], -1) @ matrix.numpy().T
+    assert torch.allclose(uncorrected(torch.from_numpy(seen), matrix), colors, atol=1e-12)
+    assert torch.allclose(correct_color(uncorrected(colors, matrix), torch.ones(5, 7), matrix), colors, atol=1e-12)

@@ -24,6 +24,7 @@ ICONS: Mapping[str, str] = {
     "points": "chart-scatter",
     "progress": "chart-line",
     "gaussians": "sparkles",
+    "camera colors": "contrast",
     "bytes": "chart-column",
     "try other QPs": "chart-spline",
     "planes": "layout-grid",

@@ -1,4 +1,4 @@
-"""Train: live curves, and the latest render of a held-out camera next to its footage."""
+"""Train: live curves, the latest render of a held-out camera next to its footage, and the colors of the cameras."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.remembered import Remembered
 from gui.presenters.run.run_state import Curve
 from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.camera_color_pairs import CameraColorPairs
 from gui.presenters.stages.stage_view import Size, StageView
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
@@ -31,6 +32,9 @@ CURVES = (
 )
 
 
+COLORS = "camera colors"
+"""The mode in which the cameras' colors are compared."""
+
 _LANES = 0.6
 """Share of the width that the groups of a run on several machines take."""
 
@@ -38,15 +42,18 @@ _LANES = 0.6
 class TrainView(StageView):
     """See the module. In mode "gaussians" the window shows the player instead."""
 
-    modes = ("progress", "gaussians")
+    modes = ("progress", "gaussians", COLORS)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
+        self._pairs = CameraColorPairs(workspace)
         self._count: Remembered[Take, int] = Remembered(lambda take: len(take.trained_files()[0]))
 
     def state(self) -> Hashable:
         """The run's metrics and previews, and the trained frames."""
         run, take = self.workspace.run, self.workspace.take
+        if self.mode == COLORS:
+            return (self._pairs.stamp, self.em)
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         frames = self._count.get(take) if take is not None else 0
@@ -55,6 +62,11 @@ class TrainView(StageView):
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
+        if self.mode == COLORS:
+            picture = self._pairs.draw(size, self.em)
+            self.places = self._pairs.places
+            return picture
+        self.places = []
         canvas = Canvas(*size, GROUND)
         run, em = self.workspace.run, self.em
         share = 0.44 * size[1]
