@@ -13,6 +13,17 @@ from gui.shell import Shell
 from pipelines.takes.edit_words import describe
 from studio.edits.edit_list import EditList
 
+_NUMBERS_OF = {
+    "crop": "crop",
+    "ground": "ground",
+    "floaters": "floaters",
+    "origin": "world",
+    "up": "world",
+    "scale": "world",
+    "detail": "details",
+}
+"""What *Numbers* sets while a tool is chosen, a key of `TITLES`."""
+
 
 class EditActions:
     """See the module.
@@ -63,7 +74,7 @@ class EditActions:
 
     def _numbers(self) -> None:
         tool = self._window.views.editor.tool
-        kind = tool if tool in ("crop", "ground", "floaters") else "world" if tool in ("origin", "up", "scale") else ""
+        kind = _NUMBERS_OF.get(tool, "")
         if kind:
             self._ask(kind)
             return
@@ -132,5 +143,5 @@ def without(edits: EditList, name: str) -> EditList:
     kind, _, number = name.partition(" ")
     if not number:
         return edits.with_(**{kind: None})
-    at = int(number) - 1
-    return edits.with_(regions=(*edits.regions[:at], *edits.regions[at + 1 :]))
+    at, those = int(number) - 1, getattr(edits, kind)
+    return edits.with_(**{kind: (*those[:at], *those[at + 1 :])})

@@ -1,4 +1,4 @@
-"""`v3studio edit`: trims, crops, cleans and places a take. What was trained stays as it is."""
+"""`v3studio edit`: trims, crops, cleans and places a take, and marks details for training."""
 
 from __future__ import annotations
 
@@ -18,22 +18,28 @@ if TYPE_CHECKING:
     from studio.edits import EditList
 
 _NOTE = """The edits are in edits.json of the take. Bakes, evaluations and exports of the take use them; what was
-trained is not changed. `v3studio run` then bakes what is affected again.
+trained is not changed. `v3studio run` then bakes what is affected again. Two change training, too: `detail`, and
+`crop --training`.
 
 Examples:
     v3studio edit trim takes/first 12 250
     v3studio edit crop takes/first --min -0.8 -0.8 0 --max 0.8 0.8 2
     v3studio edit floaters takes/first --share 0.01
+    v3studio edit detail takes/first --frame 0 --at 0 1.6 0.1 --radius 0.15
     v3studio edit undo takes/first
 """
+
+
+_MANY = ("regions", "details")
+"""Edits of which there may be several."""
 
 
 def register(commands: Any) -> None:
     """Add the command and its subcommands to the command line."""
     command = commands.add_parser(
         "edit",
-        help="trim a take, crop it, remove floaters, place its world; with undo",
-        description="Trim a take, crop it, remove floaters, place its world.",
+        help="trim a take, crop it, remove floaters, place its world, mark details; with undo",
+        description="Trim a take, crop it, remove floaters, place its world, mark details.",
         epilog=_NOTE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
@@ -82,10 +88,24 @@ def register(commands: Any) -> None:
     region = _kind(kinds, "region", "remove what is in the region of a JSON file, as the window draws them", _region)
     region.add_argument("file", type=Path, metavar="FILE", help="as in `v3studio edit list --json`, one of `regions`")
 
+    detail = _kind(
+        kinds, "detail", "mark a part of the performer (face, hand) that training gives more splats", _detail
+    )
+    detail.add_argument(
+        "--frame", type=int, default=0, metavar="F", help="trained frame, counted from 0 in the take (default: 0)"
+    )
+    _vector(detail, "--at", "its middle, in the world that `v3studio edit world` has placed", required=True)
+    detail.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball around it, same units")
+    detail.add_argument(
+        "--weight", type=float, default=4.0, metavar="W", help="how much more its splats count (default: 4)"
+    )
+
     remove = _kind(kinds, "remove", "remove an edit", _remove)
-    names = "trim, crop, ground, floaters, world, regions, or all"
+    names = "trim, crop, ground, floaters, world, regions, details, or all"
     remove.add_argument("name", metavar="NAME", help=names)
-    remove.add_argument("number", type=int, nargs="?", metavar="NUMBER", help="of a region, from `v3studio edit list`")
+    remove.add_argument(
+        "number", type=int, nargs="?", metavar="NUMBER", help="of a region or detail, from `v3studio edit list`"
+    )
 
     _kind(kinds, "undo", "undo the last change", _undo)
     _kind(kinds, "redo", "make the change that was undone last again", _redo)
@@ -278,6 +298,35 @@ def _region(arguments: argparse.Namespace) -> int:
     return _change(take, "regions", [*read_edits(take.edits).model_dump(mode="json")["regions"], values])
 
 
+def _detail(arguments: argparse.Namespace) -> int:
+    import numpy as np
+
+    from pipelines.takes.edits import read_edits
+    from pipelines.takes.followed import followed
+
+    for option, least in (("radius", 0), ("weight", 1)):
+        value = getattr(arguments, option)
+        if not (np.isfinite(value) and value >= least and value > 0):
+            raise StudioError(
+                "command.invalid_option",
+                f"--{option} is {value:g}",
+                value=value,
+                fix="It must be above 0." if option == "radius" else "It must be at least 1.",
+                option=f"--{option}",
+            )
+    take = _take(arguments)
+    edits = read_edits(take.edits)
+    back = edits.similarity.inverse
+    mark = followed(
+        take,
+        arguments.frame,
+        back.points(np.array(arguments.at_point)),
+        back.scale * arguments.radius,
+        arguments.weight,
+    )
+    return _change(take, "details", [one.model_dump(mode="json") for one in (*edits.details, mark)])
+
+
 def _remove(arguments: argparse.Namespace) -> int:
     from pipelines.takes.edit_words import NAMES
     from pipelines.takes.edits import change_edits, read_edits
@@ -294,7 +343,7 @@ def _remove(arguments: argparse.Namespace) -> int:
             option="NAME",
         )
     if arguments.number is not None:
-        if name != "regions" or not 1 <= arguments.number <= len(edits.regions):
+        if name not in _MANY or not 1 <= arguments.number <= len(getattr(edits, name)):
             raise StudioError(
                 "command.invalid_option",
                 f"there is no {name} {arguments.number}",
@@ -302,13 +351,13 @@ def _remove(arguments: argparse.Namespace) -> int:
                 fix=f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers.",
                 option="NUMBER",
             )
-        at = arguments.number - 1
-        new = edits.with_(regions=(*edits.regions[:at], *edits.regions[at + 1 :]))
-        change_edits(take.edits, new, f"region {arguments.number} removed", edits)
+        at, those = arguments.number - 1, getattr(edits, name)
+        new = edits.with_(**{name: (*those[:at], *those[at + 1 :])})
+        change_edits(take.edits, new, f"{name[:-1]} {arguments.number} removed", edits)
     elif name == "all":
         change_edits(take.edits, EditList(), "all edits removed", edits)
     else:
-        change_edits(take.edits, edits.with_(**{name: () if name == "regions" else None}), f"{name} removed", edits)
+        change_edits(take.edits, edits.with_(**{name: () if name in _MANY else None}), f"{name} removed", edits)
     print(f"removed: {name}{'' if arguments.number is None else f' {arguments.number}'}", file=arguments.output)
     return 0
 
@@ -341,12 +390,12 @@ def _change(take: Take, name: str, value: object) -> int:
         after = EditList.model_validate(before.model_dump(mode="json") | {name: value})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"] if part != "regions") or name
+        where = ".".join(str(part) for part in first["loc"] if part not in _MANY) or name
         raise StudioError(
             "edits.invalid",
             f"{where} {violation(first)}",
             value=None if isinstance(first["input"], dict) else first["input"],
-            fix=f"`v3studio edit {'region' if name == 'regions' else name} --help` shows what is possible.",
+            fix=f"`v3studio edit {name[:-1] if name in _MANY else name} --help` shows what is possible.",
             edit=name,
         ) from None
     words = list(describe(after).items())

@@ -22,6 +22,7 @@ WORDS = {
     "floaters": "the limits of floaters",
     "regions": "the removed regions",
     "world": "the placement of the world",
+    "details": "the marked details",
 }
 """What the edits are called, by their name."""
 
@@ -29,6 +30,16 @@ WORDS = {
 def trained_edits(edits: EditList) -> Params:
     """What of the edits training depends on: the crop box, if it is to limit training."""
     return edit_params(edits, "crop") if edits.crop is not None and edits.crop.training else {}
+
+
+def details_at(edits: EditList, frame: int) -> list[tuple[tuple[float, float, float], float, float]]:
+    """Center, radius and weight of each marked detail in a frame, counted from 0 in the take."""
+    return [(_rounded(one.at(frame)), one.radius, one.weight) for one in edits.details]
+
+
+def _rounded(point: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (round(float(value), 6) for value in point)
+    return x, y, z
 
 
 def change_words(name: str, before: object, now: object) -> str:

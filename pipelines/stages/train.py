@@ -11,6 +11,7 @@ from pipelines.config.renamed import first_name, first_names
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.camera_colors import camera_colors_key, ensure_camera_colors
+from pipelines.stages.edited import details_at
 from pipelines.stages.footage_check import footage_check
 from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_memory, run_groups, threads_of_groups
 from pipelines.stages.live_bake import LiveBake
@@ -19,6 +20,7 @@ from pipelines.stages.summaries import TrainSummary
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
 from pipelines.takes.atomic_files import digest_of, read_model, remove
+from pipelines.takes.edit_params import edit_params
 from pipelines.takes.frame_files import read_about
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
@@ -43,9 +45,10 @@ class TrainStage:
     dependencies: tuple[str, ...] = ("calibrate", "initialize")
 
     def params(self, context: Context) -> Params:
-        """Training views, training settings, and frames."""
+        """Training views, training settings, marked details, and frames."""
         return {
             **self._recipe(context),
+            **edit_params(context.edits, "details"),
             **settings_of(context.config, "train.group_size"),
             "frames": list(context.footage.raw.frames),
             **({} if context.config.train.grouping == "fixed" else {"groups": [one.first for one in context.groups]}),
@@ -199,11 +202,13 @@ class TrainStage:
             files,
             group.index,
             *colors,
+            *details_at(context.edits, group.first),
         )
         keys = [key_of(self.name, self.version, start, group.keyframe)]
         named = first_names(later)  # as `key_of` does for each of the frames, which may be thousands
-        for frame in group.frames[1:]:
-            keys.append(digest_of([first_name(self.name), self.version, keys[-1], named, frame]))
+        for index, frame in zip(group.indices[1:], group.frames[1:], strict=True):
+            details = details_at(context.edits, index)
+            keys.append(digest_of([first_name(self.name), self.version, keys[-1], named, frame, *details]))
         return keys
 
     def _keys_to_write(self, context: Context, group: Group) -> list[str]:

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.edited import within_box
+from pipelines.stages.edited import details_at, within_box
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
 from studio.errors import Message, StudioError
@@ -27,7 +27,7 @@ def training_views(
     readers: int = 1,
     colored: bool = True,
 ) -> list[TrainingView]:
-    """Views of all training cameras that see the performer.
+    """Views of all training cameras that see the performer, with the take's details.
 
     Args:
         context: of the stage.
@@ -40,10 +40,11 @@ def training_views(
     Raises:
         StudioError: an image cannot be read, no camera sees the performer, or the cameras' colors are not there.
     """
-    from studio.training import TrainingView
+    from studio.training import Detail, TrainingView
 
     footage, settings = context.footage.calibrated, context.config.train
     cameras = footage.train_cameras
+    details = [Detail(*one) for one in details_at(context.edits, list(context.footage.raw.frames).index(frame))]
     colors = read_camera_colors(context) if colored and settings.camera_colors else {}
 
     def read(number: int) -> TrainingView | None:
@@ -54,6 +55,7 @@ def training_views(
             return None
         chroma = None if settings.chroma_siting == "none" else footage.chroma(cameras[number])
         seen = TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates, chroma)
+        seen = seen.with_details(details) if details else seen
         # a camera that did not see the performer in the frame that was fitted has no matrix
         return seen.with_color(*colors[cameras[number]]) if cameras[number] in colors else seen
 

@@ -15,9 +15,10 @@ def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:
 
     Args:
         edits: of the take.
-        names: of the edits; none: all.
+        names: of the edits; none: all but the marked details, which only training uses.
     """
     values = edits.model_dump(mode="json")
     if values["crop"] is not None:
         del values["crop"]["training"]  # whether training sees the box, too, changes nothing here
-    return {f"{PREFIX}{name}": values[name] for name in names or values if values[name] not in (None, [])}
+    chosen = names or [name for name in values if name != "details"]
+    return {f"{PREFIX}{name}": values[name] for name in chosen if values[name] not in (None, [])}

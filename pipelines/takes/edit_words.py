@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from studio.edits.edit_list import CropBox, EditList, Floaters, Ground, Region, Trim, World
+from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, Trim, World
 
-NAMES = ("trim", "crop", "ground", "floaters", "regions", "world")
+NAMES = ("trim", "crop", "ground", "floaters", "regions", "world", "details")
 """Edits, in the order in which they are listed."""
 
 
 def describe(edits: EditList) -> dict[str, str]:
-    """What is edited, by name; a region counts as `regions 1`, `regions 2`, ..."""
+    """What is edited, by name; a region counts as `regions 1`, `regions 2`, ..., a
+    detail as `details 1`."""
     found: dict[str, str] = {}
     for name in NAMES:
         value = getattr(edits, name)
@@ -22,7 +23,7 @@ def describe(edits: EditList) -> dict[str, str]:
     return found
 
 
-def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World) -> str:
+def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World | DetailMark) -> str:
     """An edit in a few words."""
     match edit:
         case Trim():
@@ -41,6 +42,9 @@ def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World) -> str:
                 return f"{kind}, all frames{depth}"
             first, last = edit.frames
             return f"{kind}, {f'the group of frame {first}' if first == last else f'frames {first} to {last}'}{depth}"
+        case DetailMark():
+            frame, place = edit.path[0]
+            return f"radius {edit.radius:.4g}, weight {edit.weight:g}, in frame {frame} at {_point(place)}"
         case World():
             parts = [] if edit.up is None else [f"up {_point(edit.up)}"]
             parts += [f"origin {_point(edit.origin)}"] if any(edit.origin) else []

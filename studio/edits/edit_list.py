@@ -1,10 +1,13 @@
 """The edits of a take: what is cut off, taken out and moved after training, without changing what was trained.
 
+Two of them change training, too: a crop box that says so, and details, which get more splats.
+
 All positions are in the world of the capture, so that an edit stays where it is when the world is placed differently.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,6 +23,9 @@ MOST_POINTS = 400
 
 MOST_REGIONS = 100
 """Most regions of a take."""
+
+MOST_DETAILS = 20
+"""Most marked details of a take."""
 
 UP = (0.0, 1.0, 0.0)
 """Where up is in a world for which `World.up` is set: as in glTF, three.js and most engines."""
@@ -217,6 +223,37 @@ class Region(Edit):
         return self
 
 
+class DetailMark(Edit):
+    """A part of the performer, as face or hand, that gets more than its share of the splats when the take is trained.
+
+    It is a ball that moves with the performer.
+    """
+
+    radius: _Length
+    """Of the ball."""
+
+    weight: float = Field(default=4.0, ge=1, le=100)
+    """How much more its pixels count in the loss, and its splats where splats are added and pruned."""
+
+    path: tuple[tuple[Annotated[int, Field(ge=0, le=10_000_000)], Vector], ...] = Field(
+        min_length=1, max_length=100_000
+    )
+    """Frames, counted from 0 in the take and ascending, and where the middle of the ball is in them. It moves straight
+    from one to the next, and stays before the first and after the last."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> DetailMark:
+        if any(before >= after for (before, _), (after, _) in pairwise(self.path)):
+            raise ValueError("the frames of a path must be ascending")
+        return self
+
+    def at(self, frame: int) -> np.ndarray:
+        """(3,) the middle of the ball in a frame, counted from 0 in the take."""
+        frames = [one for one, _ in self.path]
+        places = np.array([place for _, place in self.path])
+        return np.array([np.interp(frame, frames, places[:, axis]) for axis in range(3)])
+
+
 class World(Edit):
     """How the world of streams and exports is placed in that of the capture."""
 
@@ -251,6 +288,7 @@ class EditList(Edit):
     floaters: Floaters | None = None
     regions: tuple[Region, ...] = Field(default=(), max_length=MOST_REGIONS)
     world: World | None = None
+    details: tuple[DetailMark, ...] = Field(default=(), max_length=MOST_DETAILS)
 
     @property
     def removes(self) -> bool:

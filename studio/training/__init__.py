@@ -6,12 +6,14 @@ from studio.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from studio.training.camera_colors import FittedColors, fit_camera_colors
+    from studio.training.details import Detail
     from studio.training.interframe import InterframeResult, interframe_steps, train_interframe
     from studio.training.keyframe import keyframe_steps, train_keyframe
     from studio.training.settings import LearningRates, TrainSettings
     from studio.training.views import TrainingView
 
 __all__ = [
+    "Detail",
     "FittedColors",
     "InterframeResult",
     "LearningRates",

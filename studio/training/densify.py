@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -10,6 +10,7 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.torch_rotations import rotate_vectors
 from studio.training.attribution import Shares
+from studio.training.details import Detail, detail_weights
 from studio.training.error_density import ErrorDensity
 from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
@@ -24,15 +25,20 @@ _HUGE_SHARE = 0.1
 
 
 def density_control(
-    count: int, extent: float, settings: TrainSettings, device: torch.device, shares: Callable[[Gaussians], Shares]
+    count: int,
+    extent: float,
+    settings: TrainSettings,
+    device: torch.device,
+    shares: Callable[[Gaussians], Shares],
+    details: Sequence[Detail] = (),
 ) -> DensityControl | Relocation | ErrorDensity:
     """The densification strategy selected by `settings.strategy`; arguments as for `DensityControl` and
-    `ErrorDensity`."""
+    `ErrorDensity`, whose `shares` have the weights of the details already."""
     if settings.strategy == "mcmc":
-        return Relocation(settings)
+        return Relocation(settings, details)
     if settings.strategy == "error":
         return ErrorDensity(settings, shares)
-    return DensityControl(count, extent, settings, device)
+    return DensityControl(count, extent, settings, device, details)
 
 
 class DensityControl:
@@ -43,10 +49,18 @@ class DensityControl:
         extent: scene extent, world units.
         settings: schedule, thresholds and maximum number of splats.
         device: device of the statistics.
+        details: where gradients count more.
     """
 
-    def __init__(self, count: int, extent: float, settings: TrainSettings, device: torch.device) -> None:
-        self._extent = extent
+    def __init__(
+        self,
+        count: int,
+        extent: float,
+        settings: TrainSettings,
+        device: torch.device,
+        details: Sequence[Detail] = (),
+    ) -> None:
+        self._extent, self._details = extent, details
         self._settings = settings
         self._device = device
         self._restart(count)
@@ -100,7 +114,7 @@ class DensityControl:
     def densify(self, optimizer: SplatOptimizer, generator: torch.Generator, remove_huge: bool) -> None:
         """Clone, split and remove splats once, and reset the statistics."""
         gaussians = optimizer.gaussians.detach()
-        mean_gradient = self._sum / self._seen.clamp_min(1)
+        mean_gradient = self._sum / self._seen.clamp_min(1) * detail_weights(gaussians.means, self._details)
         wanted = mean_gradient > self._settings.densify_gradient
         budget = max(0, self._settings.densify_max_splats - len(optimizer))
         if int(wanted.sum()) > budget:

@@ -14,6 +14,7 @@ from studio.gaussians import SH_C0, Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.training.attribution import Shares, shares
 from studio.training.densify import density_control
+from studio.training.details import detail_weights
 from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import Refinement
 from studio.training.settings import TrainSettings
@@ -150,10 +151,11 @@ class _Run:
         self._extent = scene_extent(points)
         self._generator = torch.Generator().manual_seed(seed)
         self._stepper = Stepper(views, settings, self._generator)
+        self._details = views[0].details
         self._refinement = Refinement(self._stepper, settings)
         start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
-        self._density = density_control(len(start), self._extent, settings, points.device, self._shares)
+        self._density = density_control(len(start), self._extent, settings, points.device, self._shares, self._details)
         self.done = 0
         self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
         self._pruned = 0
@@ -184,14 +186,18 @@ class _Run:
             self._advance(self.optimizer.gaussians, None)
 
     def _shares(self, gaussians: Gaussians) -> Shares:
-        return shares(gaussians, self._stepper.views)
+        found, weights = shares(gaussians, self._stepper.views), detail_weights(gaussians.means, self._details)
+        return Shares(found.weight * weights, found.error * weights)
 
     def _prune(self) -> None:
         optimizer, settings = self.optimizer, self._settings
         if settings.prune_by == "contribution":
             worth = self._shares(optimizer.gaussians.detach()).weight
         else:
-            worth = optimizer.gaussians.logit_opacities.detach()
+            gaussians = optimizer.gaussians.detach()
+            worth = gaussians.logit_opacities
+            if self._details:
+                worth = gaussians.opacities * detail_weights(gaussians.means, self._details)
         prune(optimizer, worth, pruned_in_round(settings, len(optimizer), self._pruned))
 
     def _refine(self) -> None:

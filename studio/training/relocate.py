@@ -6,6 +6,7 @@ Kheradmand et al., "3D Gaussian Splatting as Markov Chain Monte Carlo", 2024.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -13,6 +14,7 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.torch_rotations import rotate_vectors
+from studio.training.details import Detail, detail_weights
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 
@@ -33,12 +35,13 @@ class Relocation:
 
     Args:
         settings: uses `densify_from`, `densify_until`, `densify_every`, `densify_max_splats` and `mcmc_noise`.
+        details: where splats are sampled in proportion to opacity times weight.
     """
 
     wants_screen_gradients = False
 
-    def __init__(self, settings: TrainSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: TrainSettings, details: Sequence[Detail] = ()) -> None:
+        self._settings, self._details = settings, details
 
     def observe(self, *_: object) -> None:
         """Does nothing: relocation only uses opacities."""
@@ -48,8 +51,8 @@ class Relocation:
         """Relocate and grow if due, then add noise; `iteration` counts from 1."""
         settings = self._settings
         if settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0:
-            relocate_dead(optimizer, generator)
-            grow(optimizer, settings.densify_max_splats, generator)
+            relocate_dead(optimizer, generator, self._details)
+            grow(optimizer, settings.densify_max_splats, generator, self._details)
         if settings.mcmc_noise:
             add_noise(optimizer, settings.mcmc_noise, generator)
 
@@ -80,7 +83,7 @@ def shared_opacity_and_scale(opacity: Tensor, copies: Tensor) -> tuple[Tensor, T
     return new, opacity / denominator
 
 
-def relocate_dead(optimizer: SplatOptimizer, generator: torch.Generator) -> int:
+def relocate_dead(optimizer: SplatOptimizer, generator: torch.Generator, details: Sequence[Detail] = ()) -> int:
     """Move each dead splat onto a live one; returns the number of moved splats."""
     gaussians = optimizer.gaussians.detach()
     opacities = gaussians.opacities
@@ -88,21 +91,22 @@ def relocate_dead(optimizer: SplatOptimizer, generator: torch.Generator) -> int:
     alive = (opacities > _DEAD).nonzero()[:, 0]
     if len(dead) == 0 or len(alive) == 0:
         return 0
-    chosen = alive[_draw(opacities[alive], len(dead), generator)]
+    chances = opacities * detail_weights(gaussians.means, details)
+    chosen = alive[_draw(chances[alive], len(dead), generator)]
     shared = _shared(gaussians, chosen)
     optimizer.overwrite(chosen, shared)
     optimizer.overwrite(dead, shared)
     return len(dead)
 
 
-def grow(optimizer: SplatOptimizer, budget: int, generator: torch.Generator) -> int:
+def grow(optimizer: SplatOptimizer, budget: int, generator: torch.Generator, details: Sequence[Detail] = ()) -> int:
     """Add 5% more splats as copies of live ones, up to `budget` in total; returns the number added."""
     count = len(optimizer)
     more = min(budget, int(_GROWTH * count)) - count
     if more <= 0:
         return 0
     gaussians = optimizer.gaussians.detach()
-    chosen = _draw(gaussians.opacities, more, generator)
+    chosen = _draw(gaussians.opacities * detail_weights(gaussians.means, details), more, generator)
     shared = _shared(gaussians, chosen)
     optimizer.overwrite(chosen, shared)
     optimizer.append(shared)
@@ -120,12 +124,12 @@ def add_noise(optimizer: SplatOptimizer, strength: float, generator: torch.Gener
     optimizer.shift_means(noise * (share * strength * _NOISE_RATE * optimizer.means_rate)[:, None])
 
 
-def _draw(opacities: Tensor, count: int, generator: torch.Generator) -> Tensor:
-    """`count` indices, sampled with replacement in proportion to opacity."""
+def _draw(chances: Tensor, count: int, generator: torch.Generator) -> Tensor:
+    """`count` indices, sampled with replacement in proportion to (N,) `chances`."""
     # torch.multinomial is limited to 2^24 categories
-    edges = opacities.double().cumsum(0).cpu()
+    edges = chances.double().cumsum(0).cpu()
     draws = torch.rand(count, generator=generator, dtype=torch.float64) * edges[-1]
-    return torch.searchsorted(edges, draws).clamp(max=len(edges) - 1).to(opacities.device)
+    return torch.searchsorted(edges, draws).clamp(max=len(edges) - 1).to(chances.device)
 
 
 def _shared(gaussians: Gaussians, chosen: Tensor) -> Gaussians:

@@ -13,6 +13,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.metrics import psnr
 from studio.rasterizer import Render, rasterize
+from studio.training.details import detail_loss
 from studio.training.dropout import drop_splats
 from studio.training.noise import draw_seed
 from studio.training.photometric import photometric_loss
@@ -28,7 +29,8 @@ class Step:
     """Result of one step.
 
     Attributes:
-        loss: scalar, equation 7, plus the alpha loss if enabled; backward() has not been called yet.
+        loss: scalar, equation 7, plus what weights of details add, and the alpha loss if enabled; backward() has not
+            been called yet.
         target: (H, W, 3) image with which the render was compared.
         render: the render; `radii` has an entry for every splat, 0 for dropped ones.
         view: the training view.
@@ -93,6 +95,8 @@ class Stepper:
         if self.chroma_shift is not None and view.chroma is not None:
             image = resampled(image, view.chroma, self.chroma_shift)
         loss = photometric_loss(image, target, self._settings.dssim_weight)
+        if view.detail_boxes:
+            loss = loss + detail_loss(image, target, view.detail_boxes, self._settings.dssim_weight)
         if self.alpha_weight:
             loss = loss + self.alpha_weight * (render.alpha - view.matte).abs().mean()
         return Step(loss, target, render, view, image)

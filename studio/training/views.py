@@ -13,6 +13,7 @@ from studio.cameras import Camera
 from studio.chroma import ChromaSampling
 from studio.color_fit import correct_color
 from studio.errors import StudioError
+from studio.training.details import Detail, DetailBox, detail_boxes
 from studio.views import CapturedView
 from studio.vignette import Vignette
 
@@ -46,6 +47,8 @@ class TrainingView:
         color: (3, 4) matrix from the splats' colors to those of this camera; None: they are the same. See
             `studio.color_fit.correct_color`.
         vignette: by which this camera's image is darker toward its corners, on top of `color`; None: by nothing.
+        details: parts of the performer that count more in this frame; the same in all of its views.
+        detail_boxes: where the image shows them.
     """
 
     def __init__(
@@ -60,6 +63,8 @@ class TrainingView:
         self.camera, self.full_size, self.chroma = camera, full_size, chroma
         self.color: Tensor | None = None
         self.vignette: Vignette | None = None
+        self.details: tuple[Detail, ...] = ()
+        self.detail_boxes: tuple[DetailBox, ...] = ()
         self._image, self._matte, self._plate = image, matte, plate
         self._near = None if plate is None else surroundings(_floats(matte)).to(torch.uint8)
         self._cached: tuple[Tensor, Tensor, Tensor | None] | None = None
@@ -141,6 +146,12 @@ class TrainingView:
         view.color, view.vignette = matrix.to(self.device, torch.float32), vignette
         return view
 
+    def with_details(self, details: Sequence[Detail]) -> TrainingView:
+        """The same view with other details."""
+        view = copy.copy(self)
+        view.details, view.detail_boxes = tuple(details), detail_boxes(self.camera, details)
+        return view
+
     def in_its_colors(self, image: Tensor, alpha: Tensor, behind: Tensor) -> Tensor:
         """A drawing in the colors of this camera (`color`, `vignette`); differentiable.
 
@@ -181,7 +192,7 @@ class TrainingView:
         size = (self.full_size[0] // 2, self.full_size[1] // 2)
         view = TrainingView(camera, stored(image), stored(matte)[..., 0], size, plate)
         view.color, view.vignette = self.color, self.vignette
-        return view
+        return view.with_details(self.details)
 
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3) target image over a (3,) background color.

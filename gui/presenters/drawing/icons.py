@@ -57,6 +57,7 @@ ICONS: Mapping[str, str] = {
     "origin": "crosshair",
     "up": "move-up",
     "scale": "ruler",
+    "detail": "radar",
     "numbers": "hash",
     "list": "list",
     "removed": "eye",

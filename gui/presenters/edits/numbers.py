@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import ValidationError
 
-from studio.edits.edit_list import CropBox, EditList, Floaters, Ground, Trim, World
+from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Trim, World
 from studio.rotations import matrices_to_quats
 from studio.violations import violation
 
@@ -18,6 +18,10 @@ TITLES = {
     "ground": ("Ground", "Height along up, in the placed world. Empty: no ground plane."),
     "floaters": ("Floaters", "Splats that are removed in every group. Empty: no such limit."),
     "world": ("World", "Of streams and exports. Points and directions in the world of the capture, x y z."),
+    "details": (
+        "Detail",
+        "The last one that was marked. Weight: how much more it counts in training. Empty: no such detail.",
+    ),
     "trim": ("Trim", "First and last frame to keep, counted from 0. Empty: all."),
 }
 
@@ -59,6 +63,12 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
             ("origin", "Origin", _text(np.array(placed.origin))),
             ("scale", "Scale", f"{placed.scale:.6g}"),
         ]
+    if kind == "details":
+        last = edits.details[-1] if edits.details else None
+        return [
+            ("radius", "Radius, in the placed world", "" if last is None else f"{world.scale * last.radius:.4g}"),
+            ("weight", "Weight (1 to 100)", "" if last is None else f"{last.weight:g}"),
+        ]
     trim = edits.trim
     return [
         ("first", "In point", "" if trim is None else str(trim.first)),
@@ -84,6 +94,8 @@ def with_numbers(edits: EditList, kind: str, texts: Mapping[str, str], up: np.nd
 
 
 def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndarray) -> EditList:
+    if kind == "details":
+        return _with_detail(edits, texts)
     if not any(texts.values()):
         return edits.with_(**{kind: None})
     back = edits.similarity.inverse
@@ -122,6 +134,18 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
         world = World.model_validate(placed)
         return edits.with_(world=None if world == World() else world)
     return edits.with_(trim=Trim.model_validate({key: _number(texts[key], key) for key in ("first", "last")}))
+
+
+def _with_detail(edits: EditList, texts: dict[str, str]) -> EditList:
+    if not edits.details:
+        raise ValueError("there is no detail yet: take the tool Detail, and click on the performer")
+    *others, last = edits.details
+    if any(texts.values()):
+        changed = {key: _number(text, key) for key, text in texts.items()}
+        same = f"{edits.similarity.scale * last.radius:.4g}" == texts["radius"]
+        changed["radius"] = last.radius if same else edits.similarity.inverse.scale * changed["radius"]
+        others.append(DetailMark.model_validate(last.model_dump() | changed))
+    return edits.with_(details=tuple(others))
 
 
 def _height(edits: EditList, ground: Ground, up: np.ndarray) -> float:

@@ -31,11 +31,13 @@ EDIT_CHOICES: tuple[Choice, ...] = (
     ("up", "Up", "Click a point, then one straight above it: up becomes +y"),
     ("scale", "Scale", "Click two points, and say how far apart they are"),
     ("", "", ""),
-    ("numbers", "Numbers", "Set the crop box, the ground, the floaters or the world in numbers"),
+    ("detail", "Detail", "Click a face or a hand: training gives it more splats"),
+    ("", "", ""),
+    ("numbers", "Numbers", "Set the crop box, the ground, the floaters, the world or a detail in numbers"),
     ("list", "List", "List the edits, and remove some"),
     ("removed", "Removed", "Draw what is removed in red"),
 )
-TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale")
+TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale", "detail")
 BRUSH = 0.03
 """Radius of the brush, relative to the height of the picture."""
 
@@ -54,6 +56,7 @@ HINTS = {
     "origin": "Click the new origin.",
     "up": "Click a point, then one straight above it.",
     "scale": "Click two points whose distance you know.",
+    "detail": "Click a face or a hand, which training should give more splats. Drag a dot to change the size.",
 }
 
 

@@ -12,6 +12,7 @@ from gui.presenters.drawing.canvas import Canvas, wrapped
 from gui.presenters.drawing.palette import FAIR, TEXT
 from gui.presenters.drawing.splats import draw_layer
 from gui.presenters.edits import picture
+from gui.presenters.edits.details import detail_handles, draw_detail, marked, resized
 from gui.presenters.edits.frame import EditedFrame
 from gui.presenters.edits.handles import (
     Handle,
@@ -40,6 +41,12 @@ from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.counts import counted
 from studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
+from studio.errors import StudioError
+
+NOBODY = "There are no splats under the pointer. Click on the performer."
+
+_DRAGGED = {"crop": "crop box", "ground": "ground plane", "detail": "size of a detail"}
+"""What a drag with a tool changes."""
 
 
 @dataclass(frozen=True)
@@ -258,6 +265,8 @@ class EditView(OrbitView):
         if handle.name == "ground" and edits.ground is not None:
             ground = edits.ground.model_copy(update={"height": edits.ground.height + distance})
             self.pending = edits.with_(ground=ground)
+        elif handle.name.startswith("detail"):
+            self.pending = resized(edits, handle, distance)
         elif edits.crop is not None:
             self.pending = edits.with_(crop=moved_crop(edits.crop, handle, distance))
 
@@ -270,7 +279,7 @@ class EditView(OrbitView):
         elif self._handle is not None:
             self._handle = None
             if self.pending is not None and self.pending != self.edits:
-                self.commit(self.pending, "crop box" if self.tool == "crop" else "ground plane")
+                self.commit(self.pending, _DRAGGED[self.tool])
 
     @property
     def _histogram(self) -> HistogramPlace:
@@ -298,11 +307,13 @@ class EditView(OrbitView):
 
     def click(self, x: float, y: float) -> None:
         """See `StageView`."""
+        if self.tool == "detail":
+            self._mark_detail(x, y)
         if self.tool not in ("origin", "up", "scale"):
             return
         point = picked(self._view(), self._seen, x, y)
         if point is None:
-            self.refused = "There are no splats under the pointer. Click on the performer."
+            self.refused = NOBODY
             return
         edits = self.edits
         world = edits.world or World()
@@ -324,6 +335,24 @@ class EditView(OrbitView):
                 orbit = self.orbit or OrbitCamera()
                 self.orbit = OrbitCamera.from_to(orbit.eye, orbit.target, up, orbit.fov)
 
+    def _mark_detail(self, x: float, y: float) -> None:
+        take, edits = self.workspace.take, self.edits
+        if take is None:
+            return
+        try:
+            mark = marked(take, min(self.frame, max(self._trained_count() - 1, 0)), self._view(), self._seen, x, y)
+            if mark is None:
+                self.refused = NOBODY
+                return
+            after = edits.with_(details=(*edits.details, mark))
+        except StudioError as error:
+            self.refused = str(error.message)
+            return
+        except ValueError:
+            self.refused = "There are too many details already. Remove some with List."
+            return
+        self.commit(after, f"detail {len(after.details)}")
+
     # The picture
 
     def _view(self) -> Camera:
@@ -334,6 +363,8 @@ class EditView(OrbitView):
             return [handle for handle in crop_handles(edits.crop) if handle.movable(self._view())]
         if self.tool == "ground" and edits.ground is not None and len(self._seen):
             return [ground_handle(edits.ground, np.median(self._seen, axis=0))]
+        if self.tool == "detail":
+            return [one for one in detail_handles(edits, self.frame, self.up) if one.movable(self._view())]
         return []
 
     def _trained_count(self) -> int:
@@ -416,6 +447,8 @@ class EditView(OrbitView):
             picture.draw_lines(canvas, view, lines, splats)
         if edits.crop is not None:
             picture.draw_lines(canvas, view, picture.box_lines(edits.crop, state.tool == "crop"), splats)
+        for mark in edits.details:
+            draw_detail(canvas, view, mark, state.frame, state.tool == "detail")
         if edits.world is not None or state.tool in ("origin", "up", "scale"):
             picture.draw_world(canvas, view, edits, 0.25 * reach)
         picture.draw_clicks(canvas, view, state.clicks)

@@ -115,6 +115,35 @@ def test_a_box_for_training_makes_training_stale_and_masks_what_it_sees(here, ta
     assert np.array_equal(read_points_of(take), whole)
 
 
+def test_a_detail_is_trained_with_more_splats_and_as_before_when_that_is_undone(here, take) -> None:
+    opened = Take.open(take)
+    files = [opened.trained_frame(*place) for place in ((0, 0), (0, 1), (1, 3))]
+    before, initialized = [path.read_bytes() for path in files], states(here, take)["initialize"]
+    done(here("edit", "world", take, "--scale", 100))
+    done(here("edit", "detail", take, "--frame", 2, "--at", 0, 0, 40, "--radius", 30, "--weight", 20))
+    (mark,) = read_edits(take / "edits.json").details
+    assert mark.radius == pytest.approx(0.3)
+    assert mark.at(2) == pytest.approx([0, 0, 0.4])
+    assert [frame for frame, _ in mark.path] == [0, 2, 3, 4], "borders of the groups"
+    assert "details 1" in done(here("edit", "list", take)).stdout
+    found = states(here, take)
+    assert found["initialize"] == initialized
+    assert found["train"]["reason"] == "the marked details were set"
+    assert "details" not in found["bake"]["reason"]
+    done(here("train", take))
+
+    def share(data_of: Path) -> float:
+        """Of the splats near the mark."""
+        means = read_frame(data_of).means.numpy()
+        return float((np.linalg.norm(means - mark.at(0), axis=1) < mark.radius).mean())
+
+    more = share(files[0])
+    done(here("edit", "undo", take))
+    done(here("train", take))
+    assert [path.read_bytes() for path in files] == before
+    assert more > 1.1 * share(files[0])
+
+
 def read_points_of(take: Path) -> np.ndarray:
     from pipelines.takes.point_files import read_points
 
@@ -133,6 +162,11 @@ def read_points_of(take: Path) -> np.ndarray:
         (("world", "--scale", 0), "world.scale"),
         (("remove", "box"), "there is no edit named 'box'"),
         (("remove", "regions", 1), "there is no regions 1"),
+        (("remove", "details", 1), "there is no details 1"),
+        (("detail", "--at", 9, 9, 9, "--radius", 1), "there are no splats within 1 of (9, 9, 9) in frame 0"),
+        (("detail", "--at", 0, 0, 0, "--radius", 1, "--frame", 5), "in frame 5"),
+        (("detail", "--at", 0, 0, 0, "--radius", 0), "--radius is 0. It must be above 0."),
+        (("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", "0.5"), "--weight is 0.5. It must be at least 1."),
         (("undo",), "there is no edit to undo. See the edits that there are with `v3studio edit list TAKE`."),
         (("region", "none.json"), "none.json"),
         (("region", "none.json"), "one of the `regions` that `v3studio edit list TAKE --json` prints."),

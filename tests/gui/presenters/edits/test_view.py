@@ -113,6 +113,41 @@ def test_faces_of_the_box_are_dragged(view: EditView) -> None:
     assert not view.grabs(1, 1)
 
 
+def test_a_click_marks_a_detail_and_a_drag_sizes_it(view: EditView) -> None:
+    before = drawn(view)
+    view.press("detail")
+    drawn(view)
+    view.click(2, 2)
+    assert view.refused == "There are no splats under the pointer. Click on the performer."
+    camera = view.orbit.camera(*SIZE)
+    x, y = camera.project(np.zeros((1, 3)))[0][0]
+    view.refused = ""
+    view.click(x, y)
+    assert view.refused == ""
+    (mark,) = view.edits.details
+    assert [frame for frame, _ in mark.path] == [0, 2, 3, 4]
+    assert camera.project(mark.at(0)[None])[0][0] == pytest.approx([x, y], abs=1), "behind the clicked pixel"
+    assert (drawn(view) != before).any()
+    assert view.counts["removed"] == 0
+    top = view._handles(view.edits)[0]
+    at = camera.project(top.place[None])[0][0]
+    assert view.grabs(*at)
+    view.pull(at[0], at[1] - 30)
+    view.release()
+    (larger,) = view.edits.details
+    assert camera.project((larger.at(0) + larger.radius * UP)[None])[0][0] == pytest.approx(
+        [at[0], at[1] - 30], abs=1.5
+    )
+    assert larger.path == mark.path
+    changed = with_numbers(view.edits, "details", {"radius": f"{larger.radius:.4g}", "weight": "7"}, UP)
+    assert changed.details[0] == larger.model_copy(update={"weight": 7.0}), "what was not changed is not rounded"
+    assert "weight" in with_numbers(view.edits, "details", {"radius": "1", "weight": "0"}, UP)
+    assert with_numbers(view.edits, "details", {"radius": "", "weight": ""}, UP) == EditList()
+    assert "no detail yet" in with_numbers(EditList(), "details", {"radius": "1", "weight": "2"}, UP)
+    assert view.workspace.history.undo() == "Undone: size of a detail."
+    assert view.edits.details == (mark,)
+
+
 def test_a_ground_plane_and_floaters_and_trims(view: EditView) -> None:
     drawn(view)
     view.press("floaters")

@@ -1,0 +1,50 @@
+"""Details of a take: balls that follow the trained frames."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from studio.edits import DetailMark
+
+
+def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: float) -> DetailMark:
+    """A ball that is marked in a trained frame, with its path through all trained frames.
+
+    Args:
+        take: the take.
+        frame: counted from 0 in the take.
+        center: (3,) its middle, world of the capture.
+        radius: above 0, same units.
+        weight: see `DetailMark`.
+
+    Raises:
+        StudioError: no frame is trained (`take.not_trained`), nothing is there (`edits.nothing_there`), or a frame is
+            damaged.
+    """
+    from studio.edits import follow
+
+    files, starts = take.trained_files()
+    if not files:
+        raise StudioError(
+            "take.not_trained",
+            "no trained frames yet, in which a detail could be marked and followed",
+            file=take.root,
+            fix="Run `v3studio train`; a preview with few steps is enough.",
+            stage="train",
+        )
+
+    @lru_cache(maxsize=4)  # those around a border between groups
+    def means_at(index: int) -> np.ndarray:
+        found: np.ndarray = read_frame(files[index]).means.numpy()
+        return found
+
+    groups = [range(start, end) for start, end in zip(starts, (*starts[1:], len(files)), strict=True)]
+    return follow(means_at, groups, frame, center, radius, weight)

@@ -1,0 +1,85 @@
+"""Where a part of the performer that was marked in one frame is in the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from studio.edits.edit_list import DetailMark
+from studio.errors import StudioError
+
+EVERY = 4
+"""Frames between two points of a path."""
+
+Path = dict[int, np.ndarray]
+
+
+def follow(
+    means_at: Callable[[int], np.ndarray],
+    groups: Sequence[range],
+    frame: int,
+    center: np.ndarray,
+    radius: float,
+    weight: float,
+) -> DetailMark:
+    """Follow the splats inside of a ball through the frames of a take.
+
+    Within a group, the ball moves by the median of what its splats move. At the border between two groups, which have
+    different splats, it goes on at the same speed. Where no splats are in it any more, it is not followed further.
+
+    Args:
+        means_at: (N, 3) means of a frame, counted from 0 in the take; the same splats in all frames of a group.
+        groups: frames of each group, in order and without gaps.
+        frame: in which the ball was marked.
+        center: (3,) its middle in that frame, world units.
+        radius: above 0, world units.
+        weight: of the detail.
+
+    Returns:
+        Its path has the frame, the first and last frame of each group, and every `EVERY`th frame between.
+
+    Raises:
+        StudioError: `edits.nothing_there`: no splats are in the ball, or there is no such frame.
+    """
+    number = next((at for at, one in enumerate(groups) if frame in one), None)
+    if number is None or not len(inside := _inside(means_at(frame), center, radius)):
+        raise StudioError(
+            "edits.nothing_there",
+            f"there are no splats within {radius:.4g} of ({', '.join(f'{value:.4g}' for value in center)}) in frame "
+            f"{frame}",
+            value=frame,
+            fix="Mark a place on the performer, in a trained frame.",
+        )
+    path: Path = {frame: np.asarray(center, np.float64)}
+    for step in (1, -1):
+        members, here, at = inside, frame, number
+        while True:
+            last = groups[at][-1] if step > 0 else groups[at][0]
+            for there in (*range(here, last, step * EVERY), last):
+                path[there] = path[here] + _moved(means_at, members, here, there)
+            at += step
+            if not 0 <= at < len(groups):
+                break
+            following = last + step
+            before = min(max(last - step, groups[at - step][0]), groups[at - step][-1])
+            expected = path[last] + _moved(means_at, members, before, last)
+            members = _inside(means_at(following), expected, radius)
+            if not len(members):
+                break
+            path[following], here = expected, following
+    return DetailMark(
+        radius=radius, weight=weight, path=tuple((one, tuple(path[one].round(6).tolist())) for one in sorted(path))
+    )
+
+
+def _inside(means: np.ndarray, center: np.ndarray, radius: float) -> np.ndarray:
+    return np.flatnonzero(np.linalg.norm(means - center, axis=1) <= radius)
+
+
+def _moved(means_at: Callable[[int], np.ndarray], members: np.ndarray, start: int, end: int) -> np.ndarray:
+    """(3,) how far splats of a group move from one of its frames to another."""
+    if start == end:
+        return np.zeros(3)
+    moved: np.ndarray = np.median(means_at(end)[members] - means_at(start)[members], axis=0)
+    return moved.astype(np.float64)

@@ -1,0 +1,90 @@
+"""Details: parts of the performer, as face and hands, that count more than the rest in training.
+
+Their pixels weigh more in the loss, and their splats where splats are added (densification) and taken away (pruning).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from studio.cameras import Camera
+from studio.training.photometric import photometric_loss
+
+
+@dataclass(frozen=True)
+class Detail:
+    """A ball around a part of the performer.
+
+    Attributes:
+        center: its middle, world units.
+        radius: above 0, world units.
+        weight: how much more it counts than the rest, at least 1.
+    """
+
+    center: tuple[float, float, float]
+    radius: float
+    weight: float
+
+
+@dataclass(frozen=True)
+class DetailBox:
+    """The bounding box of a detail in an image, pixels; `right` and `bottom` are the first pixels outside."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    weight: float
+
+    def of(self, image: Tensor) -> Tensor:
+        """The part of an (H, W, C) image."""
+        return image[self.top : self.bottom, self.left : self.right]
+
+
+def detail_boxes(camera: Camera, details: Sequence[Detail]) -> tuple[DetailBox, ...]:
+    """The boxes of the details that a camera sees; it may be behind other parts of the performer."""
+    found = []
+    for one in details:
+        pixels, depth = camera.project(np.array([one.center], np.float64))
+        if depth[0] <= one.radius:
+            continue
+        x, y = pixels[0]
+        across, down = (focal * one.radius / depth[0] for focal in (camera.fx, camera.fy))
+        left, right = (int(np.clip(edge, 0, camera.width)) for edge in (np.floor(x - across), np.ceil(x + across)))
+        top, bottom = (int(np.clip(edge, 0, camera.height)) for edge in (np.floor(y - down), np.ceil(y + down)))
+        if left < right and top < bottom:
+            found.append(DetailBox(left, top, right, bottom, one.weight))
+    return tuple(found)
+
+
+def detail_loss(image: Tensor, target: Tensor, boxes: Sequence[DetailBox], dssim_weight: float) -> Tensor | float:
+    """What the weights of details add to the photometric loss of an image.
+
+    With it, the L1 part of the loss is that of pixels with these weights, and so is SSIM, but for the windows at the
+    edges of a box. Weights of boxes that overlap add up.
+
+    Args:
+        image, target: (H, W, 3), as for `photometric_loss`.
+        boxes: of the details in the image.
+        dssim_weight: as for `photometric_loss`.
+    """
+    added: Tensor | float = 0.0
+    pixels = image.shape[0] * image.shape[1]
+    for box in boxes:
+        share = (box.right - box.left) * (box.bottom - box.top) / pixels
+        added = added + (box.weight - 1) * share * photometric_loss(box.of(image), box.of(target), dssim_weight)
+    return added
+
+
+def detail_weights(means: Tensor, details: Sequence[Detail]) -> Tensor:
+    """(N,) weight of each of the (N, 3) means: that of the heaviest detail around it, 1 outside of all."""
+    weights = torch.ones(len(means), dtype=means.dtype, device=means.device)
+    for one in details:
+        inside = (means.detach() - means.new_tensor(one.center)).norm(dim=-1) <= one.radius
+        weights = torch.where(inside, weights.clamp_min(one.weight), weights)
+    return weights

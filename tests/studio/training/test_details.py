@@ -1,0 +1,110 @@
+"""Details: boxes against points on the ball, the loss against weights of pixels, and where splats go."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+
+from studio.gaussians import Gaussians
+from studio.training import Detail, TrainingView, TrainSettings
+from studio.training.densify import DensityControl
+from studio.training.details import DetailBox, detail_boxes, detail_loss, detail_weights
+from studio.training.photometric import photometric_loss
+from studio.training.relocate import grow
+from studio.training.splat_optimizer import SplatOptimizer
+from studio.training.step import Stepper
+from tests.support.rigs import camera_at
+
+
+def test_the_box_is_around_the_ball() -> None:
+    camera = camera_at("cam0", np.array([3.0, -0.4, 0.3]), size=(160, 120))
+    center, radius = np.array([0.1, -0.2, 0.05]), 0.3
+    (box,) = detail_boxes(camera, [Detail(tuple(center.tolist()), radius, 3.0)])
+    # the disk of the ball that faces the camera
+    eye = np.linalg.inv(camera.world_to_camera)
+    turns = np.linspace(0, 2 * np.pi, 400)[:, None]
+    pixels, _ = camera.project(center + radius * (np.cos(turns) * eye[:3, 0] + np.sin(turns) * eye[:3, 1]))
+    low, high = pixels.min(0), pixels.max(0)
+    assert np.abs(np.array([box.left, box.top]) - low).max() < 1.1
+    assert np.abs(np.array([box.right, box.bottom]) - high).max() < 1.1
+    assert box.weight == 3.0
+
+
+def test_a_detail_behind_or_beside_the_camera_has_no_box() -> None:
+    camera = camera_at("cam0", np.array([3.0, 0.0, 0.0]))
+    assert detail_boxes(camera, [Detail((6.0, 0.0, 0.0), 0.3, 2.0), Detail((0.0, 500.0, 0.0), 0.3, 2.0)]) == ()
+
+
+def test_the_box_of_a_crop_and_of_half_the_size_shows_the_same() -> None:
+    camera = camera_at("cam0", np.array([3.0, 0.0, 0.0]), size=(160, 120))
+    details = (Detail((0.0, 0.1, 0.1), 0.3, 2.0),)
+    (whole,) = detail_boxes(camera, details)
+    image, matte = torch.rand(80, 100, 3), torch.ones(80, 100)
+    view = TrainingView(camera.cropped(10, 20, 100, 80), image, matte, (160, 120)).with_details(details)
+    (cut,) = view.detail_boxes
+    assert (cut.left + 10, cut.top + 20) == (whole.left, whole.top)
+    (half,) = view.half_size().detail_boxes
+    assert abs(2 * half.left - cut.left) <= 2
+    assert abs(2 * half.bottom - cut.bottom) <= 2
+
+
+def test_weights_are_those_of_pixels() -> None:
+    generator = torch.Generator().manual_seed(0)
+    image, target = torch.rand(2, 20, 30, 3, generator=generator, dtype=torch.float64)
+    boxes = [DetailBox(3, 2, 13, 9, 4.0), DetailBox(20, 10, 30, 20, 2.5)]
+    weights = torch.ones(20, 30, dtype=torch.float64)
+    weights[2:9, 3:13], weights[10:20, 20:30] = 4.0, 2.5
+    expected = (weights[..., None] * (image - target).abs()).mean()
+    found = photometric_loss(image, target, 0.0) + detail_loss(image, target, boxes, 0.0)
+    assert torch.allclose(found, expected, atol=1e-12)
+    assert detail_loss(image, target, [], 0.2) == 0
+
+
+def splats(count: int) -> Gaussians:
+    means = torch.zeros(count, 3)
+    means[:, 0] = torch.arange(count)
+    quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1)
+    sh = torch.zeros(count, 1, 3)
+    return Gaussians(means, quats, torch.full((count, 3), math.log(0.01)), torch.zeros(count), sh)
+
+
+def test_a_splat_has_the_weight_of_the_heaviest_detail_around_it() -> None:
+    details = [Detail((1.0, 0, 0), 1.1, 3.0), Detail((2.0, 0, 0), 0.5, 5.0), Detail((2.0, 0, 0), 0.6, 2.0)]
+    assert detail_weights(splats(5).means, details).tolist() == [3, 3, 5, 1, 1]
+
+
+def test_splats_of_a_detail_are_added_at_smaller_gradients() -> None:
+    settings = TrainSettings(densify_gradient=0.1, densify_max_splats=100)
+    detail = [Detail((0.0, 0, 0), 1.2, 4.0)]
+    grown = []
+    for details in ([], detail):
+        optimizer = SplatOptimizer(splats(4), settings.rates, 2.0)
+        control = DensityControl(4, 2.0, settings, torch.device("cpu"), details)
+        gradients = torch.zeros(4, 2)
+        gradients[:, 0] = 0.04 / 50
+        control.observe(gradients, torch.full((4,), 3), (100, 50), (100, 50))
+        control.densify(optimizer, torch.Generator().manual_seed(0), remove_huge=False)
+        grown.append(len(optimizer))
+    assert grown == [4, 6]
+
+
+def test_strategy_mcmc_adds_copies_where_details_are() -> None:
+    settings = TrainSettings()
+    optimizer = SplatOptimizer(splats(1000), settings.rates, 2.0)
+    grow(optimizer, 1050, torch.Generator().manual_seed(0), [Detail((0.0, 0, 0), 99.5, 9.0)])
+    assert len(optimizer) == 1050
+    inside = int((optimizer.gaussians.means[1000:, 0] < 100).sum())
+    assert 15 <= inside <= 35, "half of them: 100 splats of weight 9, and 900 of weight 1"
+
+
+def test_a_step_weighs_them() -> None:
+    camera = camera_at("cam0", np.array([3.0, 0.0, 0.0]), size=(40, 30))
+    view = TrainingView(camera, torch.rand(30, 40, 3), torch.ones(30, 40), (40, 30))
+    settings = TrainSettings(background="black", alpha_weight=0)
+    losses = []
+    for details in ((), (Detail((0.0, 0, 0), 2.9, 3.0),)):
+        stepper = Stepper([view.with_details(details)], settings, torch.Generator().manual_seed(0))
+        losses.append(float(stepper(splats(3)).loss))
+    assert abs(losses[1] - 3 * losses[0]) < 1e-5, "the box covers the whole image"
