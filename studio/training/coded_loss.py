@@ -1,16 +1,20 @@
-"""The loss of fine-tuning on coded values: residual entropy and temporal loss, with their gradient, in one kernel."""
+"""The loss of fine-tuning on coded values: residual entropy and temporal loss, with their gradient, in one kernel: in
+C++ on the CPU, for float32 in Triton on an NVIDIA GPU; else PyTorch."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from studio.rasterizer import available_backends
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
 from studio.training.regularizers import ResidualEntropy, temporal_loss
+from studio.training.triton_coded import coded_loss_triton
 
 
 class _Fused(torch.autograd.Function):
@@ -89,6 +93,16 @@ class CodedLoss(nn.Module):
         self.entropy_weight, self.temporal_weight, self.huber = entropy_weight, temporal_weight, huber
         self.entropy = ResidualEntropy(before, steps, attributes)
 
+    @cached_property
+    def attribute_of_channel(self) -> Tensor:
+        """(C,) int32, the index of the attribute of each channel."""
+        return self.entropy.owner.int()
+
+    @cached_property
+    def channels_of_attribute(self) -> Tensor:
+        """(attributes, C) float64: 1 where a channel belongs to an attribute."""
+        return torch.nn.functional.one_hot(self.entropy.owner, len(self.entropy.mu)).T.double()
+
     def forward(self, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
         """The loss, a scalar, and the bits per splat, a scalar without gradient; 0 if `entropy_weight` is 0.
 
@@ -100,6 +114,8 @@ class CodedLoss(nn.Module):
         if kernels is not None:
             entropy = self.entropy
             return _Fused.apply(kernels, self, seed, now, entropy.mu, entropy.log_sigma)  # type: ignore[no-untyped-call,no-any-return]
+        if now.device.type == "cuda" and now.dtype == torch.float32 and "triton" in available_backends():
+            return coded_loss_triton(self, now, seed)
         return self.forward_torch(now, seed)
 
     def forward_torch(self, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:

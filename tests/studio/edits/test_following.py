@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from studio.edits import DetailMark, EditList, follow
 from tests.support.errors import refuses
 
-GROUPS = [range(0, 6), range(6, 11), range(11, 20)]
+GROUPS = [range(6), range(6, 11), range(11, 20)]
 
 
 def place(frame: int) -> np.ndarray:
@@ -21,7 +21,7 @@ def head_and_body(frame: int) -> np.ndarray:
     """Each group has splats of its own; the body stays."""
     random = np.random.default_rng(next(at for at, group in enumerate(GROUPS) if frame in group))
     head = random.normal(0, 0.05, (200, 3))
-    body = random.normal(0, 0.1, (400, 3)) + (0.5, 0, 0.6)
+    body = random.normal(0, 0.1, (400, 3)) + np.array([0.5, 0, 0.6])
     return np.concatenate([head + place(frame), body])
 
 

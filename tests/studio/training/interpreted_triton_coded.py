@@ -1,0 +1,44 @@
+"""The Triton kernel of the loss on coded values against its definition. `test_triton_coded.py` runs this file with
+TRITON_INTERPRET=1.
+"""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from studio.training.coded_loss import CodedLoss
+from studio.training.triton_coded import coded_loss_triton
+from tests.studio.training.test_coded_loss import ATTRIBUTES, make
+
+
+def results(loss: CodedLoss, now: torch.Tensor, triton: bool, seed: int) -> list[torch.Tensor]:
+    leaf = now.clone().requires_grad_()
+    total, bits = coded_loss_triton(loss, leaf, seed) if triton else loss.forward_torch(leaf, seed)
+    leaves = [leaf, loss.entropy.mu, loss.entropy.log_sigma] if loss.entropy_weight else [leaf]
+    return [total.detach(), bits, *torch.autograd.grad(2 * total, leaves)]
+
+
+@pytest.mark.parametrize("weights", [(0.3, 0.2), (0.0, 0.2), (0.3, 0.0)])
+@pytest.mark.parametrize("spread", [0.0, 0.3, 5.0, 400.0])
+@pytest.mark.parametrize(("count", "huber", "seed"), [(1, 0.0, 1), (700, 0.7, 2**32 - 1)])
+def test_value_and_gradients(weights: tuple[float, float], spread: float, count: int, huber: float, seed: int) -> None:
+    loss, now = make(torch.float32, count, spread, huber, weights)
+    exact = CodedLoss(loss.before.double(), loss.steps.double(), ATTRIBUTES, 900, *weights, huber).double()
+    with torch.no_grad():
+        for name, value in exact.entropy.named_parameters():
+            value.copy_(loss.entropy.get_parameter(name))
+    right = results(exact, now.double(), False, seed)
+    found, usual = results(loss, now, True, seed), results(loss, now, False, seed)
+    for value, reference, expected in zip(found, usual, right, strict=True):
+        assert value.dtype == torch.float32
+        error, usual_error = ((one.double() - expected).norm() for one in (value, reference))
+        assert float(error) <= max(2 * float(usual_error), 1e-5 * float(expected.norm()) + 1e-12)
+
+
+def test_values_that_are_not_contiguous() -> None:
+    loss, now = make(torch.float32, 30, 2.0, 0.0, (0.3, 0.2))
+    turned = now.T.contiguous().T
+    assert not turned.is_contiguous()
+    for one, other in zip(results(loss, turned, True, 5), results(loss, now, True, 5), strict=True):
+        assert torch.equal(one, other)
