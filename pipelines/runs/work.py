@@ -23,6 +23,7 @@ from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.groups import Group
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.take import Take
+from studio.counts import counted
 from studio.errors import StudioError
 
 
@@ -90,7 +91,7 @@ def group_of(context: Context, index: int) -> Group:
     if not 0 <= index < len(groups):
         raise StudioError(
             "work.no_such_group",
-            f"there is no group {index}: the take has {len(groups)} groups, numbered from 0",
+            f"there is no group {index}: the take has {counted(len(groups), 'group')}, numbered from 0",
             file=context.take.root,
             value=index,
             fix=f"Choose 0 to {len(groups) - 1}.",

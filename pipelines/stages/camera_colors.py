@@ -15,6 +15,7 @@ from pipelines.takes.atomic_files import read_model, write_model
 from pipelines.takes.point_files import read_points
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import CameraColors, InitialPointsReport
+from studio.counts import counted
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
@@ -171,7 +172,7 @@ def _tell(reporter: StageReporter, colors: CameraColors) -> None:
     off = {name: colors.off_on_gray(name) for name in colors.cameras}
     far = sorted((name for name in off if off[name] > _LARGE), key=lambda name: -off[name])
     reporter.log(
-        f"colors of {len(off)} cameras: a middle gray differs from the mean camera by "
+        f"colors of {counted(len(off), 'camera')}: a middle gray differs from the mean camera by "
         f"{sum(off.values()) / len(off):.0f} levels of 255 (mean), {max(off.values()):.0f} (most)"
         + (f"; most in {', '.join(far[:5])}" if far else "")
     )

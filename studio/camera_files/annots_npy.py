@@ -16,6 +16,7 @@ import numpy as np
 from studio.camera_files.common import naming, no_cameras
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, check_finite, missing_key
@@ -56,7 +57,9 @@ def read_annots(path: Path) -> Rig:
                 raise missing_key(key, "0")
         count = min(len(value) for value in lists.values())
         if images is None or not 0 < len(images) <= count:
-            raise no_cameras(f"the file has {count} cameras, but {len(images or ())} images per frame")
+            raise no_cameras(
+                f"the file has {counted(count, 'camera')}, but {counted(len(images or ()), 'image')} per frame"
+            )
         return Rig(tuple(_camera(path.parent, str(image), lists, index) for index, image in enumerate(images)))
 
 

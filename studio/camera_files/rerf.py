@@ -15,6 +15,7 @@ import numpy as np
 from studio.camera_files.common import naming, read_text, rigid_inverse
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.validation import array, check_finite
 
@@ -40,7 +41,7 @@ def read_rerf(folder: Path) -> Rig:
     if len(poses) != len(intrinsics):
         raise StudioError(
             "camera_file.camera_count",
-            f"the file contains {len(intrinsics)} cameras, but {POSES} contains {len(poses)}",
+            f"the file contains {counted(len(intrinsics), 'camera')}, but {POSES} contains {len(poses)}",
             file=folder / INTRINSICS,
             value=len(intrinsics),
             fix="Copy both files again.",

@@ -198,7 +198,7 @@ def check_sync(
         if len(footage.frames) < _MIN_FRAMES:
             raise StudioError(
                 "sync.too_few_frames",
-                f"The footage has {len(footage.frames)} frames; motion needs at least {_MIN_FRAMES}",
+                f"The footage has {counted(len(footage.frames), 'frame')}; motion needs at least {_MIN_FRAMES}",
                 value=len(footage.frames),
                 expected=_MIN_FRAMES,
             )

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.ladder_models import (
@@ -104,7 +105,7 @@ class LadderManifest(Model):
             frame = group.end_frame
         counts = self.frame_counts
         if len(counts) > MAX_GROUPS:
-            raise InconsistentError("group_count", f"{len(counts)} groups; the maximum is {MAX_GROUPS}")
+            raise InconsistentError("group_count", f"{counted(len(counts), 'group')}; the maximum is {MAX_GROUPS}")
         if sum(counts) != self.frame_count:
             raise InconsistentError(
                 "frame_count", f"frame_count is {self.frame_count}, the groups have {sum(counts)} frames"
