@@ -21,6 +21,10 @@ HEAT_TOP = 48
 """Difference in 8-bit levels at the top of the heat map's scale."""
 
 LABEL_SIZE = 14
+"""Size of texts unless another is given, pixels."""
+
+LEAST_SIZE = 9
+"""Of texts of pictures that are enlarged to the window: smaller ones cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -46,33 +50,45 @@ def boxes(size: tuple[int, int], count: int, gap: int = 4) -> list[Box]:
 
 
 def side_by_side(
-    size: tuple[int, int], where: Sequence[Box], images: Sequence[np.ndarray], names: Sequence[str]
+    size: tuple[int, int],
+    where: Sequence[Box],
+    images: Sequence[np.ndarray],
+    names: Sequence[str],
+    text: int = LABEL_SIZE,
 ) -> np.ndarray:
-    """Draw pictures side by side, each with its label."""
+    """Draw pictures side by side, each with its label; `text`: size of labels, pixels."""
     canvas = Canvas(*size)
     for box, image, name in zip(where, images, names, strict=True):
         canvas.image(box.x, box.y, image)
-        label(canvas, box.x + 8, box.y + 8, name)
+        label(canvas, box.x + 8, box.y + 8, name, size=text)
     return canvas.pixels
 
 
 def wipe(
-    size: tuple[int, int], box: Box, left: np.ndarray, right: np.ndarray, at: float, names: tuple[str, str]
+    size: tuple[int, int],
+    box: Box,
+    left: np.ndarray,
+    right: np.ndarray,
+    at: float,
+    names: tuple[str, str],
+    text: int = LABEL_SIZE,
 ) -> np.ndarray:
     """Draw one picture to the left of the line, the other to the right.
 
     Args:
         at: position of the line, 0 to 1 across the box.
         names: labels of the left and the right picture.
+        text: size of labels, pixels.
     """
     canvas = Canvas(*size)
     column = round(min(max(at, 0.0), 1.0) * box.width)
     canvas.image(box.x, box.y, left[:, :column])
     canvas.image(box.x + column, box.y, right[:, column:])
-    canvas.rect(box.x + column - 1, box.y, 2, box.height, ACCENT)
-    canvas.rect(box.x + column - 4, box.y + box.height / 2 - 16, 8, 32, ACCENT)
-    label(canvas, box.x + 8, box.y + 8, names[0])
-    label(canvas, box.x + box.width - 8, box.y + 8, names[1], align="right")
+    thick = text / LABEL_SIZE
+    canvas.rect(box.x + column - thick, box.y, 2 * thick, box.height, ACCENT)
+    canvas.rect(box.x + column - 4 * thick, box.y + box.height / 2 - 16 * thick, 8 * thick, 32 * thick, ACCENT)
+    label(canvas, box.x + 8, box.y + 8, names[0], size=text)
+    label(canvas, box.x + box.width - 8, box.y + 8, names[1], align="right", size=text)
     return canvas.pixels
 
 
@@ -89,25 +105,32 @@ def heat(levels: np.ndarray, top: float = HEAT_TOP) -> np.ndarray:
     return np.ascontiguousarray(cv2.applyColorMap(scaled, cv2.COLORMAP_INFERNO)[..., ::-1])
 
 
-def heat_map(size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray, names: tuple[str, str]) -> np.ndarray:
-    """Draw a heat map of the difference, with a scale and the mean difference."""
+def heat_map(
+    size: tuple[int, int],
+    box: Box,
+    one: np.ndarray,
+    other: np.ndarray,
+    names: tuple[str, str],
+    text: int = LABEL_SIZE,
+) -> np.ndarray:
+    """Draw a heat map of the difference, with a scale and the mean difference; `text`: size of labels, pixels."""
     levels = difference(one, other)
     canvas = Canvas(*size)
     canvas.image(box.x, box.y, heat(levels))
     pair, mean = f"{names[0]} and {names[1]}", f"mean {levels.mean():.2f}"
-    for text in (f"difference between {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
-        if text_width(text, LABEL_SIZE) <= size[0] - 2 * box.x - 32:
+    for words in (f"difference between {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
+        if text_width(words, text) <= size[0] - 2 * box.x - 32:
             break  # the longest that fits, so that the number is not truncated
-    label(canvas, box.x + 8, box.y + 8, text)
-    height = min(max(box.height - 80, 40), 220)
-    x, y = size[0] - 24, (size[1] - height) // 2
-    canvas.rect(x - 46, y - 14, 66, height + 28, GROUND)
-    ramp = heat(np.linspace(HEAT_TOP, 0, height)[:, None].repeat(14, axis=1))
+    label(canvas, box.x + 8, box.y + 8, words, size=text)
+    height = min(max(box.height - 6 * text, 40), 16 * text)
+    x, y = size[0] - round(1.7 * text), (size[1] - height) // 2
+    canvas.rect(x - 3.3 * text, y - text, 4.7 * text, height + 2 * text, GROUND)
+    ramp = heat(np.linspace(HEAT_TOP, 0, height)[:, None].repeat(text, axis=1))
     canvas.image(x, y, ramp)
     for step in range(5):
         value = HEAT_TOP * step / 4
-        words = f"{value:.0f}+" if step == 4 else f"{value:.0f}"
-        canvas.text(x - 6, y + height * (1 - step / 4) - 9, words, 13, TEXT, align="right")
+        number = f"{value:.0f}+" if step == 4 else f"{value:.0f}"
+        canvas.text(x - 6, y + height * (1 - step / 4) - 0.65 * text, number, text - 1, TEXT, align="right")
     return canvas.pixels
 
 

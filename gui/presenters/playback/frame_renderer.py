@@ -73,6 +73,12 @@ class RenderRequest:
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     home: OrbitCamera = field(default_factory=OrbitCamera)
     scene: SceneWanted | None = None
+    em: float = 16.0
+
+    @property
+    def text(self) -> int:
+        """Size of labels, pixels of the picture."""
+        return max(round(0.88 * self.em), compare.LEAST_SIZE)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -185,11 +191,13 @@ class FrameRenderer:
         if request.mode == "single":
             image = images[0]
         elif apart:
-            image = compare.side_by_side(request.size, where, images, shown)
+            image = compare.side_by_side(request.size, where, images, shown, request.text)
         elif request.mode == "wipe":
-            image = compare.wipe(request.size, where[0], images[0], images[1], request.wipe, (shown[0], shown[1]))
+            pair, box = (shown[0], shown[1]), where[0]
+            image = compare.wipe(request.size, box, images[0], images[1], request.wipe, pair, request.text)
         else:
-            image = compare.heat_map(request.size, where[0], images[0], images[1], (shown[0], shown[1]))
+            pair = (shown[0], shown[1])
+            image = compare.heat_map(request.size, where[0], images[0], images[1], pair, request.text)
         return Picture(
             image,
             request.frame,
@@ -252,7 +260,8 @@ class FrameRenderer:
                 if capture is not None:
                     request.image_zoom.mask_outside(image, capture)
                 else:
-                    image = faded(image, getattr(source, "view_range", None), camera, request.background)
+                    covered = getattr(source, "view_range", None)
+                    image = faded(image, covered, camera, request.background, request.text)
                 kept = _Part(image, len(gaussians), loaded - start, time.perf_counter() - loaded, holder)
         pictures[key] = kept
         pictures.move_to_end(key)
@@ -294,8 +303,20 @@ def capture_camera(request: RenderRequest) -> Camera | None:
     return request.rig[request.camera].undistorted()
 
 
-def faded(image: np.ndarray, covered: ViewRange | None, camera: Camera, background: Color) -> np.ndarray:
-    """The (H, W, 3) uint8 picture, faded to the background where no camera filmed from near `camera`, with a word."""
+def faded(
+    image: np.ndarray,
+    covered: ViewRange | None,
+    camera: Camera,
+    background: Color,
+    text: int = compare.LABEL_SIZE,
+) -> np.ndarray:
+    """The (H, W, 3) uint8 picture, faded to the background where no camera filmed from near `camera`, with a word.
+
+    Args:
+        image, camera, background: as drawn.
+        covered: what the cameras filmed; None: not known.
+        text: size of the words, pixels.
+    """
     seen = 1.0 if covered is None else covered.visibility(camera.center)
     if seen >= 1:
         return image
@@ -303,7 +324,7 @@ def faded(image: np.ndarray, covered: ViewRange | None, camera: Camera, backgrou
     canvas = Canvas(1, 1)
     canvas.pixels = (color + (image - color) * weight + 0.5).astype(np.uint8)
     if seen <= 0.5:
-        compare.label(canvas, 12, 12, "Not filmed from here")
+        compare.label(canvas, 12, 12, "Not filmed from here", size=text)
     return canvas.pixels
 
 

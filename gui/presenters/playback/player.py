@@ -34,6 +34,9 @@ from studio.playback import Output, SoundDevice
 
 NOTHING_TO_SHOW = "Nothing trained or baked yet. Run the stages on the left."
 
+LONGEST_SHARP = 1.0
+"""Seconds that a picture at full resolution may take to draw; the next change waits for it."""
+
 
 class PlayerPresenter(Viewpoint):
     """What is open, the transport, the view, the comparison, and the newest picture.
@@ -80,6 +83,7 @@ class PlayerPresenter(Viewpoint):
         self._left_out: tuple[int, str] | None = None
         self._rest = Rest(now)
         self.still = False
+        self._sharp: bool | None = None
         self.em = 16.0
         self.native = False
         self._read_mesh, self._draw_function = read_mesh, draw_function
@@ -314,7 +318,7 @@ class PlayerPresenter(Viewpoint):
         return RenderRequest(
             self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, orbit,
             self.camera, zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
-            self.opened.rig, self._points, self.home, scene,
+            self.opened.rig, self._points, self.home, scene, self.em,
         )  # fmt: skip
 
     def _scene(self) -> SceneWanted | None:
@@ -354,11 +358,28 @@ class PlayerPresenter(Viewpoint):
         assert request is not None
         return FrameRenderer(self._draw_function, SceneRenderer(self._read_mesh))(request).image
 
-    def rests(self) -> bool:
-        """Whether a scene has rested long enough for a picture at full resolution. Call at each tick."""
-        view = (self.mode, self.orbit.key, self.camera, self.image_zoom, self.what, self.scene_parts, self.frame)
-        self.still = self._rest.rests(view, self.transport.playing) and self.mode == "scene"
-        return self.still
+    def rests(self, full: tuple[int, int]) -> bool:
+        """Whether the view has rested long enough for a picture at full resolution. Call at each tick.
+
+        That a picture takes long must not keep the next change waiting: from the time that the present one took, it is
+        decided once per rest whether there will be one. A scene always gets one.
+
+        Args:
+            full: (width, height) of such a picture.
+        """
+        view = (
+            self.mode, self.orbit.key, self.camera, self.image_zoom, self.what, self.reference, self.wipe,
+            self.background, self.scene_parts, self.frame,
+        )  # fmt: skip
+        rests = self._rest.rests(view, self.transport.playing)
+        self.still = rests and self.mode == "scene"
+        if not rests:
+            self._sharp = None
+        elif self._sharp is None and self.picture is not None and self.current and self.settled:
+            height, width = self.picture.image.shape[:2]
+            larger = full[0] * full[1] / (width * height)
+            self._sharp = self.picture.draw_seconds * larger < LONGEST_SHARP
+        return self.still or bool(self._sharp)
 
     @property
     def label(self) -> object:

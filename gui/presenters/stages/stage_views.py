@@ -365,7 +365,7 @@ class StageViews:
             found = self.workspace.assessment
             self.player.filmed = found.numbers
             self.player.filmed_groups = found.group_starts if found.numbers else ()
-            wanted = size if self.player.rests() else drawn_size
+            wanted = size if self.player.rests(size) else drawn_size
             self.player.em = em * wanted[0] / max(size[0], 1)  # texts of a smaller picture are enlarged with it
             self.player.resize(*wanted)
             picture = self.player.poll()
