@@ -113,6 +113,7 @@ SCREENS |= {
     "edit_crop": edit_tool("crop"),
     "edit_floaters": edit_tool("floaters"),
     "edit_numbers": edit_tool("crop", "numbers"),
+    "edit_detail": edit_tool("detail"),
     "path": keys("k"),
     "span": keys("Home", "t", "Right", "Right", "Right", "t"),
     "fullscreen": keys("f"),

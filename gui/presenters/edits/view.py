@@ -463,7 +463,13 @@ class EditView(OrbitView):
         if not found:
             return "No edits. They change what is baked and exported."
         # in a narrow window, more would not fit; List shows all
-        return f"Edits: {', '.join(f'trim to {text}' if name == 'trim' else name for name, text in found.items())}"
+        shown = {"details": "detail", "regions": "region"}  # each has a number
+
+        def short(name: str, text: str) -> str:
+            kind, _, number = name.partition(" ")
+            return f"trim to {text}" if name == "trim" else f"{shown[kind]} {number}" if number else name
+
+        return f"Edits: {', '.join(short(name, text) for name, text in found.items())}"
 
 
 def _orbit_of(key: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, float, float, float, float]:

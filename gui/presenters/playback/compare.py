@@ -60,7 +60,7 @@ def side_by_side(
     canvas = Canvas(*size)
     for box, image, name in zip(where, images, names, strict=True):
         canvas.image(box.x, box.y, image)
-        label(canvas, box.x + 8, box.y + 8, name, size=text)
+        label(canvas, *_corner(box, text), name, size=text)
     return canvas.pixels
 
 
@@ -87,8 +87,9 @@ def wipe(
     thick = text / LABEL_SIZE
     canvas.rect(box.x + column - thick, box.y, 2 * thick, box.height, ACCENT)
     canvas.rect(box.x + column - 4 * thick, box.y + box.height / 2 - 16 * thick, 8 * thick, 32 * thick, ACCENT)
-    label(canvas, box.x + 8, box.y + 8, names[0], size=text)
-    label(canvas, box.x + box.width - 8, box.y + 8, names[1], align="right", size=text)
+    x, y = _corner(box, text)
+    label(canvas, x, y, names[0], size=text)
+    label(canvas, 2 * box.x + box.width - x, y, names[1], align="right", size=text)
     return canvas.pixels
 
 
@@ -121,7 +122,7 @@ def heat_map(
     for words in (f"difference between {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
         if text_width(words, text) <= size[0] - 2 * box.x - 32:
             break  # the longest that fits, so that the number is not truncated
-    label(canvas, box.x + 8, box.y + 8, words, size=text)
+    label(canvas, *_corner(box, text), words, size=text)
     height = min(max(box.height - 6 * text, 40), 16 * text)
     x, y = size[0] - round(1.7 * text), (size[1] - height) // 2
     canvas.rect(x - 3.3 * text, y - text, 4.7 * text, height + 2 * text, GROUND)
@@ -134,6 +135,12 @@ def heat_map(
     return canvas.pixels
 
 
+def _corner(box: Box, text: int) -> tuple[int, int]:
+    """Where the label in the upper left corner of a picture begins."""
+    margin = round(0.57 * text)
+    return box.x + margin, box.y + margin
+
+
 def label(
     canvas: Canvas,
     x: float,
@@ -144,7 +151,7 @@ def label(
     size: int = LABEL_SIZE,
 ) -> None:
     """Draw text on a dark background, legible on any picture."""
-    width = text_width(text, size)
-    left = x if align == "left" else x - width - 12
-    canvas.rect(left, y, width + 12, size + 10, GROUND)
-    canvas.text(left + 6, y + 4, text, size, color)
+    width, side, above = text_width(text, size), round(0.43 * size), round(0.3 * size)
+    left = x if align == "left" else x - width - 2 * side
+    canvas.rect(left, y, width + 2 * side, size + round(0.7 * size), GROUND)
+    canvas.text(left + side, y + above, text, size, color)

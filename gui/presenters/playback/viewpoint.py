@@ -16,6 +16,9 @@ from studio.cameras import Camera
 BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 NOTHING_OPEN = "Open a take or a stream, or create a new take from footage (File menu)."
 
+_SAME_SHAPE = 0.01
+"""Relative difference between the shapes of two pictures below which they show the same."""
+
 
 class Viewpoint:
     """See the module.
@@ -45,7 +48,7 @@ class Viewpoint:
         self._points = np.zeros((0, 3))
         self.orbit = OrbitCamera()
         self.home = self.orbit
-        self.size = (960, 540)
+        self.size = self._fitted_size = (960, 540)
         self.background = "dark"
         self.message = NOTHING_OPEN
         self.scene_parts = SHOWN_AT_FIRST
@@ -111,7 +114,7 @@ class Viewpoint:
     def _fit_zoom(self) -> None:
         """Keep the performer in view at the current size, until the user zooms or pans."""
         if self._zoom_follows and self.camera and self.opened is not None and self.opened.rig is not None:
-            camera = self.opened.rig[self.camera].undistorted()
+            camera, self._fitted_size = self.opened.rig[self.camera].undistorted(), self.size
             self.image_zoom = ImageZoom.around(self._points, camera, *self._box_size)
 
     @property
@@ -124,8 +127,10 @@ class Viewpoint:
         """Set the size of the viewport in pixels."""
         size = (max(int(width), 16), max(int(height), 16))
         if size != self.size:
-            self.size = size
-            self._fit_zoom()
+            self.size, fitted = size, self._fitted_size
+            # a picture of the same view in another resolution, whose sides are rounded, keeps its zoom
+            if abs(size[0] * fitted[1] / (size[1] * fitted[0]) - 1) > _SAME_SHAPE:
+                self._fit_zoom()
 
     def look_through(self, camera: str) -> None:
         """Look through a capture camera; "" returns to the free view, from the same position."""

@@ -76,6 +76,26 @@ def test_the_view_is_sharp_at_rest_and_quick_when_it_moves(views: Views) -> None
     assert views.picture().shape == (250, 360, 3)
 
 
+def test_a_picture_zoomed_to_the_performer_stays_sharp(views: Views) -> None:
+    views.player.look_through("cam1")
+    views.player.zoom_to_performer()
+    odd, drawn = (501, 723), (250, 361)
+    shapes = []
+    for _ in range(12):
+        views.clock += RESTS_AFTER / 2
+
+        def all_drawn() -> bool:
+            new = views.views.poll(odd, drawn, 20.0)
+            shapes.extend([] if new is None else [new.shape[:2]])
+            return new is None and views.views.settled
+
+        wait_until("all is drawn", all_drawn)
+    assert shapes == [(361, 250), (723, 501)]
+    zoom = views.player.image_zoom
+    views.views.poll((723, 501), (723, 501), 20.0)
+    assert views.player.image_zoom != zoom, "another shape shows another part"
+
+
 def test_a_picture_that_would_take_long_stays_small(views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(player_module, "LONGEST_SHARP", 0.4)
     views.seconds = 0.15  # four times the pixels: 0.6 s
@@ -90,7 +110,7 @@ def test_a_picture_that_would_take_long_stays_small(views: Views, monkeypatch: p
 
 def rows_of_text(picture: np.ndarray) -> int:
     """Height of the dark background of the label in the upper left corner."""
-    return int((picture[:80, 12] != 90).any(-1).sum())
+    return int((picture[:80, 14] != 90).any(-1).sum())
 
 
 def test_labels_have_the_same_size_on_screen(views: Views) -> None:
@@ -98,5 +118,5 @@ def test_labels_have_the_same_size_on_screen(views: Views) -> None:
     small = rows_of_text(views.picture())
     views.clock += 2 * RESTS_AFTER
     large = rows_of_text(views.picture())
-    assert small == 9 + 10, "10 em / 16 would be 8.8 pixels, which nobody can read"
-    assert large == round(0.88 * 20) + 10
+    assert small == 9 + 6, "half of 20 em would be 8.8 pixels"
+    assert large == 18 + 13
