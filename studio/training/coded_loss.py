@@ -115,7 +115,7 @@ class CodedLoss(nn.Module):
             entropy = self.entropy
             return _Fused.apply(kernels, self, seed, now, entropy.mu, entropy.log_sigma)  # type: ignore[no-untyped-call,no-any-return]
         if now.device.type == "cuda" and now.dtype == torch.float32 and "triton" in available_backends():
-            return coded_loss_triton(self, now, seed)
+            return coded_loss_triton(self, self.entropy.mu, self.entropy.log_sigma, now, seed)
         return self.forward_torch(now, seed)
 
     def forward_torch(self, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:

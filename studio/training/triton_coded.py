@@ -7,26 +7,42 @@ from __future__ import annotations
 
 import importlib
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-if TYPE_CHECKING:
-    from studio.training.coded_loss import CodedLoss
-
 WARPS = 4
 """Warps of a program."""
+
+
+class Coded(Protocol):
+    """What the kernel reads of `studio.training.coded_loss.CodedLoss`, which see."""
+
+    before: Tensor
+    steps: Tensor
+    pixels: int
+    entropy_weight: float
+    temporal_weight: float
+    huber: float
+
+    @property
+    def attribute_of_channel(self) -> Tensor:
+        """(C,) int32."""
+        ...
+
+    @property
+    def channels_of_attribute(self) -> Tensor:
+        """(attributes, C) float64."""
+        ...
 
 
 class _Fused(torch.autograd.Function):
     """The weighted loss with its gradients, and the bits per splat, which have none."""
 
     @staticmethod
-    def forward(
-        ctx: Any, owner: CodedLoss, seed: int, now: Tensor, mu: Tensor, log_sigma: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def forward(ctx: Any, owner: Coded, seed: int, now: Tensor, mu: Tensor, log_sigma: Tensor) -> tuple[Tensor, Tensor]:
         kernels = importlib.import_module("studio.training.triton_coded_kernels")
         count, channels = now.shape
         blocks = math.ceil(count / kernels.BLOCK)
@@ -70,7 +86,12 @@ class _Fused(torch.autograd.Function):
         return None, None, *(one * upstream[0] for one in ctx.saved_tensors)
 
 
-def coded_loss_triton(owner: CodedLoss, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
-    """`CodedLoss.forward` for float32 on an NVIDIA GPU; with Triton's interpreter, on the CPU."""
-    entropy = owner.entropy
-    return _Fused.apply(owner, seed, now, entropy.mu, entropy.log_sigma)  # type: ignore[no-untyped-call,no-any-return]
+def coded_loss_triton(owner: Coded, mu: Tensor, log_sigma: Tensor, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
+    """`CodedLoss.forward` for float32 on an NVIDIA GPU; with Triton's interpreter, on the CPU.
+
+    Args:
+        owner: the loss.
+        mu, log_sigma: (attributes,) its learned distributions.
+        now, seed: as for `CodedLoss.forward`.
+    """
+    return _Fused.apply(owner, seed, now, mu, log_sigma)  # type: ignore[no-untyped-call,no-any-return]

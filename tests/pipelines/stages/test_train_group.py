@@ -12,6 +12,7 @@ from pipelines.config import Config
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
+from studio.edits import EditList
 from tests.support.rigs import camera_at
 
 
@@ -28,7 +29,8 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
     config = config.model_copy(update={"train": config.train.model_copy(update={"use_plates": use_plates})})
     context = SimpleNamespace(
         config=config,
-        footage=SimpleNamespace(calibrated=footage),
+        footage=SimpleNamespace(calibrated=footage, raw=SimpleNamespace(frames=range(1))),
+        edits=EditList(),
         training_box=None,
         device="cpu",
         cancellation=Cancellation(),
