@@ -29,7 +29,10 @@ def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: 
         StudioError: no frame is trained (`take.not_trained`), nothing is there (`edits.nothing_there`), or a frame is
             damaged.
     """
+    from pydantic import ValidationError
+
     from studio.edits import follow
+    from studio.violations import violation
 
     files, starts = take.trained_files()
     if not files:
@@ -41,10 +44,39 @@ def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: 
             stage="train",
         )
 
+    if not 0 <= frame < len(files):
+        raise StudioError(
+            "edits.nothing_there",
+            f"frame {frame} is not trained",
+            file=take.root,
+            value=frame,
+            fix=f"The trained frames are 0 to {len(files) - 1}.",
+        )
+
     @lru_cache(maxsize=4)  # those around a border between groups
     def means_at(index: int) -> np.ndarray:
         found: np.ndarray = read_frame(files[index]).means.numpy()
         return found
 
     groups = [range(start, end) for start, end in zip(starts, (*starts[1:], len(files)), strict=True)]
-    return follow(means_at, groups, frame, center, radius, weight)
+    for number, group in enumerate(groups):
+        if len(means_at(group[0])) != len(means_at(group[-1])):
+            raise StudioError(
+                "take.not_trained",
+                f"frames of group {number} are from different trainings, as an interrupted one leaves them",
+                file=take.root,
+                fix="Finish it with `v3studio train`, then mark.",
+                stage="train",
+            )
+    try:
+        return follow(means_at, groups, frame, center, radius, weight)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise StudioError(
+            "edits.invalid",
+            f"{first['loc'][-1]} {violation(first)}",
+            file=take.edits,
+            value=first["input"],
+            fix="A weight is from 1 to 100, a radius above 0 and at most 1e9.",
+            edit="details",
+        ) from None

@@ -164,7 +164,11 @@ def read_points_of(take: Path) -> np.ndarray:
         (("remove", "regions", 1), "there is no regions 1"),
         (("remove", "details", 1), "there is no details 1"),
         (("detail", "--at", 9, 9, 9, "--radius", 1), "there are no splats within 1 of (9, 9, 9) in frame 0"),
-        (("detail", "--at", 0, 0, 0, "--radius", 1, "--frame", 5), "in frame 5"),
+        (
+            ("detail", "--at", 0, 0, 0, "--radius", 1, "--frame", 5),
+            "frame 5 is not trained. The trained frames are 0 to 4.",
+        ),
+        (("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", 101), "A weight is from 1 to 100"),
         (("detail", "--at", 0, 0, 0, "--radius", 0), "--radius is 0. It must be above 0."),
         (("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", "0.5"), "--weight is 0.5. It must be at least 1."),
         (("undo",), "there is no edit to undo. See the edits that there are with `v3studio edit list TAKE`."),
