@@ -47,4 +47,4 @@ def violation(problem: Mapping[str, Any]) -> str:
         return f"must have {words} {count} {'entry' if count == 1 else 'entries'}"
     if kind == "literal_error":
         return f"must be {details['expected'].replace(chr(39), '')}"
-    return str(problem["msg"]).replace("Input should", "must", 1)
+    return str(problem["msg"]).removeprefix("Value error, ").replace("Input should", "must", 1)

@@ -141,7 +141,4 @@ class EditActions:
 def without(edits: EditList, name: str) -> EditList:
     """The edits without one, by its name in `describe`."""
     kind, _, number = name.partition(" ")
-    if not number:
-        return edits.with_(**{kind: None})
-    at, those = int(number) - 1, getattr(edits, kind)
-    return edits.with_(**{kind: (*those[:at], *those[at + 1 :])})
+    return edits.without(kind, int(number) - 1 if number else None)

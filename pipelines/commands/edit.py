@@ -30,8 +30,8 @@ Examples:
 """
 
 
-_MANY = ("regions", "details")
-"""Edits of which there may be several."""
+_MANY = {"region": "regions", "detail": "details"}
+"""Edits of which there may be several: name of one, of all."""
 
 
 def register(commands: Any) -> None:
@@ -97,7 +97,11 @@ def register(commands: Any) -> None:
     _vector(detail, "--at", "its middle, in the world that `v3studio edit world` has placed", required=True)
     detail.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball around it, same units")
     detail.add_argument(
-        "--weight", type=float, default=4.0, metavar="W", help="how much more its splats count (default: 4)"
+        "--weight",
+        type=float,
+        default=4.0,
+        metavar="W",
+        help="how much more its pixels and splats count, above 1 and up to 100 (default: 4)",
     )
 
     remove = _kind(kinds, "remove", "remove an edit", _remove)
@@ -122,8 +126,15 @@ def _kind(kinds: Any, name: str, text: str, command: Any) -> argparse.ArgumentPa
 
 def _vector(parser: argparse.ArgumentParser, name: str, text: str, required: bool = False) -> None:
     parser.add_argument(
-        name, type=float, nargs=3, metavar=("X", "Y", "Z"), dest=name[2:] + "_point", help=text, required=required
+        name, type=_coordinate, nargs=3, metavar=("X", "Y", "Z"), dest=name[2:] + "_point", help=text, required=required
     )
+
+
+def _coordinate(text: str) -> float:
+    value = float(text)
+    if not abs(value) <= 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is not a coordinate between -1e9 and 1e9")
+    return value
 
 
 def _take(arguments: argparse.Namespace) -> Take:
@@ -306,12 +317,12 @@ def _detail(arguments: argparse.Namespace) -> int:
 
     for option, least in (("radius", 0), ("weight", 1)):
         value = getattr(arguments, option)
-        if not (np.isfinite(value) and value >= least and value > 0):
+        if not (np.isfinite(value) and value > least):
             raise StudioError(
                 "command.invalid_option",
                 f"--{option} is {value:g}",
                 value=value,
-                fix="It must be above 0." if option == "radius" else "It must be at least 1.",
+                fix="It must be above 0." if option == "radius" else "It must be above 1, which changes nothing.",
                 option=f"--{option}",
             )
     take = _take(arguments)
@@ -332,7 +343,7 @@ def _remove(arguments: argparse.Namespace) -> int:
     from pipelines.takes.edits import change_edits, read_edits
     from studio.edits.edit_list import EditList
 
-    take, name = _take(arguments), arguments.name
+    take, name = _take(arguments), _MANY.get(arguments.name, arguments.name)
     edits = read_edits(take.edits)
     if name not in (*NAMES, "all"):
         raise StudioError(
@@ -343,23 +354,31 @@ def _remove(arguments: argparse.Namespace) -> int:
             option="NAME",
         )
     if arguments.number is not None:
-        if name not in _MANY or not 1 <= arguments.number <= len(getattr(edits, name)):
+        if name not in _MANY.values() or not 1 <= arguments.number <= len(getattr(edits, name)):
             raise StudioError(
                 "command.invalid_option",
-                f"there is no {name} {arguments.number}",
+                f"there is no {_one(name)} {arguments.number}",
                 value=arguments.number,
                 fix=f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers.",
                 option="NUMBER",
             )
-        at, those = arguments.number - 1, getattr(edits, name)
-        new = edits.with_(**{name: (*those[:at], *those[at + 1 :])})
-        change_edits(take.edits, new, f"{name[:-1]} {arguments.number} removed", edits)
+        new = edits.without(name, arguments.number - 1)
+        change_edits(take.edits, new, f"{_one(name)} {arguments.number} removed", edits)
     elif name == "all":
         change_edits(take.edits, EditList(), "all edits removed", edits)
+    elif not getattr(edits, name):
+        missing = f"are no {name}" if name in _MANY.values() else f"is no {name} edit"
+        print(f"nothing to remove: there {missing}", file=arguments.output)
+        return 0
     else:
-        change_edits(take.edits, edits.with_(**{name: () if name in _MANY else None}), f"{name} removed", edits)
-    print(f"removed: {name}{'' if arguments.number is None else f' {arguments.number}'}", file=arguments.output)
+        change_edits(take.edits, edits.without(name), f"{name} removed", edits)
+    print(f"removed: {name if arguments.number is None else f'{_one(name)} {arguments.number}'}", file=arguments.output)
     return 0
+
+
+def _one(name: str) -> str:
+    """Name of one edit: "detail" for "details"."""
+    return next((one for one, all_of_them in _MANY.items() if all_of_them == name), name)
 
 
 def _undo(arguments: argparse.Namespace) -> int:
@@ -390,12 +409,14 @@ def _change(take: Take, name: str, value: object) -> int:
         after = EditList.model_validate(before.model_dump(mode="json") | {name: value})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"] if part not in _MANY) or name
+        where = ".".join(str(part) for part in first["loc"] if part not in _MANY.values()) or name
         raise StudioError(
             "edits.invalid",
             f"{where} {violation(first)}",
-            value=None if isinstance(first["input"], dict) else first["input"],
-            fix=f"`v3studio edit {name[:-1] if name in _MANY else name} --help` shows what is possible.",
+            value=None if isinstance(first["input"], dict | list | tuple) else first["input"],
+            fix=f"Remove one first: `v3studio edit remove TAKE {_one(name)} NUMBER`."
+            if first["type"] == "too_long"
+            else f"`v3studio edit {_one(name)} --help` shows what is possible.",
             edit=name,
         ) from None
     words = list(describe(after).items())

@@ -143,7 +143,8 @@ class Logged:
 
 def _run_locked(context: Context, names: list[str], force: bool, run_started: float) -> None:
     save_config(context.take.config, context.config)
-    _ = context.footage.raw, context.footage.digest  # report unreadable footage before anything else
+    # report unreadable footage and edits before anything else
+    _ = context.footage.raw, context.footage.digest, context.edits
     found = assess_all(STAGES, context)
     todo = [name for name in names if force or found[name].state != DONE]
     _refuse_gaps(todo, found)

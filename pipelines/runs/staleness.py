@@ -104,7 +104,8 @@ def write_record(stage: Stage, context: Context, seconds: float, summary: Result
 def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> StageStatus:
     """The status of a stage, given that of the stages it depends on.
 
-    If the footage cannot be read, a finished stage is still done, with a note in `reason`.
+    If the footage cannot be read, a finished stage is still done, with a note in `reason`. Not so if the take's edits
+    cannot: what it must be is not known then.
     """
     record = read_record(context.take, stage.name)
     direct = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
@@ -117,7 +118,7 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
         reason = _why_not_done(stage, context, record, waiting)
         units = stage.units(context) if reason and not waiting else None
     except StudioError as error:
-        if record and not waiting:
+        if record and not waiting and not error.code.startswith("take.edits_"):
             return replace(found, state=DONE, reason=f"not checked against the footage: {error}")
         return replace(found, reason=str(error))
     if not reason:

@@ -206,8 +206,9 @@ class TrainStage:
         )
         keys = [key_of(self.name, self.version, start, group.keyframe)]
         named = first_names(later)  # as `key_of` does for each of the frames, which may be thousands
+        edits = context.edits
         for index, frame in zip(group.indices[1:], group.frames[1:], strict=True):
-            details = details_at(context.edits, index)
+            details = details_at(edits, index)
             keys.append(digest_of([first_name(self.name), self.version, keys[-1], named, frame, *details]))
         return keys
 

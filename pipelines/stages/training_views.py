@@ -44,7 +44,7 @@ def training_views(
 
     footage, settings = context.footage.calibrated, context.config.train
     cameras = footage.train_cameras
-    details = [Detail(*one) for one in details_at(context.edits, list(context.footage.raw.frames).index(frame))]
+    details = [Detail(*one) for one in details_at(context.edits, context.footage.raw.frames.index(frame))]
     colors = read_camera_colors(context) if colored and settings.camera_colors else {}
 
     def read(number: int) -> TrainingView | None:

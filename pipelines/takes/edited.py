@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pipelines.takes.frame_files import read_frame
@@ -30,11 +30,30 @@ def read_paths(take: Take, group: int, indices: range) -> Paths:
     """Where the splats of a trained group are in each of its frames.
 
     Raises:
-        StudioError: a frame is missing or damaged.
+        StudioError: a frame is missing or damaged, or they have different numbers of splats (`take.not_trained`).
     """
     from studio.edits import Paths
 
-    return Paths.of(indices, (read_frame(take.trained_frame(group, index)) for index in indices))
+    def frames() -> Iterator[Gaussians]:
+        splats = None
+        for index in indices:
+            frame = read_frame(take.trained_frame(group, index))
+            if len(frame) != (splats := splats or len(frame)):
+                raise of_two_trainings(take, group)
+            yield frame
+
+    return Paths.of(indices, frames())
+
+
+def of_two_trainings(take: Take, group: int) -> StudioError:
+    """What to raise where the frames of a group do not have the same splats."""
+    return StudioError(
+        "take.not_trained",
+        f"frames of group {group} are from different trainings, as an interrupted one leaves them",
+        file=take.root,
+        fix="Finish it with `v3studio train` first.",
+        stage="train",
+    )
 
 
 class EditedGroup:

@@ -86,7 +86,7 @@ def read_edits_file(path: Path) -> EditsFile:
             raise
         raise StudioError(
             "take.edits_damaged",
-            f"the edits cannot be read: {error.problem}",
+            f"the edits are damaged: {error.problem}",
             file=path,
             fix="Fix the file, or move it elsewhere to start over.",
         ) from None

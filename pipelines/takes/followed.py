@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from pipelines.takes.edited import of_two_trainings
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.errors import StudioError
@@ -53,21 +55,17 @@ def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: 
             fix=f"The trained frames are 0 to {len(files) - 1}.",
         )
 
+    splats: dict[int, int] = {}  # by group
+
     @lru_cache(maxsize=4)  # those around a border between groups
     def means_at(index: int) -> np.ndarray:
         found: np.ndarray = read_frame(files[index]).means.numpy()
+        group = bisect_right(starts, index) - 1
+        if splats.setdefault(group, len(found)) != len(found):
+            raise of_two_trainings(take, group)
         return found
 
     groups = [range(start, end) for start, end in zip(starts, (*starts[1:], len(files)), strict=True)]
-    for number, group in enumerate(groups):
-        if len(means_at(group[0])) != len(means_at(group[-1])):
-            raise StudioError(
-                "take.not_trained",
-                f"frames of group {number} are from different trainings, as an interrupted one leaves them",
-                file=take.root,
-                fix="Finish it with `v3studio train`, then mark.",
-                stage="train",
-            )
     try:
         return follow(means_at, groups, frame, center, radius, weight)
     except ValidationError as error:

@@ -27,6 +27,9 @@ MOST_REGIONS = 100
 MOST_DETAILS = 20
 """Most marked details of a take."""
 
+DETAIL_WEIGHT = 4.0
+"""Weight of a detail unless another is given."""
+
 UP = (0.0, 1.0, 0.0)
 """Where up is in a world for which `World.up` is set: as in glTF, three.js and most engines."""
 
@@ -232,7 +235,7 @@ class DetailMark(Edit):
     radius: _Length
     """Of the ball."""
 
-    weight: float = Field(default=4.0, ge=1, le=100)
+    weight: float = Field(default=DETAIL_WEIGHT, ge=1, le=100)
     """How much more its pixels count in the loss, and its splats where splats are added and pruned."""
 
     path: tuple[tuple[Annotated[int, Field(ge=0, le=10_000_000)], Vector], ...] = Field(
@@ -299,6 +302,13 @@ class EditList(Edit):
     def similarity(self) -> Similarity:
         """From the capture's world to that of streams and exports."""
         return Similarity() if self.world is None else self.world.similarity
+
+    def without(self, name: str, at: int | None = None) -> EditList:
+        """A copy without the edit of this name; of regions and details, without that at the index `at`, or all."""
+        those = getattr(self, name)
+        if not isinstance(those, tuple):
+            return self.with_(**{name: None})
+        return self.with_(**{name: () if at is None else (*those[:at], *those[at + 1 :])})
 
     def with_(self, **changes: Any) -> EditList:
         """A copy with other values; None or an empty tuple removes an edit."""

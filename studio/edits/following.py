@@ -49,7 +49,7 @@ def follow(
             f"there are no splats within {radius:.4g} of ({', '.join(f'{value:.4g}' for value in center)}) in frame "
             f"{frame}",
             value=frame,
-            fix="Mark a place on the performer, in a trained frame.",
+            fix="Mark a place on the performer, in a trained frame, or with a larger radius.",
         )
     path: Path = {frame: np.asarray(center, np.float64)}
     for step in (1, -1):

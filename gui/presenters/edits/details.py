@@ -13,13 +13,10 @@ from gui.presenters.edits.handles import Handle, picked
 from pipelines.takes.followed import followed
 from pipelines.takes.take import Take
 from studio.cameras import Camera
-from studio.edits.edit_list import DetailMark, EditList
+from studio.edits.edit_list import DETAIL_WEIGHT, DetailMark, EditList
 
 SIZE = 0.1
 """Radius of a new ball, relative to the performer's largest extent: a little more than a head's."""
-
-WEIGHT = 4.0
-"""Of a new ball."""
 
 _DEEP = 0.6
 """How far behind the clicked point the middle of a ball is, in radii."""
@@ -47,9 +44,8 @@ def marked(take: Take, frame: int, view: Camera, means: np.ndarray, x: float, y:
     # without the few farthest: a stray splat would make the performer large
     extent = float(np.ptp(np.quantile(means, (0.005, 0.995), axis=0), axis=0).max())
     radius = max(SIZE * extent, 1e-6)
-    eye = np.linalg.inv(view.world_to_camera)[:3, 3]
-    inward = (point - eye) / max(float(np.linalg.norm(point - eye)), 1e-12)
-    return followed(take, frame, point + _DEEP * radius * inward, radius, WEIGHT)
+    inward = (point - view.center) / max(float(np.linalg.norm(point - view.center)), 1e-12)
+    return followed(take, frame, point + _DEEP * radius * inward, radius, DETAIL_WEIGHT)
 
 
 def detail_handles(edits: EditList, frame: int, up: np.ndarray) -> list[Handle]:
@@ -62,18 +58,14 @@ def resized(edits: EditList, handle: Handle, distance: float) -> EditList:
     number = int(handle.name.split()[1])
     mark = edits.details[number]
     radius = max(mark.radius + distance, 0.1 * mark.radius)
-    return edits.with_(details=with_detail(edits, number, mark.model_copy(update={"radius": radius})))
-
-
-def with_detail(edits: EditList, number: int, mark: DetailMark) -> tuple[DetailMark, ...]:
-    """The details with another one in place of one."""
-    return (*edits.details[:number], mark, *edits.details[number + 1 :])
+    new = mark.model_copy(update={"radius": radius})
+    return edits.with_(details=(*edits.details[:number], new, *edits.details[number + 1 :]))
 
 
 def draw_detail(canvas: Canvas, view: Camera, mark: DetailMark, frame: int, active: bool) -> None:
     """Draw the outline of a ball, over everything."""
     center = mark.at(frame)
-    toward = np.linalg.inv(view.world_to_camera)[:3, 3] - center
+    toward = view.center - center
     across = np.cross(toward, np.eye(3)[np.abs(toward).argmin()])
     down = np.cross(toward, across)
     turns = np.linspace(0, 2 * np.pi, _CIRCLE + 1)[:, None]

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from pipelines.review import TakeReview
-from pipelines.takes.edits import read_edits
-from pipelines.takes.frame_files import read_frame
+from pipelines.takes.edits import change_edits, read_edits
+from pipelines.takes.frame_files import read_about, read_frame, write_frame
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import read_rig
-from studio.edits import moved
+from studio.edits import DetailMark, EditList, moved
+from studio.edits.edit_list import MOST_DETAILS
 from studio.rasterizer import rasterize
 from studio.stream import StreamMetadata, StreamReader
 
@@ -161,8 +162,8 @@ def read_points_of(take: Path) -> np.ndarray:
         (("world", "--from", 0, 0, 0, "--distance", 1), "--from, --to and --distance are used together"),
         (("world", "--scale", 0), "world.scale"),
         (("remove", "box"), "there is no edit named 'box'"),
-        (("remove", "regions", 1), "there is no regions 1"),
-        (("remove", "details", 1), "there is no details 1"),
+        (("remove", "regions", 1), "there is no region 1"),
+        (("remove", "detail", 1), "there is no detail 1"),
         (("detail", "--at", 9, 9, 9, "--radius", 1), "there are no splats within 1 of (9, 9, 9) in frame 0"),
         (
             ("detail", "--at", 0, 0, 0, "--radius", 1, "--frame", 5),
@@ -170,7 +171,10 @@ def read_points_of(take: Path) -> np.ndarray:
         ),
         (("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", 101), "A weight is from 1 to 100"),
         (("detail", "--at", 0, 0, 0, "--radius", 0), "--radius is 0. It must be above 0."),
-        (("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", "0.5"), "--weight is 0.5. It must be at least 1."),
+        (
+            ("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", "0.5"),
+            "--weight is 0.5. It must be above 1, which changes nothing.",
+        ),
         (("undo",), "there is no edit to undo. See the edits that there are with `v3studio edit list TAKE`."),
         (("region", "none.json"), "none.json"),
         (("region", "none.json"), "one of the `regions` that `v3studio edit list TAKE --json` prints."),
@@ -182,6 +186,55 @@ def test_bad_input_gets_a_sentence_and_changes_nothing(here, finished, words, se
     assert result.stderr.startswith("error: ")
     assert sentence in result.stderr
     assert not (finished / "take" / "edits.json").exists()
+
+
+def test_what_is_removed_has_a_name_and_a_number(here, take) -> None:
+    mark = ("--at", *read_points_of(take)[0], "--radius", 0.2)
+    for _ in range(2):
+        done(here("edit", "detail", take, *mark))
+    assert done(here("edit", "remove", take, "detail", 2)).stdout == "removed: detail 2\n"
+    assert len(read_edits(take / "edits.json").details) == 1
+    assert done(here("edit", "remove", take, "details")).stdout == "removed: details\n"
+    assert done(here("edit", "remove", take, "details")).stdout == "nothing to remove: there are no details\n"
+    assert done(here("edit", "remove", take, "crop")).stdout == "nothing to remove: there is no crop edit\n"
+
+
+def test_one_detail_too_many_names_the_way_out(here, take) -> None:
+    mark = DetailMark(radius=0.1, path=((0, (0.0, 0.0, 0.0)),))
+    change_edits(take / "edits.json", EditList(details=(mark,) * MOST_DETAILS), "many")
+    result = here("edit", "detail", take, "--at", *read_points_of(take)[0], "--radius", 0.2)
+    assert result.returncode == 1
+    assert "details must have at most 20 entries. Remove one first: `v3studio edit remove" in result.stderr
+
+
+def test_positions_are_listed_as_they_are_typed(here, take) -> None:
+    done(here("edit", "world", take, "--up", 0, 0, 1, "--origin", 0, 0, "-0.5", "--scale", 100))
+    done(here("edit", "crop", take, "--min", -100, 50, -100, "--max", 100, 200, 100))
+    done(here("edit", "ground", take, 5))
+    listed = done(here("edit", "list", take)).stdout
+    assert "box of 200 x 150 x 200 around (0, 125, 0)" in listed
+    assert "nothing below 5 along (0, 1, 0)" in listed
+
+
+def test_damaged_edits_stop_what_needs_them(here, take) -> None:
+    (take / "edits.json").write_text("{")
+    for command in ("train", "bake", "run"):
+        result = here(command, take)
+        assert result.returncode == 1, command
+        assert "edits.json: the edits are damaged" in result.stderr
+        assert result.stderr.count("the edits are damaged") == 1
+    assert states(here, take)["bake"]["state"] != "done"
+
+
+def test_frames_of_two_trainings_are_told(here, take) -> None:
+    path = Take.open(take).trained_frame(0, 1)
+    write_frame(path, read_frame(path)[:-3], read_about(path))
+    mark = ("detail", take, "--at", *read_points_of(take)[0], "--radius", 0.2)
+    done(here("edit", "ground", take, "-0.2"))
+    for words in (("count", take), mark):
+        result = here("edit", *words)
+        assert result.returncode == 1
+        assert "frames of group 0 are from different trainings" in result.stderr
 
 
 def test_floaters_ground_and_regions(here, take, tmp_path) -> None:

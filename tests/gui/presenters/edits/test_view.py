@@ -344,7 +344,7 @@ def test_trained_frames_are_shown_without_what_is_removed(take_copy: Path) -> No
     assert 0 < len(left) < whole
     take.edits.write_text("{")
     opened = open_path(take_copy)
-    assert "edits cannot be read" in opened.message
+    assert "the edits are damaged" in opened.message
     for source in opened.sources.values():
         source.close()
     shutil.rmtree(take_copy)
