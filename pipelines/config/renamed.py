@@ -55,6 +55,7 @@ ADDED: JsonObject = {
     "train.camera_color_every": 150,
     "train.camera_vignettes": True,  # colors that were fitted before stay as they are
     "train.color_chart_frame": None,
+    "train.full_size_details": False,
     "bake.stream_version": 2,
     "bake.ladder": [],
     "bake.first_group_size": None,

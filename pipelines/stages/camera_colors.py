@@ -134,10 +134,9 @@ def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
     def tell(done: int, total: int, **figures: Any) -> None:
         reporter.progress(0.0, f"colors of cameras: step {done} of {total}", **figures)
 
-    found_views: list[TrainingView] = training_views(
+    views: list[TrainingView] = training_views(
         context, reporter, group.keyframe, reading, context.threads, colored=False
     )
-    views = [view.with_details(()) for view in found_views]  # colors do not depend on what was marked
     points, points_colors = read_points(context.take.initialize_group(group.index) / "points.ply")
     found = fit_camera_colors(
         views,

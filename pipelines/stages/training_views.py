@@ -35,7 +35,8 @@ def training_views(
         frame: frame number in the footage.
         reading: called with images read and images before each image, by any thread; may raise Cancelled.
         readers: cameras that are read in parallel.
-        colored: with the cameras' colors, if `train.camera_colors` is on.
+        colored: with the cameras' colors, if `train.camera_colors` is on. Views without have no details, as these have
+            no part in the colors.
 
     Raises:
         StudioError: an image cannot be read, no camera sees the performer, or the cameras' colors are not there.
@@ -44,20 +45,30 @@ def training_views(
 
     footage, settings = context.footage.calibrated, context.config.train
     cameras = footage.train_cameras
-    details = [Detail(*one) for one in details_at(context.edits, context.footage.raw.frames.index(frame))]
+    marked = details_at(context.edits, context.footage.raw.frames.index(frame)) if colored else []
+    details = [Detail(*one) for one in marked]
     colors = read_camera_colors(context) if colored and settings.camera_colors else {}
+    closer = bool(details) and settings.full_size_details and context.config.capture.scale < 1
 
     def read(number: int) -> TrainingView | None:
         context.cancellation.check()
         reading(number, len(cameras))
-        view = within_box(footage.view(cameras[number], frame), context.training_box)
+        name, box = cameras[number], context.training_box
+        # first, since what it decodes serves the smaller view, too
+        large = within_box(footage.full_size_view(name, frame), box) if closer else None
+        view = within_box(footage.view(name, frame), box)
         if not (view.matte > 127).any():
             return None
-        chroma = None if settings.chroma_siting == "none" else footage.chroma(cameras[number])
+        sampling = settings.chroma_siting != "none"
+        chroma = footage.chroma(name) if sampling else None
         seen = TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates, chroma)
-        seen = seen.with_details(details) if details else seen
         # a camera that did not see the performer in the frame that was fitted has no matrix
-        return seen.with_color(*colors[cameras[number]]) if cameras[number] in colors else seen
+        seen = seen.with_color(*colors[name]) if name in colors else seen
+        seen = seen.with_details(details) if details else seen
+        if large is None:
+            return seen
+        chroma = footage.chroma(name, full_size=True) if sampling else None
+        return seen.with_closer(large, settings.use_plates, chroma)
 
     views = []
     with ThreadPoolExecutor(min(readers, len(cameras)), thread_name_prefix="views") as pool:

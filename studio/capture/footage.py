@@ -188,9 +188,30 @@ class Footage:
         image, matte = self.image(camera, frame), self.matte(camera, frame)
         return FootageView(self.rig[camera], image, matte, frame, self.plate(camera))
 
+    def full_size_view(self, camera: str, frame: int) -> FootageView:
+        """As `view`, at the size of the footage, whatever `spec.scale` is. Its images are not cached; a `view` of the
+        same camera and frame that follows needs no more decoding.
+
+        Raises:
+            StudioError: as `view`.
+        """
+        scaled = self._warp(camera).source
+        warp = Warp(scaled, scaled.width, scaled.height, 1.0)
+        maps = self._maps(camera, warp)
+        raw, matte = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3]), self._raw_matte(camera, frame)
+        self._cache.put(("raw matte", camera, frame), matte)
+        if isinstance(self._matte_source, Recolors):
+            raw = self._matte_source.recolored(camera, raw, matte)
+        plate = self._raw_plate(camera)
+        if plate is not None:
+            plate = warp.apply(plate, maps, smooth=True)
+        return FootageView(
+            warp.camera, warp.apply(raw, maps, smooth=True), warp.apply(matte, maps, smooth=False), frame, plate
+        )
+
     def plate(self, camera: str) -> np.ndarray | None:
         """(H, W, 3) uint8 RGB clean plate, undistorted and scaled like the images; None if there is none."""
-        raw = self._matte_source.plate(camera) if isinstance(self._matte_source, PlateMatteSource) else None
+        raw = self._raw_plate(camera)
         if raw is None:
             return None
         warp = self._warp(camera)
@@ -203,15 +224,15 @@ class Footage:
             self._cache.put(key, *cached)
         return cached[0].copy()
 
-    def chroma(self, camera: str) -> ChromaSampling | None:
-        """Chroma grid of a camera's images; None without subsampling, for image files, and for images that are
-        undistorted or scaled, as these have no such grid.
+    def chroma(self, camera: str, full_size: bool = False) -> ChromaSampling | None:
+        """Chroma grid of a camera's images, or of those of `full_size_view`; None without subsampling, for image files,
+        and for images that are undistorted or scaled, as these have no such grid.
 
         Raises:
             StudioError: `footage.unknown_camera`.
         """
-        source = self._source(camera)
-        return source.chroma if self._warp(camera).is_identity else None
+        source, warp = self._source(camera), self._warp(camera)
+        return source.chroma if warp.is_identity or (full_size and warp.source.is_pinhole) else None
 
     def digest(self, names: Mapping[Path, str] | None = None) -> str:
         """Hexadecimal digest of `files()`: names, sizes and contents.
@@ -255,6 +276,9 @@ class Footage:
                 known=self.camera_names,
             )
         return source
+
+    def _raw_plate(self, camera: str) -> np.ndarray | None:
+        return self._matte_source.plate(camera) if isinstance(self._matte_source, PlateMatteSource) else None
 
     def _raw(self, camera: str, frame: int) -> np.ndarray:
         key = ("raw", camera, frame)

@@ -62,23 +62,23 @@ def detail_boxes(camera: Camera, details: Sequence[Detail]) -> tuple[DetailBox, 
     return tuple(found)
 
 
-def detail_loss(image: Tensor, target: Tensor, boxes: Sequence[DetailBox], dssim_weight: float) -> Tensor | float:
-    """What the weights of details add to the photometric loss of an image.
+def detail_loss(
+    image: Tensor, target: Tensor, box: DetailBox, dssim_weight: float, closer: Sequence[Tensor] = ()
+) -> Tensor:
+    """What the weight of a detail adds to the photometric loss of an image.
 
     With it, the L1 part of the loss is that of pixels with these weights, and so is SSIM, but for the windows at the
     edges of a box. Weights of boxes that overlap add up.
 
     Args:
         image, target: (H, W, 3), as for `photometric_loss`.
-        boxes: of the details in the image.
+        box: of the detail in the image.
         dssim_weight: as for `photometric_loss`.
+        closer: image and target of the box alone, with more pixels, which are compared instead.
     """
-    added: Tensor | float = 0.0
-    pixels = image.shape[0] * image.shape[1]
-    for box in boxes:
-        share = (box.right - box.left) * (box.bottom - box.top) / pixels
-        added = added + (box.weight - 1) * share * photometric_loss(box.of(image), box.of(target), dssim_weight)
-    return added
+    share = (box.right - box.left) * (box.bottom - box.top) / (image.shape[0] * image.shape[1])
+    of_box, of_target = closer or (box.of(image), box.of(target))
+    return (box.weight - 1) * share * photometric_loss(of_box, of_target, dssim_weight)
 
 
 def detail_weights(means: Tensor, details: Sequence[Detail]) -> Tensor:

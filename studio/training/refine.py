@@ -49,6 +49,13 @@ def disagreement(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> floa
     return difference / max(1.0, sum(_outline(one) for one in drawn))
 
 
+def _refined(gaussians: Gaussians, view: TrainingView, matte: Tensor) -> TrainingView:
+    """A view with its drawn matte, and with others in its views of details."""
+    refined = view.with_matte(matte)
+    refined.closer = tuple(one and one.with_matte(drawn_matte(gaussians, one)) for one in view.closer)
+    return refined
+
+
 def _outline(matte: Tensor) -> float:
     """Length of the outline at one half in pixels: sides between a pixel inside and one outside."""
     inside = matte > 0.5
@@ -103,7 +110,7 @@ class Refinement:
     def _set(self, gaussians: Gaussians, drawn: list[Tensor]) -> None:
         stepper, settings = self._stepper, self._settings
         if self.refined:
-            stepper.views = [view.with_matte(one) for view, one in zip(stepper.views, drawn, strict=True)]
+            stepper.views = [_refined(gaussians, view, one) for view, one in zip(stepper.views, drawn, strict=True)]
         self._splats = gaussians.clone()
         if settings.refine_mattes != "never":
             stepper.alpha_weight = max(stepper.alpha_weight, settings.refined_alpha_weight)

@@ -140,6 +140,10 @@ class TrainSettings(Settings):
     """Padding of the performer's bounding box that images are cropped to, as a fraction of the box size (16 pixels are
     added)."""
 
+    full_size_details: bool = True
+    """With capture.scale below 1 and details marked (`v3studio edit detail`): compare these with the images at full
+    size, so that faces keep more than capture.scale leaves of them."""
+
     keyframe_iterations: Annotated[int, Heading("Keyframe")] = Field(default=12_000, ge=1)
     """Training steps of the keyframe before pruning."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import torch
 from torch import Tensor
@@ -87,19 +88,26 @@ class Stepper:
         if dropout and self.dropout:
             logits = drop_splats(gaussians.logit_opacities, self.dropout, draw_seed(self._generator))
             gaussians = replace(gaussians, logit_opacities=logits)
-        target = view.composited(background)
+        image, target, render = self._compared(gaussians, view, background, screen_offsets)
+        loss = photometric_loss(image, target, self._settings.dssim_weight)
+        for box, closer in zip_longest(view.detail_boxes, view.closer):
+            parts = self._compared(gaussians, closer, background)[:2] if closer is not None else ()
+            loss = loss + detail_loss(image, target, box, self._settings.dssim_weight, parts)
+        if self.alpha_weight:
+            loss = loss + self.alpha_weight * (render.alpha - view.matte).abs().mean()
+        return Step(loss, target, render, view, image)
+
+    def _compared(
+        self, gaussians: Gaussians, view: TrainingView, background: Tensor, screen_offsets: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Render]:
+        """What a view shows of the splats, in its colors, the (H, W, 3) target to compare it with, and the render."""
         backdrop = view.backdrop(background)
         behind = background if backdrop is None else backdrop
         render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
         image = view.in_its_colors(render.image, render.alpha, behind)
         if self.chroma_shift is not None and view.chroma is not None:
             image = resampled(image, view.chroma, self.chroma_shift)
-        loss = photometric_loss(image, target, self._settings.dssim_weight)
-        if view.detail_boxes:
-            loss = loss + detail_loss(image, target, view.detail_boxes, self._settings.dssim_weight)
-        if self.alpha_weight:
-            loss = loss + self.alpha_weight * (render.alpha - view.matte).abs().mean()
-        return Step(loss, target, render, view, image)
+        return image, view.composited(background), render
 
     def state(self) -> dict[str, Tensor]:
         """Position in the sequence of views. The caller stores the state of the generator."""

@@ -49,6 +49,7 @@ class TrainingView:
         vignette: by which this camera's image is darker toward its corners, on top of `color`; None: by nothing.
         details: parts of the performer that count more in this frame; the same in all of its views.
         detail_boxes: where the image shows them.
+        closer: a view of each of these boxes alone, with more pixels; None where there is none; empty: of no box.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class TrainingView:
         self.vignette: Vignette | None = None
         self.details: tuple[Detail, ...] = ()
         self.detail_boxes: tuple[DetailBox, ...] = ()
+        self.closer: tuple[TrainingView | None, ...] = ()
         self._image, self._matte, self._plate = image, matte, plate
         self._near = None if plate is None else surroundings(_floats(matte)).to(torch.uint8)
         self._cached: tuple[Tensor, Tensor, Tensor | None] | None = None
@@ -99,6 +101,7 @@ class TrainingView:
         crop_margin: float | None = None,
         use_plate: bool = True,
         chroma: ChromaSampling | None = None,
+        box: tuple[int, int, int, int] | None = None,
     ) -> TrainingView:
         """Convert a view of the footage.
 
@@ -109,14 +112,17 @@ class TrainingView:
                 None: keep the full image.
             use_plate: False ignores the clean plate.
             chroma: chroma grid of the view's image; None: no subsampling.
+            box: (left, top, width, height) in pixels to crop to, instead of `crop_margin`.
 
         Raises:
             StudioError: `matte.empty`: the matte does not contain any performer pixels.
         """
         camera, image, matte, plate = view.camera, view.image, view.matte, view.plate if use_plate else None
         size = (camera.width, camera.height)
-        if crop_margin is not None:
-            left, top, width, height = matte_box(matte, crop_margin, camera.name)
+        if box is None and crop_margin is not None:
+            box = matte_box(matte, crop_margin, camera.name)
+        if box is not None:
+            left, top, width, height = box
             camera = camera.cropped(left, top, width, height)
             chroma = None if chroma is None else chroma.cropped(left, top)
             image = image[top : top + height, left : left + width]
@@ -149,7 +155,37 @@ class TrainingView:
     def with_details(self, details: Sequence[Detail]) -> TrainingView:
         """The same view with other details."""
         view = copy.copy(self)
-        view.details, view.detail_boxes = tuple(details), detail_boxes(self.camera, details)
+        view.details, view.detail_boxes, view.closer = tuple(details), detail_boxes(self.camera, details), ()
+        return view
+
+    def with_closer(
+        self, large: CapturedView, use_plate: bool = True, chroma: ChromaSampling | None = None
+    ) -> TrainingView:
+        """The same view with `closer` views of its details.
+
+        Args:
+            large: what the same camera saw, uncropped and in more pixels.
+            use_plate, chroma: as for `from_view`, of `large`.
+        """
+
+        def of(box: DetailBox) -> TrainingView | None:
+            across, down = large.camera.fx / self.camera.fx, large.camera.fy / self.camera.fy
+            # the same rays, in the pixels of the large image
+            left, right = (
+                round((edge - self.camera.K[0, 2]) * across + large.camera.K[0, 2]) for edge in (box.left, box.right)
+            )
+            top, bottom = (
+                round((edge - self.camera.K[1, 2]) * down + large.camera.K[1, 2]) for edge in (box.top, box.bottom)
+            )
+            if not (large.matte[top:bottom, left:right] > 127).any():
+                return None
+            size = (left, top, right - left, bottom - top)
+            found = TrainingView.from_view(large, self.device, None, use_plate, chroma, size)
+            found.color, found.vignette = self.color, self.vignette
+            return found
+
+        view = copy.copy(self)
+        view.closer = tuple(of(box) for box in self.detail_boxes)
         return view
 
     def in_its_colors(self, image: Tensor, alpha: Tensor, behind: Tensor) -> Tensor:

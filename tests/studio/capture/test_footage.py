@@ -99,6 +99,36 @@ def test_undistorted_pixels_are_where_the_pinhole_camera_projects(
         np.testing.assert_allclose(centroid(footage.matte("a", 0)), expected, atol=0.06)
 
 
+def test_a_view_at_full_size_is_that_of_footage_without_a_scale(tmp_path: Path, make: SimpleNamespace) -> None:
+    rng = np.random.default_rng(0)
+    camera = Camera("a", 96, 64, make.camera("a").K, np.eye(4), np.array([-0.25, 0.08, 0.002, -0.003, 0.01]))
+    plate = rng.integers(0, 100, (64, 96, 3), dtype=np.uint8)
+    filmed = plate.copy()
+    filmed[20:50, 30:60] = rng.integers(150, 255, (30, 30, 3), dtype=np.uint8)
+    make.image(tmp_path / "images" / "a.png", filmed)
+    make.image(tmp_path / "clean_plates" / "a.png", plate)
+    small, large = (
+        open_footage(CaptureSettings(root=tmp_path, masks="clean_plate", scale=scale), Rig((camera,)))
+        for scale in (0.5, 1.0)
+    )
+    found, expected = small.full_size_view("a", 0), large.view("a", 0)
+    for name in ("image", "matte", "plate"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    assert found.matte.any()
+    assert found.camera.to_dict() == expected.camera.to_dict()
+    assert small.view("a", 0).image.shape == (32, 48, 3)
+
+
+def test_a_view_after_one_at_full_size_decodes_nothing(image_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    footage = open_footage(CaptureSettings(root=image_folders, scale=0.5), None)
+    camera, frame = footage.camera_names[0], footage.frames[0]
+    read, source = [], footage._source(camera)
+    monkeypatch.setattr(source, "read", lambda frame, of=source.read: read.append(frame) or of(frame))
+    assert footage.full_size_view(camera, frame).image.shape[0] == footage.raw_size(camera)[1]
+    footage.image(camera, frame), footage.matte(camera, frame)
+    assert read == [frame]
+
+
 def test_calibration_is_scaled_to_half_size_footage(tmp_path: Path, make: SimpleNamespace) -> None:
     make.image(tmp_path / "images" / "a.png", make.numbered(1))
     footage = open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a", 192, 128),)))

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 import torch
 
+from studio.capture import FootageView
 from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
 from studio.training import Detail, TrainingView, TrainSettings
 from studio.training.densify import DensityControl
 from studio.training.details import DetailBox, detail_boxes, detail_loss, detail_weights
@@ -57,9 +60,59 @@ def test_weights_are_those_of_pixels() -> None:
     weights = torch.ones(20, 30, dtype=torch.float64)
     weights[2:9, 3:13], weights[10:20, 20:30] = 4.0, 2.5
     expected = (weights[..., None] * (image - target).abs()).mean()
-    found = photometric_loss(image, target, 0.0) + detail_loss(image, target, boxes, 0.0)
+    found = photometric_loss(image, target, 0.0) + sum(detail_loss(image, target, box, 0.0) for box in boxes)
     assert torch.allclose(found, expected, atol=1e-12)
-    assert detail_loss(image, target, [], 0.2) == 0
+
+
+def test_a_closer_view_of_pixels_that_are_repeated_counts_the_same() -> None:
+    """With L1 alone, each pixel four times has the same mean; what is not in the closer view does not matter."""
+    generator = torch.Generator().manual_seed(0)
+    image, target = torch.rand(2, 20, 30, 3, generator=generator, dtype=torch.float64)
+    box = DetailBox(3, 2, 13, 9, 4.0)
+    closer = [one[2:9, 3:13].repeat_interleave(2, 0).repeat_interleave(2, 1) for one in (image, target)]
+    expected = detail_loss(image, target, box, 0.0)
+    assert torch.allclose(detail_loss(target, target, box, 0.0, closer), expected, atol=1e-12)
+
+
+def test_a_step_compares_the_closer_view(large_view: TrainingView) -> None:
+    """Its loss is that of the whole image and that of the box, each of its own drawing."""
+    settings = TrainSettings(background="black", dropout=0.0, dssim_weight=0.2)
+    gaussians = splats(3)
+    step = Stepper([large_view], settings, torch.Generator().manual_seed(0))(gaussians)
+    (box,), (closer,) = large_view.detail_boxes, large_view.closer
+    assert closer is not None
+    whole, near = (rasterize(gaussians, one.camera) for one in (large_view, closer))
+    black = torch.zeros(3)
+    share = (box.right - box.left) * (box.bottom - box.top) / (whole.image.shape[0] * whole.image.shape[1])
+    expected = photometric_loss(whole.image, large_view.composited(black), 0.2) + (
+        box.weight - 1
+    ) * share * photometric_loss(near.image, closer.composited(black), 0.2)
+    assert torch.allclose(step.loss, expected, atol=1e-6)
+
+
+def test_a_closer_view_shows_the_box_in_more_pixels(large_view: TrainingView) -> None:
+    (box,), (closer,) = large_view.detail_boxes, large_view.closer
+    assert closer is not None
+    assert (closer.camera.width, closer.camera.height) == (3 * (box.right - box.left), 3 * (box.bottom - box.top))
+    # a point of the world is at the same place of the box
+    point = np.array([[0.02, 0.05, -0.03]])
+    far, near = (one.camera.project(point)[0][0] for one in (large_view, closer))
+    assert np.allclose(3 * (far - (box.left, box.top)), near, atol=1e-6)
+    assert large_view.half_size().closer == ()
+
+
+@pytest.fixture
+def large_view() -> TrainingView:
+    """A crop of a third of the pixels of a noisy image, with a detail."""
+    large = camera_at("cam0", np.array([3.0, 0.0, 0.0]), size=(180, 120))
+    generator = np.random.default_rng(0)
+    image = generator.integers(0, 255, (120, 180, 3), dtype=np.uint8)
+    matte = np.full((120, 180), 255, np.uint8)
+    small = image.reshape(40, 3, 60, 3, 3).mean((1, 3)).astype(np.uint8)
+    view = FootageView(large.resized(60, 40), small, matte[::3, ::3])
+    whole = TrainingView.from_view(view, box=(10, 5, 40, 30))
+    details = (Detail((0.0, 0.0, 0.0), 0.3, 4.0),)
+    return whole.with_details(details).with_closer(FootageView(large, image, matte))
 
 
 def splats(count: int) -> Gaussians:

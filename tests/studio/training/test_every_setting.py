@@ -222,6 +222,13 @@ def _crop() -> bool:
     return seen[0].image.shape != seen[1].image.shape
 
 
+@observed_by("full_size_details")
+def _full_size_details() -> bool:
+    """In a take: `tests/pipelines/stages/test_training_views.py`. Here, that a view can be of a part alone."""
+    seen = [TrainingView.from_view(captured(), crop_margin=0.3, box=one) for one in (None, (5, 6, 7, 8))]
+    return seen[0].image.shape != seen[1].image.shape == (8, 7, 3)
+
+
 @observed_by("use_plates")
 def _plates() -> bool:
     seen = [TrainingView.from_view(captured(), use_plate=settings(use_plates=one).use_plates) for one in (True, False)]

@@ -1,0 +1,73 @@
+"""Views of a frame for training, with details at the size of the footage."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines.config import load_config, parse_override
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.training_views import training_views
+from pipelines.takes.edits import change_edits
+from pipelines.takes.take import Take
+from studio.edits import DetailMark, EditList
+from studio.training import TrainingView
+
+
+@pytest.fixture
+def project(finished: Path, tmp_path: Path) -> Path:
+    shutil.copytree(finished, tmp_path / "project")
+    return tmp_path / "project"
+
+
+def views_of(project: Path, *options: str, details: int = 1, colored: bool = True) -> list[TrainingView]:
+    take = Take.open(project / "take")
+    mark = DetailMark(radius=0.1, path=((0, (0.0, 0.0, 0.0)),))
+    change_edits(take.edits, EditList(details=(mark,) * details), "details")
+    context = Context(take, load_config(project / "ball.yaml", [parse_override(one) for one in options]), print)
+    return training_views(context, StageReporter("train", context), 0, lambda number, images: None, colored=colored)
+
+
+HALF, CLOSER = "capture.scale=0.5", "train.full_size_details=true"
+
+
+def test_details_are_also_seen_at_full_size(project: Path) -> None:
+    found = views_of(project, HALF, CLOSER)
+    assert len(found) == len(views_of(project, HALF))
+    for view in found:
+        (closer,) = view.closer
+        assert closer is not None
+        assert closer.camera.name == view.camera.name
+        assert closer.camera.fx == pytest.approx(2 * view.camera.fx)
+        # the detail fills the image
+        (x, y), depth = (one[0] for one in closer.camera.project(np.zeros((1, 3))))
+        reach = closer.camera.fx * 0.1 / depth
+        assert (x, y) == pytest.approx((closer.camera.width / 2, closer.camera.height / 2), abs=2)
+        assert closer.camera.width == pytest.approx(2 * reach, abs=4)
+
+
+def test_they_show_what_was_filmed(project: Path) -> None:
+    for filmed, view in zip(views_of(project, "train.crop_margin=10"), views_of(project, HALF, CLOSER), strict=True):
+        (closer,) = view.closer
+        assert closer is not None
+        left, top = (round(float(filmed.camera.K[axis, 2] - closer.camera.K[axis, 2])) for axis in (0, 1))
+        rows, columns = slice(top, top + closer.camera.height), slice(left, left + closer.camera.width)
+        assert np.array_equal(closer.image.numpy(), filmed.image.numpy()[rows, columns])
+        assert np.array_equal(closer.matte.numpy(), filmed.matte.numpy()[rows, columns])
+
+
+def test_each_detail_has_its_own(project: Path) -> None:
+    assert {len(view.closer) for view in views_of(project, HALF, CLOSER, details=2)} == {2}
+
+
+@pytest.mark.parametrize("options", [(CLOSER,), (HALF, "train.full_size_details=false")])
+def test_there_are_none_at_full_size_or_without_the_setting(project: Path, options: tuple[str, ...]) -> None:
+    assert not any(view.closer for view in views_of(project, *options))
+
+
+def test_the_colors_of_cameras_do_not_depend_on_details(project: Path) -> None:
+    found = views_of(project, HALF, CLOSER, colored=False)
+    assert not any(view.details or view.closer for view in found)
