@@ -162,6 +162,8 @@ class Layout:
             widget.visible = figures
         alone = self.fullscreen or panels.start.shown
         panels.inspector.log.widget.visible = not alone and (figures or panels.inspector.large)
+        # not under the large log: a click brings the view to the front, and Open3D knows no order but that of clicks
+        panels.viewport.picture.widget.visible = not panels.start.shown and (alone or not panels.inspector.large)
         beside = figures and not panels.inspector.large  # the large log leaves only a strip of what is beside the view
         panels.path_panel.picture.widget.visible = beside and panels.path_panel.shown
         panels.inspector.figures.widget.visible = beside and not panels.path_panel.shown

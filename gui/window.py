@@ -421,6 +421,9 @@ class MainWindow:
             self._opened(opened.request, opened.result)
             self.changed()
         changed = self.workspace.poll()
+        if self.workspace.ended:
+            self.notices.tell(self.workspace.ended, topic="run")
+            self.workspace.ended = ""
         if self.workspace.take_results():
             changed |= self.player.refresh()
         self._read_evaluation()

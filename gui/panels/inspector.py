@@ -145,10 +145,24 @@ class InspectorPanel:
             of_stage: figures of the stage's view.
             camera: whose quality is shown; "" for the mean.
         """
-        changed = self._update_log(workspace)
+        # figures first: they leave the rest to the log, which is drawn in its new size
+        changed = self._update_figures(player, evaluation, marks, workspace, stage, of_stage, drawn_rate, camera)
+        return self._update_log(workspace) or changed
+
+    def _update_figures(
+        self,
+        player: PlayerPresenter,
+        evaluation: Evaluation,
+        marks: Marks,
+        workspace: Workspace,
+        stage: str,
+        of_stage: Sequence[Block],
+        drawn_rate: float,
+        camera: str,
+    ) -> bool:
         of = (player.frame, player.what, player.mode, player.camera, stage, camera)  # shown everywhere in the same draw
         if time.monotonic() < self._next and of == self._of:
-            return changed
+            return False
         self._next, self._of = time.monotonic() + PAUSE, of
         self.frame = player.frame
         blocks = review_blocks(player, evaluation, marks, drawn_rate, camera)
@@ -160,7 +174,7 @@ class InspectorPanel:
         self._scroll(0.0)
         state = (blocks, self.figures.size, self._down)
         if state == self._figures_of:
-            return changed
+            return False
         self._figures_of = state
         self.figures.show(figures_picture(blocks, *self.figures.size, self._em, self._down))
         return True

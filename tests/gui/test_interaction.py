@@ -7,6 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
+from gui.presenters.drawing.palette import PANEL
+
 CLICK = ("mousedown", 1, "mouseup", 1)
 
 
@@ -54,6 +59,18 @@ def test_input_that_is_faster_than_the_window(
     window.xdotool("mousemove", left + 42, top + 21, *CLICK)
     window.wait_for("the stage below the menu", lambda s: s["stage"] == "capture" and not s["dialog"])
     window.stage("review")
+
+    # the enlarged log covers the view, also when a click has brought the view to the front of all
+    window.key("j")
+    window.click("log", 0.3, 0.8)
+    window.key("j")
+    window.click("viewport")
+    window.key("j")
+    window.drawn()
+    seen = window.screenshot(artifacts / "interaction_log.png")
+    pixels = cv2.imread(str(seen))[window.inside("log")]
+    assert np.median(np.abs(pixels.astype(int) - PANEL[::-1]).max(2)) == 0, "nearly all of it has the color of panels"
+    window.key("j")
 
     # a note typed right after the key that opens its dialog
     window.xdotool("mousemove", *window.point("viewport"), "key", "m", "type", "--delay", "15", "typed right after")

@@ -62,6 +62,9 @@ def test_a_run_told_by_its_events() -> None:
     assert sum("disk is full" in text for _, text in run.lines) == 1, "reported once"
     following = run.followed()
     assert following.outcome == ""
+    assert following.lines == run.lines, "the log goes on"
+    assert not any(following.notices), "what they warned of may be fixed"
+    assert not following.begun
     assert following.curves["psnr"][0].values == [20.0, 21.0]
     following.apply(progress(0.1, loss=0.7))
     assert following.curves["loss"][0].values == [0.7], "a new training run starts over"
@@ -284,6 +287,13 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     assert ("review", "waiting") in seen
     wait(workspace, "done again", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
     assert workspace.run.outcome == "done"
+    assert workspace.ended.startswith("The run has finished after ")
+    lines = list(workspace.run.lines)
+
+    assert workspace.start("all")
+    wait(workspace, "nothing to do", lambda: not workspace.busy and workspace.run.outcome == "done")
+    assert workspace.ended == "There was nothing to run: everything is up to date."
+    assert list(workspace.run.lines)[: len(lines)] == lines, "the log of the run before is still there"
 
 
 def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(

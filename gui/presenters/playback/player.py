@@ -70,6 +70,7 @@ class PlayerPresenter(Viewpoint):
         self._renderer = FrameRenderer(draw_function, SceneRenderer(read_mesh))
         self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._renderer, "v3studio viewport")
         self._asked: RenderRequest | None = None
+        self._wanted = "decoded"  # what was chosen, also while there is no such source, as during a bake
         self._shown = Rate(now)
         self._contents: tuple[object, ...] = ()
         self.filmed: Sequence[int] = ()
@@ -107,7 +108,7 @@ class PlayerPresenter(Viewpoint):
         self._load_sound()
         self._contents = take_contents(opened.take) if opened.take else ()
         self.mode, self.camera = "single", ""
-        self.what = opened.default.name if opened.default is not None else "decoded"
+        self.what = self._wanted = opened.default.name if opened.default is not None else "decoded"
         self.transport = Transport(1, FALLBACK_FPS, now=self._now)
         self._fit_transport()
         self._look_home(first)
@@ -147,7 +148,7 @@ class PlayerPresenter(Viewpoint):
         self._renderer.forget()
         self._asked = None
         if self.what not in (*sources, "truth"):
-            self.what = opened.default.name
+            self.what = self._wanted = opened.default.name
         if other is None and self.mode not in ALONE and len(sources) < 2 and not self.camera:
             self.mode = "single"
         if before is not None:
@@ -181,7 +182,9 @@ class PlayerPresenter(Viewpoint):
         self._load_sound()
         self._renderer.forget()
         self._asked = None
-        if self.what not in (*opened.sources, "truth") and opened.default is not None:
+        if self._wanted in (*opened.sources, "truth"):
+            self.what = self._wanted
+        elif self.what not in (*opened.sources, "truth") and opened.default is not None:
             self.what = opened.default.name
         self._fit_transport()
         if was_empty and first is not None:
@@ -244,7 +247,7 @@ class PlayerPresenter(Viewpoint):
             return False
         if what == "truth" and not self.camera:
             self.look_through(self._first_camera())
-        self.what = what
+        self.what = self._wanted = what
         self.message = ""
         self._fit_transport()
         return True
@@ -266,7 +269,7 @@ class PlayerPresenter(Viewpoint):
                 return False
             self.look_through(self._first_camera())
         if self.what == "truth" and self.opened.default is not None:
-            self.what = self.opened.default.name
+            self.what = self._wanted = self.opened.default.name
         self.mode = mode
         self._zoom_follows |= mode != "scene" and self.camera != "" and self.image_zoom == ImageZoom()
         self._fit_zoom()

@@ -61,9 +61,10 @@ class RunState:
         failed_setting: the setting that fixes the error, by stage, where there is one.
         outcome: "" during the run, then "done", "failed" or "cancelled".
         message: text of the outcome.
-        lines: the log, newest last: (kind, text), kind one of "", "warning", "error".
+        lines: the log, newest last, with that of earlier runs: (kind, text), kind one of "", "warning", "error".
         times: when each line was told, seconds since 1970; 0 if unknown.
-        notices: the warning or error that each line tells; None for others.
+        notices: the warning or error of this run that each line tells; None for others.
+        begun: whether this run has told anything.
         curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
         previews: latest picture by camera.
         lanes: latest state by stage and group, of stages that ran on several machines.
@@ -84,6 +85,7 @@ class RunState:
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
     previews: dict[str, Preview] = field(default_factory=dict)
     lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
+    begun: bool = False
     pid: int = 0
     started: float = 0.0
     changes: int = 0
@@ -93,9 +95,12 @@ class RunState:
     """Incremented when the take has new results: a frame, a group, a stage."""
 
     def followed(self) -> RunState:
-        """The state of the next run: empty except for the training curves and previews, which are kept until a run
-        trains again."""
+        """The state of the next run: empty except for the log, and for the training curves and previews, which are kept
+        until a run trains again."""
         return RunState(
+            lines=self.lines.copy(),
+            times=self.times.copy(),
+            notices=deque([None] * len(self.notices), maxlen=LOG_LINES),
             curves=self.curves,
             previews=self.previews,
             changes=self.changes + 1,
@@ -178,6 +183,7 @@ class RunState:
         self._say(text, "error" if failed else "")
 
     def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:
+        self.begun = True
         self.lines.append((kind, text))
         self.times.append(self._now)
         self.notices.append(notice)

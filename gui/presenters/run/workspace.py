@@ -21,7 +21,9 @@ from gui.presenters.stages.stage_rows import TITLES, Assessment, StageRow, asses
 from gui.presenters.worker import LatestWorker
 from pipelines.config import Config, load_config
 from pipelines.config.loading import COMMAND_LINE
+from pipelines.events import RunFinished
 from pipelines.events.log_follower import LogFollower
+from pipelines.reports.terminal import duration
 from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.cancel_request import request_cancel
@@ -53,6 +55,7 @@ class Workspace:
         history: changes of the take's settings and marks, for undo.
         assessed: whether `assessment` is of this take, maybe before the last change.
         checked: whether it is of the take as it is now, as far as is known.
+        ended: what to tell of a run of this window that ended well; whoever tells it empties it.
     """
 
     def __init__(
@@ -76,6 +79,7 @@ class Workspace:
         self.message = ""
         self.cancelling = False
         self.paused = False
+        self.ended = ""
         self._follower: LogFollower | None = None
         self._next_look = 0.0
         self._next_assess = 0.0
@@ -139,6 +143,9 @@ class Workspace:
         if self.job is not None:
             for event in self.job.poll():
                 self.run.apply(event)
+                if isinstance(event, RunFinished) and event.outcome == "done":
+                    took = f"The run has finished after {duration(event.seconds)}."
+                    self.ended = took if self.run.planned else "There was nothing to run: everything is up to date."
             if not self.job.running:
                 crash = self.job.crash()
                 if crash is not None:
@@ -186,7 +193,7 @@ class Workspace:
                 self._next_assess = 0.0
             self.holder = holder
             followed = not self.take.holder.is_file()  # else it may go on, on another machine
-            if holder is None and followed and self.run.changes and not self.run.outcome and self.run.lines:
+            if holder is None and followed and self.run.changes and not self.run.outcome and self.run.begun:
                 self.run.crashed("The last run was killed or crashed. Run again to continue.")
         fingerprint = self._take_fingerprint()
         if fingerprint != self._fingerprint or self._now() >= self._next_assess:

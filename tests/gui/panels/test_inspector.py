@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,6 +11,8 @@ from open3d.visualization import gui
 
 from gui.panels.inspector import LEAST_DRAGGED, LEAST_LOG, InspectorPanel
 from gui.presenters.drawing.palette import PANEL
+from gui.presenters.evaluation import Evaluation
+from gui.presenters.marks import Marks
 from gui.presenters.run.inspector import Block, figures_height, figures_picture
 
 EM = 16.0
@@ -40,6 +42,23 @@ def test_figures_get_the_room_that_they_need(stage: str) -> None:
             assert height == before, "few figures do not move the log"
     assert needed[18] > 0.5 * 540
     assert needed[60] > 540
+
+
+def test_the_log_is_drawn_in_the_size_that_figures_leave_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    panel = InspectorPanel(EM, lambda: None, lambda fix: None)
+    panel.place(1000, 24, 270, 540)
+    drawn = list[tuple[int, ...]]()
+    monkeypatch.setattr(panel.log, "show", lambda picture: drawn.append(picture.shape[:2]))
+    monkeypatch.setattr("gui.panels.inspector.run_blocks", lambda workspace, stage: [])
+    run = SimpleNamespace(lines=[("", "a line")], times=[1.0], notices=[None])
+    workspace: Any = SimpleNamespace(run=run, config=None, take=None)
+    player: Any = SimpleNamespace(frame=0, what="trained", mode="single", camera="")
+    for rows in (2, 30):
+        monkeypatch.setattr("gui.panels.inspector.review_blocks", lambda *of, rows=rows: blocks(rows))
+        player.frame = rows  # another frame is shown at once
+        assert panel.update(player, Evaluation(), Marks(None), workspace, "review", (), 0.0, "")
+        assert drawn[-1] == (panel.log.widget.frame.height, 270)
+    assert drawn[0] != drawn[-1]
 
 
 PLACES = ((900, 24, 270, 540), (1000, 30, 270, 540), (1000, 24, 300, 540), (1000, 24, 270, 700))
