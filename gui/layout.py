@@ -29,6 +29,10 @@ NARROW = 60
 LEFT, LEAST_LEFT, MOST_LEFT = 18.0, 14.0, 40.0
 """Width of the left panel in em: at first, the least and the most."""
 
+RIGHT, RIGHT_SHARE, MOST_RIGHT = 17.0, 0.2, 26.0
+"""Width of the right panel: its least in em, its share of the window, its most in em. The log is easier to read in
+wide lines."""
+
 PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
 """The timeline gets this share of what the window is higher than `PLAIN`, and at most so much more, em."""
 
@@ -144,7 +148,7 @@ class Layout:
         panels = self._panels
         for widget in (*self.fills, panels.status, panels.controls.widget, panels.timeline.picture.widget):
             widget.visible = on
-        panels.hints.label.visible = False
+        panels.hints.hide()
         panels.stages.set_visible(on)
         if not on:
             for row in panels.modes.rows.values():
@@ -174,7 +178,7 @@ class Layout:
             self._place_over(context, x, y, width, height)
             return
         left = min(round(self.left * em), width // 3)
-        right = min(round(17 * em), width // 4) if figures else 0
+        right = min(round(min(max(RIGHT * em, RIGHT_SHARE * width), MOST_RIGHT * em)), width // 4) if figures else 0
         gap, pad = round(0.4 * em), round(0.5 * em)
         inner = x + left + gap
         inner_width = width - left - gap
@@ -214,7 +218,7 @@ class Layout:
         panels = self._panels
         self.view = (x, y, width, height)
         self._place_message(context, x, y, width, height)
-        panels.hints.place(context, panels.em, self.view)
+        panels.hints.place(self.view)
         if panels.camera_menu.camera:
             panels.camera_menu.place(context, panels.window.content_rect)
         panels.notice_bar.place(context, x, y, width, height)

@@ -106,5 +106,8 @@ class Shell(Protocol):
     def marks_changed(self) -> None:
         """Update the timeline's marks."""
 
+    def over_view(self, x: int, y: int) -> bool:
+        """Whether a menu or a card lies over the view at a position, window pixels."""
+
     def laid_out(self) -> None:
         """Lay the window out again before it is next drawn."""

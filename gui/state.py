@@ -182,7 +182,7 @@ class WindowState:
             background=player.background,
             timeline_left=window.timeline.plots_view.left,
             timeline_width=window.timeline.plots_view.timeline.width,
-            hint=window.hints.label.text.strip(),
+            hint=window.hints.text,
             keys=[window.input.reports.passed, window.input.reports.again],
             widgets={
                 name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
@@ -211,7 +211,7 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         "log": window.inspector.log.widget,
         "path": window.path_panel.picture.widget,
         "status": window.status,
-        "hint": window.hints.label,
+        "hint": window.hints.picture.widget,
         "start page": window.start.picture.widget,
         **{f"notice {key}": button for key, button in window.notice_bar.buttons.items()},
         **{f"tour {key}": button for key, button in window.tour_bubble.buttons.items()},

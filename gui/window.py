@@ -15,7 +15,7 @@ from gui.overlays import Overlays
 from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
-from gui.panels.hints import Hints
+from gui.panels.hints import Hints, holds
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
 from gui.panels.notice_bar import NoticeActions, NoticeBar
@@ -130,6 +130,7 @@ class MainWindow:
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
         self.em = float(self.window.theme.font_size)
         self._x, self._buttons = XDisplay(), 0
+        self._pointer: tuple[int, int] | None = None
         own = self._x.window
         self.input, self.menu_bar = InputOrder(own), MenuBar(self.em, menus.boxes(self.em))
         self._frames = DrawnFrames(own)
@@ -152,9 +153,10 @@ class MainWindow:
     def _build(self) -> None:
         em, changed = self.em, self.changed
         self.viewport = Viewport(lambda: self.views, changed)
-        self.scene_view = SceneView(self.window, self.viewport.on_mouse, self._over_view)
+        self.scene_view = SceneView(self.window, self.viewport.on_mouse, self.over_view)
         self.timeline = TimelinePanel(self.player, em, changed)
-        hints = self.hints = Hints(self.input.active)
+        hints = self.hints = Hints(self.input.active, em)
+        hints.bar = self._free_bar
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed, hints)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen, hints)
         self.stages = StagesPanel(
@@ -175,7 +177,7 @@ class MainWindow:
         self.message.visible = False
         self._pictures = (
             self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
-            self.path_panel.picture, self.start.picture, *self.controls.symbols.values(),
+            self.path_panel.picture, self.start.picture, *self.controls.symbols.values(), hints.picture,
         )  # fmt: skip
         self.layout: Layout = Layout(
             Panels(
@@ -195,7 +197,7 @@ class MainWindow:
             self.path_panel.picture.widget,
             self.status,
             self.message,
-            hints.label,
+            hints.picture.widget,
             self.camera_menu.widget,
             self.start.picture.widget,
             self.tour_bubble.widget,
@@ -325,7 +327,7 @@ class MainWindow:
         """Run a stage, or check the footage."""
         self.actions.run(stage, again)
 
-    def _over_view(self, x: int, y: int) -> bool:
+    def over_view(self, x: int, y: int) -> bool:
         """Whether a menu or a card lies over the view at a position, window pixels."""
         over = (self.camera_menu.widget, self.notice_bar.widget, self.tour_bubble.widget)
         frames = [widget.frame for widget in over if widget.visible]
@@ -462,6 +464,7 @@ class MainWindow:
         if not pausing:  # changes between two draws are invisible
             self.timeline.path_keys = [key.frame for key in self.exports.path.keys] if self.path_panel.shown else []
             self.timeline.busy = self.workspace.busy
+            self.timeline.look(self.input.pointer, self._covered)
             changed |= self.timeline.update()
             changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
             changed |= self._update_panels()
@@ -524,16 +527,33 @@ class MainWindow:
         if buttons != self._buttons:
             self._buttons = buttons
             self.changed()
+        pointer, before, self._pointer = self.input.pointer, self._pointer, self.input.pointer
+        if pointer not in (None, before) and holds(self.stages.settings[self.stages.selected].widget, *pointer):
+            self.changed()  # a tooltip has the size of the one before it until the second draw
 
     def _pointed(self, kind: str, button: int, x: int, y: int) -> bool:
         """Whether the toolkit is to see that the pointer is moved or a button is pressed at a position."""
         self.menu_bar.height = self.window.content_rect.y
         if self.dialogs.name:
             self.menu_bar.closed()
-            return True
+            return kind != "press" or not self.actions.search.press(button, x, y)
+        if kind == "press" and button == 1:
+            settings = self.stages.settings[self.stages.selected]
+            self.hints.press(x, y, (*self.controls.lists, *settings.lists))
+            settings.press(x, y)
         if kind == "move":
             self.menu_bar.move(x, y)
         return kind == "move" or button != 1 or self.menu_bar.press(x, y)
+
+    @property
+    def _covered(self) -> bool:
+        """Whether a dialog or a menu is open, as far as can be told."""
+        return bool(self.dialogs.name or self.camera_menu.camera or self.menu_bar.opened)
+
+    def _free_bar(self) -> tuple[int, int, int, int]:
+        """Left, top, width and height of the menu bar without its titles, pixels; no height while it is hidden."""
+        area, left = self.window.content_rect, self.menu_bar.empty[0]
+        return left, 0, area.x + area.width - left, area.y
 
     def _update_panels(self) -> bool:
         if self.layout.fullscreen or self.start.shown:
@@ -542,7 +562,8 @@ class MainWindow:
         changed, layout = self.controls.update()
         if layout:
             self.window.set_needs_layout()
-        touched, layout = self.modes.update(self.views.row, self.views.chosen(), self.views.idle)
+        row, chosen, idle = self.views.row, self.views.chosen(), self.views.idle
+        touched, layout = self.modes.update(row, chosen, idle, self.input.pointer)
         changed |= touched
         if layout:
             self._guard.swapped()
@@ -557,7 +578,7 @@ class MainWindow:
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage,
             stage_view.blocks if stage_view is not None else (), drawn, self._camera,
         )  # fmt: skip
-        if self.hints.update(self.input.pointer, bool(self._buttons or self.dialogs.name or self.camera_menu.camera)):
+        if self.hints.update(self.input.pointer, bool(self._buttons) or self._covered or self.hints.listing):
             self.window.set_needs_layout()
             changed = True
         status = self.player.status if stage_view is None else stage_view.status

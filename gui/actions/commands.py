@@ -184,6 +184,7 @@ class Actions:
             key.V: self._toggle_sound,
             **{one: menu[name] for name, keys in of_menu.items() for one in keys},
             **self.points.keys(),
+            **self.edits.keys(),
         }
         return actions.get(event.key)
 

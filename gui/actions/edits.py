@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
+from open3d.visualization import gui
 
+from gui.panels.hints import holds
 from gui.panels.numbers_dialog import ask_numbers
-from gui.presenters.edits.numbers import TITLES, fields_of, with_numbers
+from gui.presenters.edits.numbers import TITLES, brush_field, brush_of, fields_of, with_numbers
 from gui.presenters.edits.session import edits_of
 from gui.shell import Shell
 from pipelines.takes.edit_words import describe
@@ -50,7 +54,7 @@ class EditActions:
     def poll(self) -> bool:
         """Call at each tick; returns whether something changed."""
         window, editor = self._window, self._window.views.editor
-        found = False
+        found, editor.pointer = False, self._pointer() if editor.tool == "brush" else None
         if editor.refused:
             window.notices.tell(editor.refused, bad=True, topic="edits")
             editor.refused, found = "", True
@@ -72,8 +76,27 @@ class EditActions:
             window.player.refresh()
         return found
 
+    def keys(self) -> dict[Any, Callable[[], object]]:
+        """Key bindings while the brush is chosen."""
+        key, editor = gui.KeyName, self._window.views.editor
+        if not self._window.views.edits_take or editor.tool != "brush":
+            return {}
+        smaller, larger = partial(editor.step_brush, -1), partial(editor.step_brush, 1)
+        return {key.MINUS: smaller, key.PLUS: larger, key.EQUALS: larger}  # + is Shift and = on many keyboards
+
+    def _pointer(self) -> tuple[float, float] | None:
+        """Where the pointer is over the view, relative to its width and height; None elsewhere."""
+        window = self._window
+        at, view = window.input.pointer, window.viewport.picture.widget
+        if at is None or window.dialogs.name or window.start.shown or not holds(view, *at) or window.over_view(*at):
+            return None
+        return (at[0] - view.frame.x) / view.frame.width, (at[1] - view.frame.y) / view.frame.height
+
     def _numbers(self) -> None:
         tool = self._window.views.editor.tool
+        if tool == "brush":
+            self._ask_brush()
+            return
         kind = _NUMBERS_OF.get(tool, "")
         if kind:
             self._ask(kind)
@@ -98,6 +121,26 @@ class EditActions:
             return ""
 
         ask_numbers(self._window.dialogs, title, text, fields_of(editor.pending or editor.edits, kind, editor.up), save)
+
+    def _ask_brush(self) -> None:
+        editor = self._window.views.editor
+        key, label, now = brush_field(editor.brush)
+
+        def save(texts: dict[str, str]) -> str:
+            radius = brush_of(texts[key])
+            if isinstance(radius, str):
+                return radius
+            if texts[key] != now:  # else it would be rounded
+                editor.brush = radius
+            return ""
+
+        ask_numbers(
+            self._window.dialogs,
+            "Brush",
+            "Of what is painted from now on; - and + change it too.",
+            [(key, label, now)],
+            save,
+        )
 
     def _ask_distance(self, start: np.ndarray, end: np.ndarray) -> None:
         editor = self._window.views.editor
@@ -124,18 +167,18 @@ class EditActions:
 
     def _list(self) -> None:
         window, editor = self._window, self._window.views.editor
-        lines = {f"Remove {name}: {text}": name for name, text in describe(editor.edits).items()}
+        lines = {f"Take back {name}: {text}": name for name, text in describe(editor.edits).items()}
 
-        def remove(line: str) -> None:
-            editor.commit(without(editor.edits, lines[line]), f"{lines[line]} removed")
+        def take_back(line: str) -> None:
+            editor.commit(without(editor.edits, lines[line]), f"{lines[line]} taken back")
 
-        window.dialogs.choose("edits", "Edits", list(lines), remove, answers=self._all_answers())
+        window.dialogs.choose("edits", "Edits", list(lines), take_back, answers=self._all_answers())
 
     def _all_answers(self) -> list[tuple[str, str, partial[bool]]]:
         editor = self._window.views.editor
         if editor.edits == EditList():
             return []
-        return [("clear", "Remove all", partial(editor.commit, EditList(), "all edits removed"))]
+        return [("clear", "Take back all", partial(editor.commit, EditList(), "all edits taken back"))]
 
 
 def without(edits: EditList, name: str) -> EditList:

@@ -44,7 +44,7 @@ SHORTCUTS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     (
         "Tools",
         (
-            ("X", "edit the take: trim, crop, remove floaters, place the world"),
+            ("X; - and +", "edit the take: trim, crop, clean, place the world; size of the brush"),
             ("O", "scene: splats with cameras, points, mesh, grid and axes"),
             ("K, P", "add the view to the camera path; show the editor of the path"),
             ("N, E, Delete, U, A", "points by hand: new, edit, remove mark, undo, toggle snapping"),

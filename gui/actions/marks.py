@@ -11,6 +11,8 @@ from gui.shell import Shell
 from pipelines.takes.marks import Mark
 from studio.errors import Message, StudioError
 
+NO_MARKS = "No frame is marked. The key M marks the frame on screen, with a note."
+
 
 class MarkActions:
     """See the module.
@@ -75,7 +77,7 @@ class MarkActions:
         """Show the list of marks; choosing one goes to its frame and view."""
         window = self._window
         lines = {f"{frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
-        window.dialogs.choose("marks", "Marks", list(lines), lambda line: self._go_to(lines[line]))
+        window.dialogs.choose("marks", "Marks", list(lines), lambda line: self._go_to(lines[line]), nothing=NO_MARKS)
 
     def _go_to(self, frame: int) -> None:
         """Go to a mark's frame, and to its view if it has one."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
 from open3d.visualization import gui
@@ -101,6 +102,10 @@ ROW, SEPARATOR, MARGINS, WIDER = 1.52, 0.4, 0.4, 6.6
 menus unasked."""
 
 
+LOOK_EVERY = 0.5
+"""Seconds between two looks at what is possible."""
+
+
 def boxes(em: float) -> list[tuple[float, float]]:
     """(width, height) of the menus in pixels; `em` is the font size."""
     found = []
@@ -129,13 +134,44 @@ def build(application: gui.Application) -> None:
     application.menubar = bar
 
 
+class MenuStates:
+    """Keeps items of the menu bar gray that are not possible now.
+
+    Args:
+        why_not: why the action of a key of `MENUS` is not possible now; "" if it is.
+        now: a clock in seconds that never runs backwards.
+    """
+
+    def __init__(self, why_not: Callable[[str], str], now: Callable[[], float] = time.monotonic) -> None:
+        self._why_not, self._now, self._next = why_not, now, 0.0
+        self._possible: dict[int, bool] = {}
+
+    def poll(self, bar: gui.Menu | None) -> bool:
+        """Call at each tick, with the menu bar. Looks at the reasons `LOOK_EVERY` at most; returns whether an item has
+        changed."""
+        now = self._now()
+        if bar is None or now < self._next:
+            return False
+        self._next = now + LOOK_EVERY
+        before = self._possible
+        self._possible = {number: not self._why_not(key) for number, key in _numbers()}
+        changed = [number for number, on in self._possible.items() if before.get(number, True) != on]
+        for number in changed:
+            bar.set_enabled(number, self._possible[number])
+        return bool(changed)
+
+
+def _numbers() -> Iterator[tuple[int, str]]:
+    """The numbers of the items in the toolkit, and their keys."""
+    return enumerate((key for _, entries in MENUS for key, _ in entries if key), start=1)
+
+
 def connect(window: gui.Window, actions: Mapping[str, Callable[[], object]], after: Callable[[], None]) -> None:
     """Connect the items to their actions."""
-    keys = [key for _, entries in MENUS for key, _ in entries if key]
 
     def run(key: str) -> None:
         actions[key]()
         after()
 
-    for number, key in enumerate(keys, start=1):
+    for number, key in _numbers():
         window.set_on_menu_item_activated(number, partial(run, key))

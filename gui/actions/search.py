@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
-from gui.actions.menus import MENUS
+from gui.actions.menus import MENUS, MenuStates
 from gui.panels.command_dialog import CommandDialog
 from gui.presenters.command_list import Command
 from gui.shell import Shell
@@ -41,6 +41,7 @@ class SearchActions:
     def __init__(self, window: Shell, actions: Callable[[], Mapping[str, Callable[[], object]]]) -> None:
         self._window = window
         self._dialog = CommandDialog(window.dialogs, lambda key: actions()[key]())
+        self._states = MenuStates(self.why_not)
 
     def show(self) -> None:
         """Show the list as soon as Ctrl and Shift are released: dialogs focus their field with Tab, and these change
@@ -54,14 +55,19 @@ class SearchActions:
         self._dialog.show([command for command in commands if command.key != "search"])
 
     def poll(self) -> bool:
-        """Call at each tick; returns whether something changed."""
+        """Call at each tick; returns whether something changed. Keeps the menus up to date, too."""
+        grayed = self._states.poll(gui.Application.instance.menubar)
         if self._window.dialogs.expected and not self._window.control_held:
             try:
                 self._show()
             finally:  # input must not stay kept back if that fails
                 self._window.dialogs.expected = False
             return True
-        return self._dialog.tick()
+        return self._dialog.tick() or grayed
+
+    def press(self, button: int, x: int, y: int) -> bool:
+        """A mouse button is pressed in the window while a dialog is open; returns whether that closed the list."""
+        return self._dialog.press(button, x, y)
 
     def why_not(self, key: str) -> str:
         """Why a command is not possible now; "" if it is."""
@@ -77,7 +83,7 @@ class SearchActions:
             "undo": "" if history.can_undo else "nothing to undo",
             "redo": "" if history.can_redo else "nothing to redo",
             "camera": "" if window.player.camera_names else "it has no cameras",
-            **dict.fromkeys(("next_mark", "previous_mark", "marks"), "" if window.marks.notes else "no marks"),
+            **dict.fromkeys(("next_mark", "previous_mark"), "" if window.marks.notes else "no marks: M makes one"),
             **dict.fromkeys(("clear_keys", "export camera-path"), "" if path.keys else "the camera path is empty"),
             "stop_export": "" if window.exports.running else "no export is running",
             "stop_serving": "" if window.serving.running else "it is not served",

@@ -28,7 +28,7 @@ def ask_cameras(
     Args:
         dialogs: shows it.
         uses: the present uses.
-        figures: text beside a camera's name, such as its PSNR.
+        figures: PSNR beside a camera's name; empty before any was measured.
         save: called with the new uses; returns why they are refused, "" if they are not.
         error: why they were refused.
         page: the first is 0.
@@ -48,8 +48,9 @@ def ask_cameras(
     here = names[page * ROWS * COLUMNS :][: ROWS * COLUMNS]
     count = -(-len(here) // ROWS)
     # columns, since a grid of the toolkit asks for almost twice its height and breaks titles
-    columns = [gui.Vert(round(0.25 * em)) for _ in range(4 * count)]
-    for column, head in zip(columns, ("camera", "use", "hold\u00a0out", "PSNR") * count, strict=True):
+    heads = ("camera", "use", "hold\u00a0out", *(("PSNR",) if figures else ()))
+    columns = [gui.Vert(round(0.25 * em)) for _ in range(len(heads) * count)]
+    for column, head in zip(columns, heads * count, strict=True):
         column.add_child(dialogs.label(head))
     for row in range(min(ROWS, len(here))):
         for block, name in enumerate(here[row::ROWS]):
@@ -61,9 +62,10 @@ def ask_cameras(
             held_out.set_on_checked(lambda on, name=name: ticked(name, "held out" if on else "training"))
             boxes[name] = (used, held_out)
             dialogs.widgets |= {f"use {name}": used, f"hold out {name}": held_out}
-            title, figure = dialogs.label(name, dim=False), dialogs.label(figures.get(name, "-"))
-            cells = (lowered(title), used, held_out, lowered(figure))
-            for column, widget in zip(columns[4 * block : 4 * block + 4], cells, strict=True):
+            cells = [lowered(dialogs.label(name, dim=False)), used, held_out]
+            if figures:
+                cells.append(lowered(dialogs.label(figures.get(name, "-"))))
+            for column, widget in zip(columns[len(heads) * block :], cells, strict=False):
                 column.add_child(widget)
     table = gui.Horiz(round(0.5 * em))
     for column in columns:

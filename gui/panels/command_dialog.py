@@ -15,6 +15,11 @@ NAME = "commands"
 WIDTH = 42
 """Width of the list, em."""
 
+KEYS = "Up and Down select, Enter runs, Escape closes."
+
+ABOVE, AROUND = 2.8, 1.0
+"""From the field to the top of the dialog, and from what is in the dialog to its other edges, em."""
+
 _CODES = {UP: -1, DOWN: 1, PAGE_UP: -ROWS, PAGE_DOWN: ROWS}
 """Rows by the X key code."""
 
@@ -37,6 +42,7 @@ class CommandDialog:
         self._searched: str | None = None
         self._drawn: object = None
         self._picture: PictureWidget | None = None
+        self._hint = gui.Label("")
         self._images: dict[tuple[int, ...], gui.UIImage] = {}  # of all openings
         self._pressed: Command | None = None  # by the mouse
         self._moved: set[int] = set()  # steps of keys whose press has counted
@@ -52,8 +58,8 @@ class CommandDialog:
         edit.set_on_text_changed(self._type)
         self._width = min(round(WIDTH * dialogs.em), dialogs.room)
         picture = self._picture = PictureWidget(self._on_mouse, self._images)
+        hint = self._hint = dialogs.label("")
         self.update()  # before it is shown, as the dialog does not resize
-        hint = dialogs.label("Up and Down select, Enter runs, Escape closes.")
         answers = [("run", "Run", self._enter), ("close", "Cancel", dialogs.close)]
         dialogs.show(NAME, "Commands", [edit, picture.widget, hint], answers, 40, self._enter)
         dialogs.widgets["line"] = edit
@@ -77,6 +83,8 @@ class CommandDialog:
             return False
         self._drawn = self._list
         self._picture.show(self._list.picture(self._width, self._dialogs.em))
+        more = self._list.more
+        self._hint.text = f"{more}. {KEYS}" if more else KEYS
         return True
 
     def tick(self) -> bool:
@@ -84,6 +92,20 @@ class CommandDialog:
         if self._dialogs.name != NAME:
             self._picture = None
         return self.update()
+
+    def press(self, button: int, x: int, y: int) -> bool:
+        """A mouse button is pressed at a position in the window, pixels, while a dialog is open; returns whether that
+        closed this one: a click outside of it does."""
+        if self._dialogs.name != NAME or button not in (1, 2, 3) or self._dialogs.focusing:
+            return False
+        frames = [widget.frame for widget in self._dialogs.widgets.values()]
+        em, top = self._dialogs.em, min(frame.y for frame in frames)
+        left, right = min(frame.x for frame in frames), max(frame.x + frame.width for frame in frames)
+        bottom = max(frame.y + frame.height for frame in frames)
+        inside = left - AROUND * em <= x < right + AROUND * em and top - ABOVE * em <= y < bottom + AROUND * em
+        if not inside:
+            self._dialogs.close()
+        return not inside
 
     def _key(self, event: gui.KeyEvent) -> bool:
         """The field keeps the presses of keys for itself, so a release counts whose press was not told."""

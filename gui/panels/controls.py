@@ -36,6 +36,11 @@ class ControlsPanel:
         reset: called to reset the view.
         changed: called after each click.
         hints: what the buttons do.
+
+    Attributes:
+        buttons: all of them, by key.
+        symbols: those with a symbol.
+        lists: those that open a list.
     """
 
     def __init__(
@@ -74,7 +79,8 @@ class ControlsPanel:
         self._hint(self._camera, "Free view or a capture camera (C: next camera)")
         self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
         self._add("camera", self._camera, right=True)
-        self._cameras: list[str] = []
+        self._cameras: dict[str, str] = {}  # labels in the list by camera
+        self.lists: list[gui.Widget] = [self._speed, self._volume, self._camera]
         self._sound_hint = ""
         for widget in (self._volume, self._camera):
             widget.visible = False  # until there is something to choose
@@ -114,7 +120,7 @@ class ControlsPanel:
         self._changed()
 
     def _look_through(self, name: str) -> None:
-        self._player.look_through("" if name == FREE else name)
+        self._player.look_through(next((camera for camera, label in self._cameras.items() if label == name), ""))
 
     def _set_speed(self, name: str) -> None:
         self._player.transport.speed = SPEEDS[name]
@@ -134,6 +140,12 @@ class ControlsPanel:
             self._hint(self._volume, tooltip)
         return changed
 
+    def _labels(self) -> dict[str, str]:
+        """What the list says of each camera."""
+        context = self._player.context
+        held_out = context.config.capture.held_out if context is not None else ()
+        return {name: f"{name}, held out" if name in held_out else name for name in self._player.camera_names}
+
     def update(self) -> tuple[bool, bool]:
         """Show the state of the player; return (whether a widget changed, whether a layout is due)."""
         changed = layout = False
@@ -146,21 +158,21 @@ class ControlsPanel:
         if self._speed.selected_text != speed:
             self._speed.selected_text = speed
             changed = True
-        names = self._player.camera_names
-        if names != self._cameras:
-            self._cameras = names
+        labels = self._labels()
+        if list(labels.items()) != list(self._cameras.items()):
+            self._cameras = labels
             self._camera.clear_items()
-            for name in (FREE, *names):
-                self._camera.add_item(name)
+            for label in (FREE, *labels.values()):
+                self._camera.add_item(label)
             changed = layout = True
-        camera = self._player.camera or FREE
+        camera = labels.get(self._player.camera, FREE)
         if self._camera.selected_text != camera and self._camera.number_of_items:
             self._camera.selected_text = camera
             changed = True
         enabled = self._player.opened is not None
         changed |= self._update_volume()
         # what cannot be used takes no room: in a narrow window it would cost a line
-        for widget, there in ((self._volume, self._player.audio is not None), (self._camera, bool(names))):
+        for widget, there in ((self._volume, self._player.audio is not None), (self._camera, bool(labels))):
             if widget.visible != there:
                 widget.visible = there
                 changed = layout = True

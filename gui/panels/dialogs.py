@@ -292,8 +292,10 @@ class Dialogs:
         chosen: Callable[[str], object],
         gone: Collection[str] = (),
         answers: Sequence[tuple[str, str, Callable[[], object]]] = (),
+        nothing: str = "The list is empty.",
     ) -> None:
-        """Choose from a list; items in `gone` are disabled. Answers are placed before Close."""
+        """Choose from a list; items in `gone` are disabled. Answers are placed before Close. `nothing` is said of an
+        empty list."""
         self.widgets = {}
         parts: list[gui.Widget] = []
         for number, choice in enumerate(choices):
@@ -302,7 +304,7 @@ class Dialogs:
             button.enabled = choice not in gone
             parts.append(button)
         if not choices:
-            parts.append(self.label("The list is empty."))
+            parts.append(self.label(nothing))
         row: list[Answer] = [(key, label, self._closing(action)) for key, label, action in answers]
         row.append(("close", "Close", self.close))
         self.show(name, title, parts, row, 60, accent="close")

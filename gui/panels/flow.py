@@ -17,10 +17,12 @@ class Flow:
 
     Attributes:
         widget: the widget to add to the window.
+        spacing: what gaps are multiplied by within a line.
     """
 
     def __init__(self, gap: float, line: float) -> None:
         self.widget = gui.Widget()
+        self.spacing = 1.0
         self._gap, self._line = gap, line
         self._items: list[tuple[gui.Widget, float, bool, float | None]] = []
 
@@ -61,7 +63,8 @@ class Flow:
         free = gui.Widget.Constraints()
         wides = [min(fixed or widget.calc_preferred_size(context, free).width, width) for widget, _, _, fixed in shown]
         right = np.logical_or.accumulate([at_right for _, _, at_right, _ in shown])
-        lines = flow_lines(wides, [before for _, before, _, _ in shown], width, self._gap)
+        befores = [self.spacing * before for _, before, _, _ in shown]
+        lines = flow_lines(wides, befores, width, self.spacing * self._gap)
         return [[(shown[at][0], left, wides[at], bool(right[at])) for at, left in line] for line in lines]
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 from open3d.visualization import gui
 
 from gui.panels.dialogs import Dialogs, broken, filled
+from gui.panels.picture import color
+from gui.presenters.drawing.palette import ACCENT
 from gui.presenters.folders import FolderList
 
 ROWS = 14
@@ -49,6 +51,9 @@ class _PathDialog:
         self._list.set_max_visible_items(ROWS)
         self._list.set_on_selection_changed(self._select)
         self._message = dialogs.label("\n")
+        # the toolkit draws the selected row of a list gray on gray, and has no other color for it
+        self._selected = gui.Label(" ")
+        self._selected.text_color = color(ACCENT)
 
     def show(self, title: str) -> None:
         dialogs, em = self._dialogs, self._dialogs.em
@@ -64,16 +69,16 @@ class _PathDialog:
             "take": "Select a take or a stream and press Open. Double-click to enter a folder.",
             "file": "Select a file and press Open. Double-click to enter a folder.",
         }[self._found.wanted]
-        parts: list[gui.Widget] = [path, self._list, dialogs.label(hint), self._message]
+        parts: list[gui.Widget] = [path, self._list, self._selected, dialogs.label(hint), self._message]
         answers = [("open", "Open", self._open), ("close", "Cancel", self._close)]
         dialogs.show("path", title, parts, answers, 170, self._enter)
-        dialogs.widgets |= {"path": self._path, "list": self._list}
+        dialogs.widgets |= {"path": self._path, "list": self._list, "selected": self._selected}
         self._fill()
         dialogs.focus(self._path)
 
     def _fill(self) -> None:
         found = self._found
-        self._marked = None
+        self._mark(None)
         self._typed = str(found.folder)
         self._path.text_value = self._typed
         labels = [entry.label for entry in found.entries]
@@ -88,20 +93,27 @@ class _PathDialog:
     def _home(self) -> None:
         self._found.enter(Path.home())
 
+    def _mark(self, path: Path | None) -> None:
+        """Select an entry of the list, or none."""
+        self._marked = path
+        self._selected.text = " " if path is None else f"Selected: {path.name}"
+
     def _moved(self, action: Callable[[], object]) -> None:
         action()
         self._fill()
 
     def _type(self, text: str) -> None:
-        self._typed, self._marked = text, None
+        self._typed = text
+        self._mark(None)
 
     def _select(self, _label: str, twice: bool) -> None:
         number = self._list.selected_index
         if not 0 <= number < len(self._found.entries):
             return
-        self._marked = self._found.entries[number].path
+        path = self._found.entries[number].path
+        self._mark(path)
         if twice:
-            self._take(self._marked, twice=True)
+            self._take(path, twice=True)
 
     def _open(self) -> None:
         self._take(self._marked or Path(self._typed.strip() or self._found.folder))

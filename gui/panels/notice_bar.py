@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 
 from open3d.visualization import gui
 
 from gui.panels.picture import color
+from gui.platform.desktop import PageOpener
 from gui.presenters.drawing.canvas import wrapped
 from gui.presenters.drawing.palette import ACCENT_DARK, BAD, LINE, RAISED, TEXT
 from gui.presenters.notices import Notice, Notices
@@ -24,11 +27,13 @@ class NoticeActions:
         open_folder: show the folder of what was written.
         copy: copy its path, or the text of a failure.
         dismiss: remove the notice.
+        pages: opens a page that was written.
     """
 
     open_folder: Callable[[], object]
     copy: Callable[[], object]
     dismiss: Callable[[], object]
+    pages: PageOpener = field(default_factory=PageOpener)
 
 
 class NoticeBar:
@@ -62,6 +67,7 @@ class NoticeBar:
             room: width of the view, pixels.
             hidden: whether something else needs the place; a failure is shown nevertheless.
         """
+        self._tell(self._actions.pages.failure())
         card = self._notices.card
         if card is not None and hidden and not card.bad:
             card = None
@@ -86,7 +92,10 @@ class NoticeBar:
         column.add_child(label)
         row = gui.Horiz(round(0.5 * em))
         if card.path is not None:
-            self._button(row, "open_folder", "Open folder (Ctrl+O)", self._actions.open_folder, True)
+            page = card.path if card.path.suffix == ".html" else None
+            if page is not None:
+                self._button(row, "open_page", "Open in browser", partial(self._open, page), True)
+            self._button(row, "open_folder", "Open folder (Ctrl+O)", self._actions.open_folder, page is None)
             self._button(row, "copy", "Copy path (Ctrl+C)", self._actions.copy)
         else:
             self._button(row, "copy", "Copy message (Ctrl+C)", self._actions.copy)
@@ -94,6 +103,15 @@ class NoticeBar:
         self._button(row, "dismiss", f"Dismiss (Esc){f', {more} more' if more else ''}", self._actions.dismiss)
         column.add_child(row)
         return column
+
+    def _open(self, page: Path) -> None:
+        """Open a page in the browser."""
+        self._notices.clear("browser")
+        self._tell(self._actions.pages.open(page))
+
+    def _tell(self, failure: str) -> None:
+        if failure:
+            self._notices.tell(failure, bad=True, topic="browser")
 
     def _button(self, row: gui.Horiz, key: str, label: str, action: Callable[[], object], accent: bool = False) -> None:
         button = gui.Button(label)

@@ -94,12 +94,7 @@ def ask_export(
 
     target.text_value = request.target
     target.set_on_text_changed(request.set_target)
-    row = gui.Horiz(0.4 * dialogs.em)
-    row.add_child(lowered(dialogs.label("Output")))
-    row.add_child(target)
-    folder = dialogs.button("browse_target", "Browse", browse)
-    folder.vertical_padding_em = 0
-    row.add_child(folder)
+    form.output(target, browse)
     words = {
         "of": "decoded: as played back from the stream (default, as in v3studio export).\ntrained: before baking.",
         "stream": "Exports the splats decoded from the stream.",
@@ -107,7 +102,6 @@ def ask_export(
     parts: list[gui.Widget] = [
         form.grid,
         dialogs.label(words),
-        row,
         dialogs.label("Existing files are never overwritten."),
     ]
     if error:
@@ -162,6 +156,15 @@ class Form:
 
         box.set_on_selection_changed(chosen)
         self.add(attribute, label, box)
+
+    def output(self, target: gui.TextEdit, browse: Callable[[], None]) -> None:
+        """The field of the output path, with a button beside it, as the last one."""
+        row = gui.Horiz(round(0.4 * self._dialogs.em))
+        row.add_child(target)
+        button = self._dialogs.button("browse_target", "Browse", browse)
+        button.vertical_padding_em = 0
+        row.add_child(button)
+        self.add("output", "Output", row)
 
     def line(self, attribute: str, label: str) -> None:
         """A line of text."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from open3d.visualization import gui
 
+from gui.panels.hints import holds
 from gui.panels.picture import color, lowered, text_room
 from gui.panels.setting_editors import Editor, make_editor
 from gui.presenters.drawing.palette import ACCENT, DIM, FAIR, PANEL, RAISED
@@ -25,6 +26,8 @@ WIDEST_BESIDE = 6.5
 
 MOST_LABEL = 8.0
 """Widest label beside a field, em."""
+
+FILTER = "Show settings whose name, heading or documentation contains all of these words"
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,11 @@ class SettingsList:
         self._words: tuple[str, bool] | None = None
         self._typed = ""
         self._differing: list[str] = []
+        self._edited = False
         self.widget = gui.Widget()
         self.widget.background_color = color(PANEL)
         self.preset = gui.Combobox()
-        self.preset.tooltip = "A schedule of training with a size of the stream; sets the settings that matter for both"
+        self.preset.tooltip = "Preset: a schedule of training with a size of the stream, for Initialize, Train and Bake"
         for name in PRESETS:
             self.preset.add_item(name)
         self.preset.set_on_selection_changed(lambda _, number: actions.choose(list(PRESETS)[number]))
@@ -79,7 +83,7 @@ class SettingsList:
         self.reset_all = self._button("Reset", "", lambda: actions.reset(list(self._differing)))
         self.filter = gui.TextEdit()
         self.filter.placeholder_text = "search settings"
-        self.filter.tooltip = "Show settings whose name, heading or documentation contains all of these words"
+        self.filter.tooltip = FILTER
         self.filter.set_on_text_changed(self._type)
         self.all = gui.Checkbox("all")
         self.all.tooltip = "Also show settings that few people need"
@@ -126,6 +130,27 @@ class SettingsList:
         return {
             **heads, "all settings": self.all, "reset settings": self.reset_all, **rows, **steps, **pickers,
         }  # fmt: skip
+
+    @property
+    def lists(self) -> list[gui.Widget]:
+        """Where a click may open a list: anywhere in the rows if one has a list, as they do not tell how far they are
+        scrolled."""
+        rows = any(isinstance(row[1].widget, gui.Combobox) for row in self._rows.values())
+        heads = [self.preset] if self._has_presets else []
+        return [*heads, *([self._scroll] if rows else [])] if self.widget.visible else []
+
+    def press(self, x: int, y: int) -> None:
+        """The left button is pressed at a position in the window, pixels. The toolkit shows the tooltip of a field that
+        is being edited wherever the pointer is, so such a field has none; nor have those above and below it, as it is
+        not known how far they are scrolled. Their labels keep theirs."""
+        self.filter.tooltip = "" if holds(self.filter, x, y) else FILTER
+        edited = self.widget.visible and holds(self._scroll, x, y)
+        if edited == self._edited:
+            return
+        self._edited = edited
+        for _, editor, label, _ in self._rows.values():
+            if isinstance(editor.widget, gui.TextEdit):
+                editor.widget.tooltip = "" if edited else label.tooltip
 
     def find(self, name: str) -> None:
         """Filter for one setting; call `refilter` afterwards."""
@@ -194,7 +219,8 @@ class SettingsList:
         label.tooltip = broken(field.documentation)
         head = lowered(label)
         editor = make_editor(field, self._actions.set_value, self._actions.pick)
-        editor.widget.tooltip = broken(field.documentation)
+        if not self._edited or not isinstance(editor.widget, gui.TextEdit):
+            editor.widget.tooltip = label.tooltip
         reset = gui.Checkbox("")  # as high as the other fields
         reset.set_on_checked(lambda _: self._actions.reset([field.name]))
         reset.visible = False
@@ -231,7 +257,7 @@ class SettingsList:
         if count:
             self.summary.text = f"{count} differ{'s' * (count == 1)} from {usual_words}"
         else:
-            self.summary.text = f"as in the preset {preset}" if self._has_presets else ""
+            self.summary.text = "the preset of Initialize, Train and Bake" if self._has_presets else ""
         self.summary.text_color = color(FAIR if count else DIM)
         self.reset_all.visible = count > 0
         self.reset_all.tooltip = f"Set them as in the preset {preset}"

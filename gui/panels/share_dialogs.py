@@ -10,7 +10,7 @@ from open3d.visualization import gui
 from gui.panels.dialogs import Answer, Dialogs, broken, filled
 from gui.panels.folder_dialog import ask_path
 from gui.panels.option_dialogs import Form, refusal
-from gui.panels.picture import PictureWidget, color, lowered
+from gui.panels.picture import PictureWidget, color
 from gui.presenters.drawing.palette import DIM, FAIR
 from gui.presenters.run.serving import Serving
 from gui.presenters.run.shares import FORMS, PHONES, PHONES_SERVE, ShareRequest
@@ -85,15 +85,9 @@ def ask_share(
             ],
         )
 
-    row = gui.Horiz(0.4 * dialogs.em)
-    row.add_child(lowered(dialogs.label("Output")))
-    row.add_child(target)
-    button = dialogs.button("browse_target", "Browse", browse)
-    button.vertical_padding_em = 0
-    row.add_child(button)
+    form.output(target, browse)
     parts: list[gui.Widget] = [
         form.grid,
-        row,
         dialogs.label(size, dim=False),
         dialogs.label(PHONES[request.form]),
         *stale_parts(dialogs, request.stale),

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from open3d.visualization import gui
 
+from gui.panels.hints import holds
 from gui.panels.picture import PictureWidget
 from gui.presenters.playback.filmstrip import ASPECT, Filmstrip, draw_strip, has_pictures, slots
 from gui.presenters.playback.player import PlayerPresenter
@@ -16,7 +17,8 @@ from gui.presenters.playback.timeline_zoom import TimelineZoom
 from studio.edits.edit_list import Trim
 
 HOVER_SECONDS = 4.0
-"""Seconds that the values under the pointer stay: the toolkit does not report that the pointer has left."""
+"""Seconds that the values under the pointer stay at most: nothing tells that it has left the window, and without X not
+even that it has left the timeline."""
 
 STRIP = 3.5
 """Height of the strip of pictures, em."""
@@ -128,6 +130,16 @@ class TimelinePanel:
         self.frame = frame
         self.picture.show(view.with_head(self._base, frame, self.plots, hover))
         return True
+
+    def look(self, pointer: tuple[int, int] | None, covered: bool) -> None:
+        """Hide the values under the pointer if it has left. Call before `update`.
+
+        Args:
+            pointer: its position in the window, pixels; None if it is not known.
+            covered: whether a dialog or a menu is open, which may lie over the timeline.
+        """
+        if covered or (pointer is not None and not holds(self.picture.widget, *pointer)):
+            self._hover = None
 
     @property
     def _keys(self) -> tuple[int, ...]:

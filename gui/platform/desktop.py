@@ -1,4 +1,4 @@
-"""What the desktop does for the window: showing a folder."""
+"""What the desktop does for the window: showing a folder, and a page in the browser."""
 
 from __future__ import annotations
 
@@ -27,3 +27,40 @@ def show_folder(path: Path) -> str:
     except OSError as error:
         return f"{folder}: cannot be shown: {error}"
     return ""
+
+
+class PageOpener:
+    """Opens pages in the browser, without waiting for it."""
+
+    def __init__(self) -> None:
+        self._begun: dict[Path, subprocess.Popen[bytes]] = {}
+
+    def open(self, page: Path) -> str:
+        """Open an HTML file.
+
+        Returns:
+            "", or why that is not possible; `failure` tells what turns out later.
+        """
+        if not page.is_file():
+            return f"{page}: no such file. It was moved or deleted."
+        program = shutil.which("xdg-open")
+        if program is None:
+            return f"{page}: cannot be opened, as xdg-open is not installed. Install the package xdg-utils."
+        try:
+            self._begun[page] = subprocess.Popen(
+                [program, str(page)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            return f"{page}: cannot be opened: {error}"
+        return ""
+
+    def failure(self) -> str:
+        """Why a page could not be opened, as soon as that is known, once; "" if there is nothing to tell."""
+        for page, process in list(self._begun.items()):
+            status = process.poll()
+            if status is not None:
+                del self._begun[page]
+                if status:
+                    return f"{page}: no browser opened it. Install one, or open the file on a machine that has one."
+        return ""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, text_width
-from gui.presenters.drawing.palette import ACCENT_DARK, DIALOG, DIM, TEXT
+from gui.presenters.drawing.palette import ACCENT_DARK, DIALOG, DIM, LINE, TEXT
 
 ROWS = 12
 """Rows of the picture."""
@@ -84,6 +84,13 @@ class CommandList:
         at = min(max(self.at + rows, 0), max(len(self.found) - 1, 0))
         return CommandList(self.found, at, min(max(self.first, at - ROWS + 1), at))
 
+    @property
+    def more(self) -> str:
+        """How many commands are above and below those in the picture, in words; "" if none are."""
+        counts = {"above": self.first, "below": max(len(self.found) - self.first - ROWS, 0)}
+        words = [f"{count} {where}" for where, count in counts.items() if count]
+        return " and ".join(words).replace(" ", " more ", 1)
+
     def row_at(self, y: float, height: float) -> int | None:
         """The command at a row of pixels of a picture so high; None if there is none."""
         row = self.first + int(y * ROWS // max(height, 1))
@@ -91,12 +98,17 @@ class CommandList:
 
     def picture(self, width: int, em: float) -> np.ndarray:
         """(ROWS * row height, width, 3) uint8: menu, words and shortcut of each; of those that are not possible now,
-        the reason."""
+        the reason. At the right, which part of the list that is, if it is not all of it."""
         row, size = row_height(em), round(0.9 * em)
         canvas = Canvas(width, ROWS * row, DIALOG)
         pad, menu_room = round(0.5 * em), 3.8 * em
         if not self.found:
             canvas.text(pad, (row - 1.25 * size) / 2, "No command has these words.", size, DIM)
+        if len(self.found) > ROWS:
+            share, thick = canvas.height / len(self.found), round(0.25 * em)
+            width -= thick + 2
+            canvas.rect(width + 2, 0, thick, canvas.height, LINE)
+            canvas.rect(width + 2, self.first * share, thick, ROWS * share, DIM)
         for number, command in enumerate(self.found[self.first : self.first + ROWS]):
             y = number * row
             if self.first + number == self.at:

@@ -144,7 +144,7 @@ def assess_all(stages: tuple[Stage, ...], context: Context) -> dict[str, StageSt
 def _why_not_done(stage: Stage, context: Context, record: StageRecord | None, waiting: list[str]) -> str:
     if record is None:
         if waiting:
-            return f"waiting for {', '.join(waiting)}"
+            return f"needs {', '.join(waiting)}"
         begun = context.take.work(stage.name).exists() or any(path.exists() for path in stage.results(context))
         return "not finished" if begun else "never run"
     if waiting:

@@ -4,9 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
 
 from pipelines.takes.edits import read_edits
 from studio.edits import EditList
+from tests.support.waiting import wait_until
+
+
+def bright(window: Any, path: Path) -> int:
+    """Number of bright pixels in the lower left of the view, where nobody stands."""
+    rows, columns = window.inside("viewport")
+    wide, high = columns.stop - columns.start, rows.stop - rows.start
+    picture = np.asarray(Image.open(window.screenshot(path)).convert("L"))
+    return int((picture[rows.stop - high // 2 : rows.stop, columns.start : columns.start + wide // 3] > 150).sum())
+
+
+def wider(window: Any, path: Path, before: int) -> int:
+    """How many more there are, once there are more."""
+    wait_until("a larger circle", lambda: bright(window, path) > before)
+    return bright(window, path) - before
 
 
 def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
@@ -21,6 +40,15 @@ def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, art
     window.wait_for("no selection", lambda s: s["settled"] and s["selected"] == 0)
     window.click("brush")
     window.wait_for("the brush", lambda s: "brush" in s["mode"])
+    tops = {window.states()[-1]["widgets"][name][1] for name in ("done", "brush", "remove here", "removed")}
+    assert len(tops) == 1, "all buttons in one row"
+    before = bright(window, artifacts / "edits_brush_away.png")
+    window.send("mousemove", *window.point("viewport", 0.2, 0.7))
+    small = wider(window, artifacts / "edits_brush_circle.png", before)
+    window.key("plus")
+    large = wider(window, artifacts / "edits_brush_large.png", before + small)
+    assert large > 0, "a larger circle has more pixels"
+    window.key("minus")
     window.drag("viewport", (0.45, 0.5), (0.55, 0.5))
     window.wait_for("a selection", lambda s: s["selected"] > 0)
     window.screenshot(artifacts / "edits_brush.png")
@@ -29,6 +57,14 @@ def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, art
     (region,) = read_edits(take_copy / "edits.json").regions
     assert region.radius is not None
     assert region.frames == (0, 0)
+    window.click("numbers")
+    window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"] and "dialog radius" in s["texts"])
+    window.key("6")
+    window.wait_for("a radius", lambda s: s["texts"]["dialog radius"] == "6")
+    window.key("Return")
+    window.wait_for("the view", lambda s: s["dialog"] == "")
+    window.click("look")
+    window.wait_for("no tool", lambda s: "look" in s["mode"])
     window.click("numbers")
     window.wait_for("kinds", lambda s: s["dialog"] == "edit kinds")
     window.click("dialog choice1")

@@ -89,26 +89,3 @@ def test_input_that_is_faster_than_the_window(
     window.ticks(60)
     assert window.states()[-1]["what"] == state["what"], "Footage, which came to the place of Done, was not chosen"
     assert window.close() == 0, window.stderr.read_text()[-2000:]
-
-
-def test_hints_lie_over_the_view_and_cover_no_button(
-    open_window: Callable[..., Any], stream_folder: Path, artifacts: Path
-) -> None:
-    window = open_window(str(stream_folder))
-    window.wait_for("the stream", lambda s: s["shown"] is not None)
-    for name, words in (("wipe", "Wipe against"), ("reset view", "Reset the view"), ("all", "Run all")):
-        x, y = window.point(name)
-        window.xdotool("mousemove", x, y)
-        state = window.wait_for(
-            f"a hint of {name}", lambda s, words=words: words in s["hint"] and "hint" in s["widgets"]
-        )
-        window.drawn()
-        window.screenshot(artifacts / f"hint_{name.replace(' ', '_')}.png")
-        view, (left, top, width, height) = state["widgets"]["viewport"], window.states()[-1]["widgets"]["hint"]
-        assert view[0] <= left
-        assert left + width <= view[0] + view[2]
-        assert view[1] <= top
-        assert top + height <= view[1] + view[3]
-    window.xdotool("mousemove", *window.point("viewport"))
-    window.wait_for("no hint", lambda s: "hint" not in s["widgets"])
-    assert window.close() == 0

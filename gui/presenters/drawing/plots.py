@@ -40,6 +40,7 @@ def curve(
     x_limits: tuple[float, float] = (0.0, 1.0),
     x_words: tuple[str, str] = ("", ""),
     newest: str = "",
+    nothing: str = "no data from the last run",
 ) -> None:
     """Draw a line plot: title and latest value above, ticks at the left.
 
@@ -48,6 +49,8 @@ def curve(
         series: positions and values of each line.
         color: of the value above, and of a single line; several have those of `SERIES` (`legend` names them).
         x_words: labels below the left and right ends of the axis.
+        newest: the latest value.
+        nothing: shown instead of lines where there are none.
     """
     x, y, width, height = area
     size = round(0.82 * em)
@@ -67,7 +70,7 @@ def curve(
     canvas.text(left, top + high + 3, x_words[0], size, DIM)
     canvas.text(left + wide, top + high + 3, x_words[1], size, DIM, align="right")
     if not lines:
-        canvas.text(left + wide / 2, top + high / 2 - size / 2, "no data from the last run", size, DIM, align="middle")
+        canvas.text(left + wide / 2, top + high / 2 - size / 2, nothing, size, DIM, align="middle")
         return
     points = np.concatenate(lines)
     low, high_value = float(points[:, 1].min()), float(points[:, 1].max())

@@ -11,7 +11,7 @@ import torch
 
 from gui.presenters.drawing.canvas import Canvas
 from gui.presenters.drawing.painter import draw_line, draw_points, project
-from gui.presenters.drawing.palette import ACCENT, AXES, BAD, DIM, FAIR, TEXT
+from gui.presenters.drawing.palette import ACCENT, AXES, BAD, DIM, FAIR, GROUND, TEXT
 from gui.presenters.edits.handles import Handle
 from gui.presenters.scene.compose import Color, SplatLayer, blend
 from gui.presenters.scene.contents import Lines
@@ -143,6 +143,15 @@ def draw_clicks(canvas: Canvas, view: Camera, points: Sequence[tuple[float, ...]
         pixel, depth = project(view, np.array(point)[None])
         if depth[0] > 0 and np.abs(pixel).max() < 1e5:
             canvas.dot(float(pixel[0, 0]), float(pixel[0, 1]), 6, FAIR)
+
+
+def with_circle(pixels: np.ndarray, x: float, y: float, radius: float) -> np.ndarray:
+    """A copy of a picture with the outline of the brush, bright on dark so that it is seen on everything."""
+    canvas = Canvas(1, 1)
+    canvas.pixels = pixels.copy()
+    canvas.dot(x, y, radius + 1, GROUND, filled=False)
+    canvas.dot(x, y, radius, TEXT, filled=False)
+    return canvas.pixels
 
 
 def draw_stroke(canvas: Canvas, stroke: Stroke) -> None:

@@ -33,13 +33,19 @@ EDIT_CHOICES: tuple[Choice, ...] = (
     ("", "", ""),
     ("detail", "Detail", "Click a face or a hand: training gives it more splats"),
     ("", "", ""),
-    ("numbers", "Numbers", "Set the crop box, the ground, the floaters, the world or a detail in numbers"),
-    ("list", "List", "List the edits, and remove some"),
+    ("numbers", "Numbers", "Set the crop box, ground, floaters, brush, world or a detail in numbers"),
+    ("list", "List", "List the edits, and take some back"),
     ("removed", "Removed", "Draw what is removed in red"),
 )
 TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale", "detail")
 BRUSH = 0.03
-"""Radius of the brush, relative to the height of the picture."""
+"""Radius of the brush at first, relative to the height of the picture."""
+
+LEAST_BRUSH, MOST_BRUSH = 0.002, 0.5
+"""Limits of it."""
+
+BRUSH_STEP = 1.25
+"""What a key press multiplies or divides it by."""
 
 FLOATERS = (
     Floaters(opacity=0.02, share=0.005),
@@ -52,7 +58,7 @@ HINTS = {
     "crop": "Drag the dots on the faces.",
     "ground": "Drag the dot up or down.",
     "lasso": "Draw around what should go.",
-    "brush": "Paint over what should go.",
+    "brush": "Paint over what should go. - and + change the size.",
     "origin": "Click the new origin.",
     "up": "Click a point, then one straight above it.",
     "scale": "Click two points whose distance you know.",

@@ -28,7 +28,7 @@ from gui.presenters.edits.handles import (
 from gui.presenters.edits.histogram import HistogramPlace, bars, draw_histogram
 from gui.presenters.edits.picture import Stroke
 from gui.presenters.edits.session import change, edits_of
-from gui.presenters.edits.tools import BRUSH, TOOLS, hint
+from gui.presenters.edits.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
 from gui.presenters.playback import compare
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.viewpoint import BACKGROUNDS
@@ -78,6 +78,8 @@ class EditView(OrbitView):
         show_removed: whether removed splats are drawn, in red.
         pending: the edits with what is selected or being dragged; None if nothing is.
         clicks: picked points, world.
+        brush: radius of the brush, relative to the height of the picture.
+        pointer: where the pointer is over the picture, relative to its width and height; None elsewhere.
         distance_asked: two points whose distance is to be asked for; the window takes them.
         refused: why the last change was refused, or what to do; the window takes it.
         background: name of the background.
@@ -95,6 +97,10 @@ class EditView(OrbitView):
         self.distance_asked: tuple[np.ndarray, np.ndarray] | None = None
         self.refused, self.background = "", "dark"
         self.captured_up = np.array([0.0, 0.0, 1.0])
+        self.brush = BRUSH
+        self.pointer: tuple[float, float] | None = None
+        self._plain: np.ndarray | None = None
+        self._circle: tuple[float, float, float] | None = None
         self._stroke: Stroke | None = None
         self._handle: Handle | None = None
         self._from = (0.0, 0.0)
@@ -134,6 +140,10 @@ class EditView(OrbitView):
         self.tool, self.clicks, self._stroke, self._handle, self.pending = tool, (), None, None, None
         self._proposed = None
         self._suggest()
+
+    def step_brush(self, steps: int) -> None:
+        """Make the brush larger, or smaller, by a number of steps."""
+        self.brush = min(max(self.brush * BRUSH_STEP**steps, LEAST_BRUSH), MOST_BRUSH)
 
     def _suggest(self) -> bool:
         """Begin with a box around the performer, a plane under the feet, limits of floaters. Returns whether it did."""
@@ -242,7 +252,7 @@ class EditView(OrbitView):
         view = self._view()
         if self.tool in ("lasso", "brush"):
             self.pending = None
-            self._stroke = Stroke(((x, y),), None if self.tool == "lasso" else BRUSH * view.height)
+            self._stroke = Stroke(((x, y),), None if self.tool == "lasso" else self.brush * view.height)
             return True
         self._dragged = self.pending or self.edits
         self._handle, self._from = grabbed(self._handles(self._dragged), view, x, y), (x, y)
@@ -303,7 +313,7 @@ class EditView(OrbitView):
             )
             self.pending = edits.with_(regions=(*edits.regions, region))
         except ValueError:
-            self.refused = "There are too many regions already. Remove some with List."
+            self.refused = "There are too many regions already. Take some back with List."
 
     def click(self, x: float, y: float) -> None:
         """See `StageView`."""
@@ -349,7 +359,7 @@ class EditView(OrbitView):
             self.refused = str(error.message)
             return
         except ValueError:
-            self.refused = "There are too many details already. Remove some with List."
+            self.refused = "There are too many details already. Take some back with List."
             return
         self.commit(after, f"detail {len(after.details)}")
 
@@ -377,8 +387,28 @@ class EditView(OrbitView):
         found = super().poll(size)
         if self._suggest():  # from what was just drawn
             again = super().poll(size)
-            return found if again is None else again
-        return found
+            found = found if again is None else again
+        return self._with_brush(found)
+
+    def _with_brush(self, found: np.ndarray | None) -> np.ndarray | None:
+        """The new picture, or the last one if the pointer has moved, with a circle where the brush is; None if nothing
+        has changed. The splats are not drawn again for it."""
+        self._plain = found if found is not None else self._plain
+        if self._plain is None:
+            return None
+        high, wide = self._plain.shape[:2]
+        circle = None
+        if self.tool == "brush" and self.pointer is not None:
+            circle = (self.pointer[0] * wide, self.pointer[1] * high, self.brush * high)
+        before, self._circle = self._circle, circle
+        if found is None and circle == before:
+            return None
+        return self._plain if circle is None else picture.with_circle(self._plain, *circle)
+
+    def show_again(self) -> None:
+        """See `StageView`."""
+        super().show_again()
+        self._plain = self._circle = None
 
     def state(self) -> Hashable:
         """See `StageView`."""

@@ -282,12 +282,13 @@ class TimelinePlots:
         canvas.rect(column, GAP, 1, self.height - GAP, TEXT)
         rows = [(self._words(plot, frame), y + height / 2) for plot, (y, height) in self._placed(plots)]
         rows.append((f"frame {frame}", self._track + self.track_height / 2))
-        size = self._size(99)
+        size, end = self._size(99), self.left + self.timeline.width  # right of it are the ends of the axes
+        widest = max(text_width(words, size) for words, _ in rows) + 10
         for words, middle in rows:
             if not words:
                 continue
             width = text_width(words, size) + 10
-            left = column + 6 if column + 6 + width < canvas.width else column - 6 - width
+            left = column + 6 if column + 6 + widest <= end else max(column - 6 - width, self.left)
             canvas.rect(left, middle - 0.7 * size, width, 1.4 * size, GROUND)
             canvas.text(left + 5, middle - 0.62 * size, words, size, TEXT)
 

@@ -13,6 +13,7 @@ from gui.presenters.drawing.palette import (
     ACCENT_DARK,
     BAD,
     BLACK,
+    BORDER,
     DIM,
     FAIR,
     GOOD,
@@ -164,7 +165,9 @@ def point_list(
     small, pad = round(0.85 * em), 0.5 * em
     step = line_height(small) + 3
     canvas.rect(0, 0, width, height, GROUND)
-    rows = max(int((height - (len(buttons) + 1.6) * step - pad) // step), 1)
+    high = line_height(small) + 6
+    bottom = height - len(buttons) * (high + 4) - 2
+    rows = max(int((bottom - 1.6 * step - pad) // step), 1)
     scroll = min(max(scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
     canvas.text(pad, 2, f"{len(marks.points)} point{'s' * (len(marks.points) != 1)}", small, DIM)
     if len(marks.points) < 2:
@@ -180,12 +183,12 @@ def point_list(
         canvas.text(pad, y + 1, point.name, small, TEXT, width=width - wide - 2.5 * pad)
         canvas.text(width - pad - 4, y + 1, words, small, _color(error, len(point.pixels)), align="right")
         spots.add((0, y, width, step), partial(marks.choose, index))
-    bottom = height - len(buttons) * step - 4
     for words, action in buttons:
-        canvas.rect(2, bottom, width - 6, step - 3, RAISED)
-        canvas.text(pad, bottom + 1, words, small, TEXT, width=width - 2 * pad)
-        spots.add((2, bottom, width - 6, step - 3), action)
-        bottom += step
+        canvas.rect(2, bottom, width - 8, high, RAISED)
+        canvas.frame(2, bottom, width - 8, high, BORDER)
+        canvas.text(width / 2 - 2, bottom + 3, words, small, TEXT, "middle", width=width - 2 * pad)
+        spots.add((2, bottom, width - 8, high), action)
+        bottom += high + 4
     canvas.line([(width - 2, 0), (width - 2, height)], LINE)
     return scroll
 

@@ -15,6 +15,7 @@ from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.span import span_figures, span_rows
 from gui.presenters.run.workspace import Workspace
 from pipelines.reports.terminal import duration
+from studio.errors import StudioError
 
 Row = tuple[str, str]
 
@@ -71,7 +72,7 @@ def review_blocks(
         Block(
             f"Quality, {whose}" if whose else "Quality",
             rows,
-            evaluation.error or ("" if rows else "Not evaluated yet."),
+            evaluation.error or ("" if rows else why_no_figures(player)),
         )
     )
     if transport.span is not None:
@@ -92,6 +93,15 @@ def review_blocks(
     if player.left_out:
         blocks.insert(1, Block("Damaged, skipped", [], "\n".join(player.left_out)))
     return blocks
+
+
+def why_no_figures(player: PlayerPresenter) -> str:
+    """Why there are no figures of the current frame."""
+    try:
+        trim = player.context.edits.trim if player.context is not None else None
+    except StudioError:  # told where the edits are shown
+        trim = None
+    return "Trimmed off." if trim is not None and player.frame not in trim.range else "Not evaluated yet."
 
 
 def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, first: int, last: int) -> Block:

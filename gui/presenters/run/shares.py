@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from gui.presenters.run.target import NamedTarget
+from pipelines.reports.summary_words import size_words as file_size_words
 from pipelines.runs.staleness import StageStatus
 from pipelines.share import MAX_SINGLE_FILE_BYTES, ShareSize
 from studio.counts import counted
@@ -129,5 +130,5 @@ def stale_words(bake: StageStatus | None, checked: bool = True, unreadable: bool
 
 
 def megabytes(count: int) -> str:
-    """Bytes in words, in megabytes of 10^6 bytes."""
-    return f"{count / 1e6:.1f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"
+    """Bytes in words, as everywhere in the window: "84.9 KB", "1.2 MB" (1 KB = 1000 bytes)."""
+    return file_size_words(count)

@@ -48,8 +48,14 @@ class Share:
     qps: frozenset[int]
 
 
-def shares(manifest: Manifest) -> list[Share]:
-    """Bytes of the stream: by attribute if it has one video per plane, else by file; the manifest last."""
+def rest_words(sound: bool) -> str:
+    """What a stream has besides its groups; `sound`: whether it has sound."""
+    return "manifest and sound" if sound else "manifest"
+
+
+def shares(manifest: Manifest, sound: bool = False) -> list[Share]:
+    """Bytes of the stream: by attribute if it has one video per plane, else by file; last the manifest, with the sound
+    if there is one."""
     found: dict[str, tuple[int, frozenset[int]]] = {}
 
     def add(name: str, size: int, qps: frozenset[int]) -> None:
@@ -68,7 +74,7 @@ def shares(manifest: Manifest) -> list[Share]:
             for plane in component.planes:
                 add(ATTRIBUTES[attribute_of(component.name, plane.part)], plane.bytes, frozenset({plane.qp}))
     rest = manifest.played_bytes - sum(size for size, _ in found.values())
-    return [*(Share(name, *values) for name, values in found.items()), Share("manifest", rest, frozenset())]
+    return [*(Share(name, *values) for name, values in found.items()), Share(rest_words(sound), rest, frozenset())]
 
 
 def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
@@ -127,9 +133,11 @@ class BakeView(StageView):
         if not (take.stream / "manifest.json").is_file():
             raise StudioError("take.not_baked", "no stream yet", fix="Run Bake.")
         with StreamReader.open(take.stream) as reader:
-            return self._planes(size, reader) if self.mode == "planes" else self._bytes(size, reader.manifest)
+            if self.mode == "planes":
+                return self._planes(size, reader)
+            return self._bytes(size, reader.manifest, reader.audio is not None)
 
-    def _bytes(self, size: Size, manifest: Manifest) -> np.ndarray:
+    def _bytes(self, size: Size, manifest: Manifest, sound: bool) -> np.ndarray:
         canvas, em = Canvas(*size, GROUND), self.em
         normal = round(em)
         step = line_height(normal) * 1.5
@@ -137,13 +145,12 @@ class BakeView(StageView):
         y = em
         per_frame = manifest.bytes_per_frame
         words = (
-            f"{manifest.played_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame, "
+            f"{manifest.played_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame with {rest_words(sound)}, "
             f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} fps"
         )
         canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
         y += 2 * step
-        rows = shares(manifest)
-        most = max(row.bytes for row in rows)
+        rows = shares(manifest, sound)
         left, right = em + 11 * em, size[0] - em - 15 * em
         columns = (size[0] - em - 9.5 * em, size[0] - em - 4.5 * em, size[0] - em)
         for words, place in zip(("KB per frame", "share", "QP"), columns, strict=True):
@@ -152,7 +159,7 @@ class BakeView(StageView):
             value, qps = row.bytes, row.qps
             canvas.text(em, y, row.name, normal, TEXT)
             canvas.rect(left, y + 2, right - left, normal, PANEL)
-            canvas.rect(left, y + 2, (right - left) * value / most, normal, ACCENT)
+            canvas.rect(left, y + 2, (right - left) * value / manifest.played_bytes, normal, ACCENT)
             qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
             numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.played_bytes:.1f}%", qp)
             for words, place in zip(numbers, columns, strict=True):
@@ -165,7 +172,7 @@ class BakeView(StageView):
             words = (
                 f"group {group.index}: frames {group.first_frame} to {group.first_frame + group.frame_count - 1}, "
                 f"{counted(group.splats, 'splat')}, "
-                f"{group.bytes / group.frame_count / 1000:.1f} KB per frame"
+                f"{group.bytes / group.frame_count / 1000:.1f} KB per frame without {rest_words(sound)}"
             )
             canvas.text(em, y, words, round(0.9 * em), DIM, width=size[0] - 2 * em)
             y += step * 0.8

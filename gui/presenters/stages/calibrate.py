@@ -11,7 +11,7 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas, line_height
 from gui.presenters.drawing.labels import draw_labels
 from gui.presenters.drawing.painter import NEAR, draw_frustum, draw_points, frustum, project
-from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, SECOND, TEXT
+from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, SECOND, SERIES, TEXT
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.inspector import Block
 from gui.presenters.run.workspace import Workspace
@@ -31,6 +31,16 @@ BANDS: dict[str, tuple[str, RGB]] = {
     "review": ("review: 1 px or more", BAD),
 }
 UNKNOWN: tuple[str, RGB] = ("no reprojection error: cameras from a file", SECOND)
+TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
+HELD_OUT: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", SERIES[4])
+NONE_HELD_OUT = "no camera is held out: View > Cameras"
+
+NOT_KNOWN = "from file"
+"""The error of a camera that was not calibrated."""
+
+COLUMNS = ("error px", "p95 px", "points", "coverage", "focal px")
+PLACES = (0.36, 0.5, 0.64, 0.8, 1.0)
+"""Titles of the report's columns besides the cameras' names, and where columns end, shares of the width."""
 
 
 class CalibrateView(OrbitView):
@@ -115,6 +125,14 @@ class CalibrateView(OrbitView):
             surface = read_surface(_surface(take)) if _surface(take).is_file() else None
             self._coverage = RigCoverage.of(self._rig, names, self._home.target, surface)
 
+    @property
+    def _held_out(self) -> tuple[str, ...]:
+        """The cameras that are not trained on."""
+        context = self.workspace.context
+        with suppress(StudioError):  # footage that is gone; the Capture view shows the error
+            return context.footage.raw.held_out_cameras if context is not None else ()
+        return ()
+
     def _error(self, name: str) -> float | None:
         figures = self._figures(name)
         return None if figures is None else figures.mean
@@ -147,8 +165,13 @@ class CalibrateView(OrbitView):
         far_first = sorted(self._rig, key=lambda camera: -float(np.linalg.norm(camera.center - orbit.eye)))
         small = round(0.85 * self.em)
         places = []
+        held_out = self._held_out
         for camera in far_first:
-            color = TEXT if camera.name == self.camera else self._color(camera.name) if covered is None else SECOND
+            color = self._color(camera.name) if covered is None else SECOND
+            if camera.name in held_out:
+                color = HELD_OUT[1]
+            if camera.name == self.camera:
+                color = TEXT
             center, corners = frustum(camera, length)
             pixels, depth = project(view, np.vstack([center[None], corners]))
             if (depth > NEAR).all():
@@ -162,7 +185,7 @@ class CalibrateView(OrbitView):
         errors = {name: self._error(name) if covered is None else None for name, _ in named}
         words = [name if errors[name] is None else f"{name}  {errors[name]:.2f} px" for name, _ in named]
         draw_labels(canvas, words, [corners for _, corners in named], small)
-        self._legend(canvas, small, covered)
+        self._legend(canvas, small, covered, bool(held_out))
         return canvas.pixels
 
     def _floor(self, canvas: Canvas, view: Camera, home: OrbitCamera) -> None:
@@ -176,9 +199,13 @@ class CalibrateView(OrbitView):
             ends = [home.target + radius * (np.cos(angle) * first + np.sin(angle) * second) for angle in angles]
             draw_line(canvas, view, ends[0], ends[1], LINE)
 
-    def _legend(self, canvas: Canvas, small: int, covered: RigCoverage | None) -> None:
+    def _legend(self, canvas: Canvas, small: int, covered: RigCoverage | None, held_out: bool) -> None:
         known = any(self._error(camera.name) is not None for camera in self._rig or ())
-        entries = covered.legend if covered is not None else list(BANDS.values()) if known else [UNKNOWN]
+        if covered is not None:
+            entries = [*covered.legend, TRAINING]
+        else:
+            entries = list(BANDS.values()) if known else [UNKNOWN]
+        entries.append(HELD_OUT if held_out else (NONE_HELD_OUT, GROUND))  # no dot, as it has no color
         for number, (words, color) in enumerate(entries):
             y = self.em * 0.7 + number * line_height(small)
             canvas.dot(self.em, y + 0.6 * small, 0.3 * small, color)
@@ -212,47 +239,58 @@ class CalibrateView(OrbitView):
         report = self._report
         source = (report.source if report is not None else None) or "an unknown source"
         facts = [counted(len(self._rig), "camera"), f"from {source}"]
+        columns, same = self._columns()
         if isinstance(report, CalibrationReport):
             figures = report.reprojection
             facts.append(f"reprojection error: mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px")
             facts.append(report.quality)
+        facts += same
         canvas.text(em, y, ", ".join(filter(None, facts)), normal, TEXT, width=size[0] - 2 * em)
         y += 1.5 * step
-        columns = [
-            ("camera", 0.0),
-            ("error px", 0.36),
-            ("p95 px", 0.5),
-            ("points", 0.64),
-            ("coverage", 0.8),
-            ("focal px", 1.0),
-        ]
         wide = size[0] - 2 * em
         places = []
-        for title, at in columns:
-            canvas.text(em + at * wide, y, title, normal, DIM, align="left" if at == 0 else "right")
+        canvas.text(em, y, "camera", normal, DIM)
+        for at, title in zip(PLACES, columns, strict=False):
+            canvas.text(em + at * wide, y, title, normal, DIM, align="right")
         y += step
-        for camera in self._rig:
-            found = self._figures(camera.name)
-            words = [
-                camera.name,
-                "from file" if found is None else f"{found.mean:.2f}",
-                "" if found is None else f"{found.p95:.2f}",
-                "" if found is None else str(found.observations),
-                "" if found is None else f"{100 * found.coverage:.0f}%",
-                f"{camera.fx:.0f}",
-            ]
+        for row, camera in enumerate(self._rig):
             places.append((camera.name, rectangle(0, y, size[0], step)))
             if camera.name == self.camera:
                 canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
             canvas.dot(0.35 * em, y + 0.6 * normal, 0.22 * em, self._color(camera.name))
-            for (_, at), word in zip(columns, words, strict=True):
-                canvas.text(em + at * wide, y, word, normal, TEXT, align="left" if at == 0 else "right")
+            canvas.text(em, y, camera.name, normal, TEXT)
+            for at, words in zip(PLACES, columns.values(), strict=False):
+                canvas.text(em + at * wide, y, words[row], normal, TEXT, align="right")
             y += step
         self.places = places
         for name, reason in report.unregistered.items() if isinstance(report, CalibrationReport) else ():
             canvas.text(em, y, f"{name}: not registered: {reason}", normal, BAD, width=wide)
             y += step
         return canvas.pixels
+
+    def _columns(self) -> tuple[dict[str, list[str]], list[str]]:
+        """The columns of the report by title, without those in which nothing stands or which have the same in every
+        row, and what is the same in every row."""
+        assert self._rig is not None
+        rows = []
+        for camera in self._rig:
+            found = self._figures(camera.name)
+            known = [NOT_KNOWN, "", "", ""]
+            if found is not None:
+                coverage = f"{100 * found.coverage:.0f}%"
+                known = [f"{found.mean:.2f}", f"{found.p95:.2f}", str(found.observations), coverage]
+            rows.append([*known, f"{camera.fx:.0f}"])
+        columns, same = {}, []
+        for title, words in zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True):
+            if len(words) > 1 and len(set(words)) == 1:
+                what, _, unit = title.partition(" ")
+                said = (
+                    "no reprojection errors" if words[0] == NOT_KNOWN else f"{what} {words[0]} {unit}".strip() + " each"
+                )
+                same += [said] if words[0] else []
+            elif any(words):
+                columns[title] = words
+        return columns, same
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """See `StageView`."""

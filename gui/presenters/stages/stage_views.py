@@ -11,6 +11,7 @@ import numpy as np
 from gui.presenters.drawing.palette import GROUND
 from gui.presenters.edits.tools import EDIT_CHOICES
 from gui.presenters.edits.view import EditView
+from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.points.view import PointsView
 from gui.presenters.run.workspace import Workspace
@@ -123,6 +124,7 @@ class StageViews:
         self.editing = False
         self.stage = "review"
         self._left_scene_of: object = None
+        self._looks: tuple[str, OrbitCamera | None] = ("", None)
         self._now = now
         self._shown: object = None
         self._pixels: np.ndarray | None = None
@@ -177,6 +179,7 @@ class StageViews:
         self.editing = True
         self.editor.background = player.background
         self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
+        self._looks = (player.camera, player.orbit)
         self.shown_anew()
 
     def leave_edits(self) -> bool:
@@ -297,7 +300,10 @@ class StageViews:
 
     def fit_transport(self) -> bool:
         """Set the transport's range to the frames of the selected stage; returns whether it changed."""
-        found = self.workspace.assessment
+        found, player = self.workspace.assessment, self.player
+        trained = player.opened.sources.get("trained") if player.opened is not None else None
+        if self.edits_take and trained is not None:  # all, so that frames that are trimmed off can be brought back
+            return player.span(trained.frame_count, trained.group_starts, trained.fps)
         over_footage = not (self.shows_player or self.stage in ("bake", "review")) or self.player.source is None
         if over_footage and found.numbers:
             return self.player.span(len(found.numbers), found.group_starts, found.fps)
@@ -357,9 +363,26 @@ class StageViews:
     def _frame_shown(self) -> bool:
         return not self.shows_player or self.player.opened is None or self.player.current
 
+    def _follow_camera(self) -> None:
+        """Leave a capture camera, as in Review, once the edits' view is not its own any more; if another one is chosen
+        over the edits, look from there. The free view is the edits' own."""
+        player, editor = self.player, self.editor
+        camera, orbit = self._looks
+        if player.camera != camera:
+            if player.camera:
+                editor.orbit = player.orbit
+        elif camera and editor.orbit is not orbit:
+            player.look_through("")
+        if not player.camera and editor.orbit is not None:
+            player.orbit = editor.orbit
+        self._looks = (player.camera, editor.orbit)
+
     def _poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
         stage_view = self.stage_view
         self.player.on_screen = stage_view is None
+        if self.edits_take:
+            self._follow_camera()
+            self.player.context = self.workspace.context  # whose edits the inspector asks
         if stage_view is None:
             self.player.context = self.workspace.context
             found = self.workspace.assessment
@@ -495,6 +518,8 @@ class StageViews:
         stage_view = self.stage_view
         if stage_view is None:
             self.player.reset_view()
+        elif self.edits_take:
+            self.editor.orbit = self.player.home
         else:
             stage_view.reset()
 

@@ -21,6 +21,7 @@ from gui.presenters.run.run_state import Curve
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.camera_color_pairs import CameraColorPairs
 from gui.presenters.stages.stage_view import Size, StageView
+from pipelines.runs.staleness import MISSING
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.errors import StudioError
@@ -34,6 +35,8 @@ CURVES = (
 
 COLORS = "camera colors"
 """The mode in which the cameras' colors are compared."""
+
+NOT_RUN = "not run yet"
 
 _LANES = 0.6
 """Share of the width that the groups of a run on several machines take."""
@@ -58,7 +61,13 @@ class TrainView(StageView):
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         frames = self._count.get(take) if take is not None else 0
         lanes = tuple(run.lanes.get("train", {}).values())
-        return (take, frames, preview, points, run.stage, run.outcome, lanes, self.em)
+        return (take, frames, preview, points, run.stage, run.outcome, lanes, self._nothing, self.em)
+
+    @property
+    def _nothing(self) -> str:
+        """What is said instead of curves where there are none."""
+        status = self.workspace.assessment.stages.get("train")
+        return NOT_RUN if status is not None and status.state == MISSING else "no data from the last run"
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -86,7 +95,7 @@ class TrainView(StageView):
                 title += " before pruning"
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
-            curve(canvas, area, short, series, SECOND, em, (0.0, 1.0), ("0%", "100%"), newest)
+            curve(canvas, area, short, series, SECOND, em, (0.0, 1.0), ("0%", "100%"), newest, self._nothing)
         lanes = list(run.lanes.get("train", {}).values())
         if lanes:
             draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)

@@ -13,6 +13,7 @@ from pathlib import Path
 from gui.presenters.stages.stage_rows import TITLES, pipeline_name
 from pipelines.batch.progress import progress_words
 from pipelines.config import load_config
+from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
@@ -70,16 +71,20 @@ class Card:
         """ "30.65 dB"; "" if it was not measured."""
         return "" if self.psnr is None else f"{self.psnr:.2f} dB"
 
-    def sizes(self) -> str:
-        """ "0.93 MB stream, 214 MB"; "" if nothing is known."""
-        words = [] if self.stream_bytes is None else [f"{megabytes(self.stream_bytes)} stream"]
-        if self.total_bytes is not None and self.kind == "take":
-            words.append(f"{megabytes(self.total_bytes)} in all")
-        return ", ".join(words)
+    def sizes(self) -> tuple[str, ...]:
+        """The same in words, the longest first: "930.0 KB stream, 214 MB in all", "stream 930.0 KB of 214 MB"; () if
+        nothing is known."""
+        stream = None if self.stream_bytes is None else megabytes(self.stream_bytes)
+        total = None if self.total_bytes is None or self.kind != "take" else megabytes(self.total_bytes)
+        if stream is None or total is None:
+            return tuple(f"{size} {of}" for size, of in ((stream, "stream"), (total, "in all")) if size is not None)
+        return f"{stream} stream, {total} in all", f"stream {stream} of {total}", f"{stream} of {total}"
 
 
 def megabytes(count: int) -> str:
-    """ "0.93 MB", "214 MB", "1.20 GB" (1 MB = 1,000,000 bytes)."""
+    """ "930.0 KB", "2.13 MB", "214 MB", "1.20 GB" (1 MB = 1,000,000 bytes)."""
+    if count < 1e6:
+        return size_words(count)
     value, unit = (count / 1e9, "GB") if count >= 1e9 else (count / 1e6, "MB")
     return f"{value:.2f} {unit}" if value < 10 else f"{value:.0f} {unit}"
 

@@ -208,7 +208,10 @@ class StartPicture:
         current = card.tone == "done"  # otherwise it may be of earlier settings
         across = canvas.text(x + pad, top, card.quality(), small, GOOD if current else DIM)
         gap = 0.8 * em if across else 0.0
-        canvas.text(x + pad + across + gap, top, card.sizes(), small, DIM, width=room - across - gap)
+        left = room - across - gap
+        sizes = card.sizes() or ("",)
+        fits = next((one for one in sizes if text_width(one, small) <= left), sizes[-1])
+        canvas.text(x + pad + across + gap, top, fits, small, DIM, width=left)
         canvas.text(x + pad, top + 1.35 * em, card.folder, small, DIM, width=room)
         if under or card.kind in ("missing", "damaged"):
             side = 1.6 * em

@@ -111,7 +111,7 @@ def test_cameras_and_garbage_mattes(notices: Notices, monkeypatch: pytest.Monkey
 
 
 def test_edits(notices: Notices, monkeypatch: pytest.MonkeyPatch) -> None:
-    editor = SimpleNamespace(refused="edits are locked during a run", distance_asked=None)
+    editor = SimpleNamespace(refused="edits are locked during a run", distance_asked=None, tool="crop")
     window: Any = SimpleNamespace(
         notices=notices, workspace=None, views=SimpleNamespace(editor=editor, asked_edit=""),
         player=SimpleNamespace(refresh=lambda: None),

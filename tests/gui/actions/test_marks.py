@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gui.actions.marks import MarkActions
+from gui.actions.marks import NO_MARKS, MarkActions
 from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.run.history import History
@@ -78,3 +78,11 @@ def test_an_undo_that_can_never_be_made_does_not_block_those_before(window: Wind
     change_mark(path, 0, Mark(frame=0, note="hand"), ANNAS)
     assert history.undo() == "Undone: the mark of frame 0.", "the first one, which fits again"
     assert set(read_marks(path)) == {7}
+
+
+def test_an_empty_list_of_marks_says_how_to_make_one(window: Window) -> None:
+    told: list[str] = []
+    window.dialogs.choose = lambda *_, nothing: told.append(nothing)
+    MarkActions(window).show_all()  # type: ignore[arg-type]
+    assert told == [NO_MARKS]
+    assert "key M" in NO_MARKS

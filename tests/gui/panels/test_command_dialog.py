@@ -22,7 +22,7 @@ EM = 16.0
 class Host:
     """What the list needs of `gui.panels.dialogs.Dialogs`."""
 
-    em, room = EM, 600
+    em, room, focusing = EM, 600, False
 
     def __init__(self) -> None:
         self.name, self.laid = "", 0
@@ -131,6 +131,33 @@ def test_further_openings_make_no_images(shown: CommandDialog, host: Host, monke
     host.close()
     shown.show(COMMANDS)
     assert len(made) == 1
+
+
+def test_a_click_outside_closes_it(shown: CommandDialog, host: Host) -> None:
+    frames = {"line": (304, 197, 672, 22), "list": (304, 229, 672, 312), "run": (858, 583, 46, 28)}
+    host.widgets = {**host.widgets, "run": gui.Button("Run")}
+    for name, frame in frames.items():
+        host.widgets[name].frame = gui.Rect(*frame)
+    for x, y in ((500, 300), (500, 160), (310, 600), (298, 400), (980, 600)):
+        assert not shown.press(1, x, y)
+    assert not shown.press(4, 100, 100), "the wheel"
+    assert host.name
+    for x, y in ((500, 130), (270, 400), (1010, 400), (500, 650)):
+        assert shown.press(1, x, y)
+        assert not host.name
+        assert not shown.press(1, x, y), "another dialog may be open"
+        host.name = command_dialog.NAME
+
+
+def test_it_says_how_many_more_there_are(shown: CommandDialog) -> None:
+    rest = len(COMMANDS) - ROWS
+    assert shown._hint.text.startswith(f"{rest} more below. ")
+    mouse(shown, "WHEEL", 0, -(ROWS + 1))
+    shown.tick()
+    assert shown._hint.text.startswith(f"2 more above and {rest - 2} below. ")
+    shown._type("html rep")
+    shown.tick()
+    assert "more" not in shown._hint.text
 
 
 def test_it_asks_to_be_laid_out_each_time(shown: CommandDialog, host: Host) -> None:

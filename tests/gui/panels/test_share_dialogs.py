@@ -23,6 +23,8 @@ def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, t
     window.xdotool("type", "--delay", "40", "A walk")  # the first field has the focus
     window.wait_for("the title", lambda s: s["texts"].get("dialog title") == "A walk")
     window.screenshot(artifacts / "share.png")
+    places = window.states()[-1]["widgets"]
+    assert places["dialog line"][0] == places["dialog title"][0], "the output is below the other fields"
     window.click("dialog save")
     window.wait_for("what was written", lambda s: s["notice"].startswith("Shared: "), 180)
     assert (tmp_path / "walk-share" / "stream" / "manifest.json").read_bytes() == (

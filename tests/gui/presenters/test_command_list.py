@@ -7,7 +7,7 @@ import pytest
 
 from gui.actions.menus import MENUS
 from gui.presenters.command_list import ROWS, Command, CommandList, row_height, search
-from gui.presenters.drawing.palette import ACCENT_DARK
+from gui.presenters.drawing.palette import ACCENT_DARK, DIM
 
 COMMANDS = [Command.of(key, title, label) for title, items in MENUS for key, label in items if key]
 
@@ -50,3 +50,12 @@ def test_the_selected_command_stays_in_view() -> None:
         assert shown.row_at(rows.mean(), height) == shown.at
     assert CommandList([]).selected is None
     assert CommandList([]).moved(1).picture(600, em).shape == (height, 600, 3)
+
+
+def test_a_bar_shows_which_part_of_the_list_that_is() -> None:
+    for first in (0, 5, len(COMMANDS) - ROWS):
+        picture = CommandList(COMMANDS, first, first).picture(600, 16.0)
+        bar = np.flatnonzero((picture[:, -2] == DIM).all(axis=1)) / len(picture) * len(COMMANDS)
+        assert [bar.min(), bar.max()] == pytest.approx([first, first + ROWS], abs=0.3)
+    picture = CommandList(COMMANDS[:ROWS]).picture(600, 16.0)
+    assert not (picture[:, -2] == DIM).all(axis=1).any()

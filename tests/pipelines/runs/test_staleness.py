@@ -21,3 +21,10 @@ def test_a_stage_names_all_stages_that_must_run_first(finished: Path) -> None:
     }
     assert found["calibrate"].needs == ()
     assert all(one.state == "done" for one in status(take, load_config(take.config)).values())
+
+
+def test_a_stage_that_has_not_run_names_what_it_needs(finished: Path, tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    found = status(take, load_config(finished / "take" / "config.yaml"))
+    assert found["calibrate"].reason == "never run"
+    assert found["train"].reason == "needs calibrate, initialize"

@@ -11,10 +11,10 @@ import pytest
 from gui.presenters.drawing.canvas import Canvas
 from gui.presenters.edits.frame import EditedFrame
 from gui.presenters.edits.handles import crop_handles, default_crop, grabbed, moved_crop, picked
-from gui.presenters.edits.numbers import fields_of, with_numbers
+from gui.presenters.edits.numbers import brush_field, brush_of, fields_of, with_numbers
 from gui.presenters.edits.picture import draw_lines
 from gui.presenters.edits.session import edits_of
-from gui.presenters.edits.tools import FLOATERS, hint
+from gui.presenters.edits.tools import FLOATERS, LEAST_BRUSH, MOST_BRUSH, hint
 from gui.presenters.edits.view import EditView
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.sources import TrainedSource, open_path
@@ -197,6 +197,56 @@ def test_a_drawing_that_selects_nothing_is_refused(view: EditView) -> None:
         view.press("remove")
         assert ("Nothing is selected" in view.refused) is not selects
         assert (view.edits == EditList()) is not selects
+
+
+def ring(new: np.ndarray, old: np.ndarray) -> tuple[float, float, float]:
+    """Middle and radius of what differs, pixels."""
+    rows, columns = np.nonzero((new != old).any(axis=2))
+    assert len(rows), "nothing differs"
+    across, down = (columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2
+    return float(across), float(down), float(columns.max() - columns.min()) / 2
+
+
+def test_the_brush_is_a_circle_at_the_pointer_and_selects_what_it_covers(view: EditView) -> None:
+    view.press("brush")
+    before = drawn(view)
+    view.pointer = (0.25, 0.75)
+    x, y, radius = ring(view.poll(SIZE), before)
+    assert (x, y) == pytest.approx((80, 180), abs=1)
+    assert radius == pytest.approx(view.brush * SIZE[1], abs=3), "and a line around it"
+    assert view.poll(SIZE) is None, "as before"
+    assert view.settled, "the splats are not drawn again for it"
+    view.step_brush(4)
+    x, y, larger = ring(view.poll(SIZE), before)
+    assert larger == pytest.approx(1.25**4 * 0.03 * SIZE[1], abs=3)
+    assert larger > radius + 3
+    assert view.grabs(x, y)
+    assert view._stroke.radius == pytest.approx(view.brush * SIZE[1])
+    view.release()
+    drawn(view)
+    assert view.pending.regions[-1].radius == pytest.approx(view.brush * SIZE[1])
+    view.pending = None
+    drawn(view)
+    view.pointer = None
+    assert (view.poll(SIZE) == before).all(), "elsewhere there is none"
+    view.pointer = (0.5, 0.5)
+    assert view.poll(SIZE) is not None
+    view.press("lasso")
+    drawn(view)
+    view.pointer = (0.2, 0.2)
+    assert view.poll(SIZE) is None, "other tools have none"
+    view.step_brush(100)
+    assert view.brush == MOST_BRUSH
+    view.step_brush(-100)
+    assert view.brush == LEAST_BRUSH
+
+
+def test_the_radius_of_the_brush_is_typed_in_percent() -> None:
+    assert brush_field(0.03)[2] == "3"
+    assert brush_of(" 4.5 ") == pytest.approx(0.045)
+    assert brush_of("4.5%") == pytest.approx(0.045)
+    for wrong in ("", "wide", "0", "-3", "nan", "60"):
+        assert isinstance(brush_of(wrong), str), wrong
 
 
 def limits(view: EditView, floaters: Floaters) -> None:

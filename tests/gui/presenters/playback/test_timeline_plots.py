@@ -60,6 +60,17 @@ def test_values_under_the_pointer() -> None:
     assert changed.max() < VIEW.left + VIEW.timeline.span(3)[1]
 
 
+@pytest.mark.parametrize("frame", range(4))
+def test_values_under_the_pointer_stay_in_the_plots(frame: int) -> None:
+    values: list[float | None] = [30.0, 31.0, 32.0, 33.0]
+    plots = plots_of({"psnr_trained": values, "psnr_decoded": values}, other={"psnr_trained": values})
+    base = VIEW.base(plots)
+    without, hovered = VIEW.with_head(base, 0, plots), VIEW.with_head(base, 0, plots, hover=frame)
+    changed = np.flatnonzero((without != hovered).any(axis=(0, 2)))
+    assert VIEW.left <= changed.min()
+    assert changed.max() < VIEW.left + VIEW.timeline.width
+
+
 def test_flicker_has_a_row_if_it_was_measured() -> None:
     assert len(plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, None]})) == 3
     *_, flicker = plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, 1.5]})

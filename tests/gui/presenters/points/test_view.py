@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.presenters.drawing.palette import ACCENT, FAIR
+from gui.presenters.drawing.palette import ACCENT, BORDER, FAIR
 from gui.presenters.points.magnifier import Magnifier
 from gui.presenters.points.marks import TieMarks, advice, expected
 from gui.presenters.points.view import PointsView
@@ -46,6 +46,11 @@ def picture(stage_view: PointsView) -> np.ndarray:
 
 def is_close(pixel: np.ndarray, color: tuple[int, int, int]) -> bool:
     return bool(np.abs(pixel.astype(int) - color).max() < 60)
+
+
+def test_buttons_have_borders(stage_view: PointsView) -> None:
+    lines = (picture(stage_view)[:, :160] == BORDER).all(axis=2).sum(axis=1) > 120
+    assert lines.sum() == 2 * len(stage_view._buttons()), "one above and one below each"
 
 
 def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:

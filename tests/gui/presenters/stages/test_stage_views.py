@@ -14,17 +14,22 @@ import pytest
 
 from gui.actions.cameras import CameraActions
 from gui.presenters.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, SECOND
+from gui.presenters.evaluation import Evaluation
+from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.points.view import PointsView
 from gui.presenters.preferences import RECENT, Preferences
 from gui.presenters.run.cameras import CameraUses
-from gui.presenters.run.new_take import NewTake
+from gui.presenters.run.inspector import camera_rows, review_blocks
+from gui.presenters.run.new_take import NONE_HELD_OUT, NewTake
 from gui.presenters.run.settings import SECTIONS, fields_of
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.bake import BakeView, shares
+from gui.presenters.stages.calibrate import HELD_OUT, CalibrateView
 from gui.presenters.stages.capture import FootageCheck, grid
 from gui.presenters.stages.qp_trial import TRIED_QPS
 from gui.presenters.stages.stage_views import StageViews
+from gui.presenters.stages.train import NOT_RUN, TrainView
 from gui.raycast import MeshPicture
 from gui.shell import Shell
 from pipelines.config import Config, dump_config, load_config
@@ -32,8 +37,10 @@ from pipelines.config.loading import all_names
 from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.take import Take
+from studio.calibration.report import CameraReport
 from studio.camera_files import read_rig
 from studio.cameras import Camera
+from studio.edits import EditList
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import StreamReader
@@ -95,6 +102,68 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
     assert (before != GROUND).any(axis=2).sum() > 0.05 * SIZE[0] * SIZE[1], gray
     views.drag(60, 20, True, SIZE[1])
     assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
+
+
+def test_the_edits_leave_a_camera_once_the_view_is_not_its_own(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    player = views.player
+    first, second = player.camera_names[:2]
+    player.look_through(first)
+    views.choose("edit")
+    shown(views)
+    assert player.camera == first, "the view is still its own"
+    views.leave_edits()
+    assert player.camera == first
+    views.choose("edit")
+    views.drag(60, 20, True, SIZE[1])
+    moved = views.editor.orbit.key
+    shown(views)
+    assert player.camera == ""
+    assert ("camera", f"free view, distance {player.orbit.distance:.2f}") in camera_rows(player)
+    assert views.editor.orbit.key == moved
+    player.look_through(second)  # from the list below the timeline
+    shown(views)
+    assert player.camera == second
+    assert views.editor.orbit.key == player.orbit.key != moved
+    views.wheel(1)
+    shown(views)
+    assert player.camera == ""
+    assert ("camera", f"free view, distance {views.editor.orbit.distance:.2f}") in camera_rows(player)
+    views.reset()
+    shown(views)
+    assert player.orbit.key == views.editor.orbit.key == player.home.key
+    views.leave_edits()
+    assert (player.camera, player.orbit.key) == ("", views.editor.orbit.key)
+
+
+def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -> None:
+    opened(views, take_copy)
+    player, trained = views.player, views.player.opened.sources["trained"]
+    player.choose("decoded")
+    player.opened.sources["decoded"].frame_count = 2  # as of a bake of frames 0 and 1
+    views.fit_transport()
+    assert player.transport.frame_count == 2
+    views.choose("edit")
+    assert views.fit_transport()
+    assert (player.transport.frame_count, player.transport.group_starts) == (5, trained.group_starts)
+    player.transport.seek(3)
+    views.editor.frame = 3
+    views.editor.press("out")
+    assert not views.fit_transport()
+
+    def note() -> str:
+        views.poll(SIZE, SIZE, 16.0)
+        return {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None), 1.0)}["Quality"]
+
+    assert note() == "Not evaluated yet."
+    player.transport.seek(4)
+    assert note() == "Trimmed off."
+    views.editor.press("out")
+    assert views.editor.edits == EditList()
+    assert note() == "Not evaluated yet."
+    views.leave_edits()
+    assert views.fit_transport()
+    assert player.transport.frame_count == 2
 
 
 def test_an_empty_view_says_that_its_first_picture_is_being_made(finished_project: Path) -> None:
@@ -178,12 +247,39 @@ def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finis
     opened(views, finished_project / "take")
     views.select("calibrate")
     views.choose("cameras")
-    picture = shown(views)
+    wait_until("the footage", lambda: views.workspace.poll() or views.workspace.context is not None)
+    context = views.workspace.context
+    assert context is not None
+    held_out = context.footage.raw.held_out_cameras
+    assert len(held_out) == 1
+    picture = shown(views, lambda picture: has(picture, HELD_OUT[1]) > 0)
     view = views.stage_views["calibrate"]._home.camera(*SIZE)  # type: ignore[attr-defined]
     for camera in read_rig(Take.open(finished_project / "take").rig):
         x, y = np.round(view.project(camera.center[None])[0][0]).astype(int)
         around = picture[y - 3 : y + 4, x - 3 : x + 4].astype(int)
-        assert np.abs(around - SECOND).max(axis=2).min() < 30, f"no apex of {camera.name} at {x}, {y}"
+        color = HELD_OUT[1] if camera.name in held_out else SECOND
+        assert np.abs(around - color).max(axis=2).min() < 30, f"no apex of {camera.name} at {x}, {y}"
+
+
+def test_the_report_has_no_empty_columns_and_says_once_what_is_the_same(
+    views: StageViews, finished_project: Path
+) -> None:
+    opened(views, finished_project / "take")
+    calibrate = views.stage_views["calibrate"]
+    assert isinstance(calibrate, CalibrateView)
+    calibrate.em, calibrate.mode = 16.0, "report"
+    assert calibrate.draw(SIZE, calibrate.state()).std() > 0
+    (focal,) = {f"focal {camera.fx:.0f} px each" for camera in read_rig(Take.open(finished_project / "take").rig)}
+    assert calibrate._columns() == ({}, ["no reprojection errors", focal])
+    first = read_rig(Take.open(finished_project / "take").rig).names[0]
+    figures = CameraReport.model_construct(mean=0.4, p95=0.9, observations=55, coverage=0.5)
+    assert calibrate._report is not None
+    calibrate._figures = lambda name: figures if name == first else None  # type: ignore[method-assign]
+    columns, same = calibrate._columns()
+    assert list(columns) == ["error px", "p95 px", "points", "coverage"]
+    assert columns["error px"] == ["0.40", *["from file"] * 5]
+    assert columns["points"] == ["55", *[""] * 5]
+    assert same == [focal]
 
 
 def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
@@ -195,6 +291,7 @@ def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
     views.choose("coverage")
     picture = shown(views, lambda picture: has(picture, GOOD) > 0)
     assert has(picture, GOOD) > has(picture, FAIR) > 0
+    assert has(picture, HELD_OUT[1]) > 0
     (block,) = views.stage_views["calibrate"].blocks
     told = dict(block.rows)
     assert told["training cameras"] == "5"
@@ -256,8 +353,9 @@ def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_
     with StreamReader.open(finished_project / "take" / "stream") as reader:
         rows = [row.bytes for row in shares(reader.manifest)]
     bars = accent[starts + 1]
-    drawn = [size for size in rows if round(size / max(rows) * bars.max()) > 0]  # less than half a pixel is nothing
-    assert bars / bars.max() == pytest.approx(np.array(drawn) / max(rows), abs=1.5 / bars.max())
+    whole = SIZE[0] - 16 * (1 + 15) - 16 * 12  # pixels of a bar of 100%
+    drawn = [size for size in rows if int(size / sum(rows) * whole) > 0]
+    assert bars == pytest.approx(np.array(drawn) / sum(rows) * whole, abs=1.5)
 
 
 def test_a_missing_image_is_named_and_the_others_are_shown(
@@ -315,6 +413,10 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
         with refuses(code):
             stage_view.draw(SIZE, stage_view.state())
         shown(views)  # the sentence, not an exception
+    train = views.stage_views["train"]
+    wait_until("the status", lambda: views.workspace.poll() or bool(views.workspace.assessment.stages))
+    assert isinstance(train, TrainView)
+    assert train._nothing == NOT_RUN
     views.select("review")
     assert "Nothing trained" in views.message
     assert not views.player.choose("decoded")
@@ -326,6 +428,7 @@ def test_shares_add_up_to_all_bytes(finished_project: Path) -> None:
         rows = shares(reader.manifest)
         assert sum(row.bytes for row in rows) == reader.manifest.total_bytes
         assert rows[-1].name == "manifest"
+        assert shares(reader.manifest, sound=True)[-1].name == "manifest and sound"
         folder = finished_project / "take" / "stream"
         assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) == reader.manifest.total_bytes
 
@@ -358,8 +461,12 @@ def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
     new.footage = str(footage_project / "capture")
     assert "6 cameras" in new.found().words
     assert "cameras.json" in new.found().words
+    assert NONE_HELD_OUT in new.found().words
     assert Path(new.proposed_take()).parent == footage_project
     new.settings, new.take = str(footage_project / "ball.yaml"), str(tmp_path / "take")
+    words = new.found().words
+    assert NONE_HELD_OUT not in words
+    assert "Held out: " in words
     root = new.create()
     assert load_config(root / "config.yaml").train.group_size == 3
     assert load_config(root / "config.yaml").capture.root == footage_project / "capture"

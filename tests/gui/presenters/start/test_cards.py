@@ -90,12 +90,23 @@ def test_states_are_words(states: tuple[str, ...], words: tuple[str, str]) -> No
 
 
 def test_sizes_and_dates_are_words() -> None:
-    assert [megabytes(count) for count in (930_000, 213_600_000, 1_200_000_000)] == ["0.93 MB", "214 MB", "1.20 GB"]
+    assert [megabytes(count) for count in (84_900, 1_930_000, 213_600_000, 1_200_000_000)] == [
+        "84.9 KB", "1.93 MB", "214 MB", "1.20 GB",
+    ]  # fmt: skip
     now = datetime(2026, 3, 12, 10, 0).timestamp()
     moments = [(2026, 3, 12, 9, 5), (2026, 3, 11, 23, 59), (2026, 3, 3, 8, 0), (2025, 12, 31, 8, 0)]
     words = [date_words(datetime(*moment).timestamp(), now) for moment in moments]
     assert words == ["today 09:05", "yesterday 23:59", "3 Mar", "31 Dec 2025"]
     assert date_words(None) == ""
+
+
+def test_a_card_tells_its_sizes_in_fewer_words_where_there_is_less_room() -> None:
+    words = Card("/takes/walk", "take", stream_bytes=84_900, total_bytes=8_150_000).sizes()
+    assert all("84.9 KB" in one and "8.15 MB" in one for one in words)
+    assert [len(one) for one in words] == sorted({len(one) for one in words}, reverse=True)
+    assert Card("/takes/walk", "take", total_bytes=8_150_000).sizes() == ("8.15 MB in all",)
+    assert Card("/walk", "stream", stream_bytes=84_900, total_bytes=84_900).sizes() == ("84.9 KB stream",)
+    assert Card("https://example.org/walk", "web").sizes() == ()
 
 
 def test_the_home_folder_is_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
