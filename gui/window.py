@@ -578,6 +578,7 @@ class MainWindow:
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage,
             stage_view.blocks if stage_view is not None else (), drawn, self._camera,
         )  # fmt: skip
+        changed |= self.inspector.update_log(self.workspace)
         if self.hints.update(self.input.pointer, bool(self._buttons) or self._covered or self.hints.listing):
             self.window.set_needs_layout()
             changed = True

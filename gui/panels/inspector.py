@@ -139,27 +139,13 @@ class InspectorPanel:
         drawn_rate: float,
         camera: str,
     ) -> bool:
-        """Redraw what has changed; return whether anything did.
+        """Redraw the figures if they have changed; return whether they did. They leave the rest to the log, so
+        `update_log` comes afterwards.
 
         Args:
             of_stage: figures of the stage's view.
             camera: whose quality is shown; "" for the mean.
         """
-        # figures first: they leave the rest to the log, which is drawn in its new size
-        changed = self._update_figures(player, evaluation, marks, workspace, stage, of_stage, drawn_rate, camera)
-        return self._update_log(workspace) or changed
-
-    def _update_figures(
-        self,
-        player: PlayerPresenter,
-        evaluation: Evaluation,
-        marks: Marks,
-        workspace: Workspace,
-        stage: str,
-        of_stage: Sequence[Block],
-        drawn_rate: float,
-        camera: str,
-    ) -> bool:
         of = (player.frame, player.what, player.mode, player.camera, stage, camera)  # shown everywhere in the same draw
         if time.monotonic() < self._next and of == self._of:
             return False
@@ -192,7 +178,8 @@ class InspectorPanel:
         self._changed()
         return True
 
-    def _update_log(self, workspace: Workspace) -> bool:
+    def update_log(self, workspace: Workspace) -> bool:
+        """Redraw the log, in the size that the figures leave, if it has changed; return whether it has."""
         run, size = workspace.run, self.log.size
         lines_of = (id(run), len(run.lines), run.lines[-1] if run.lines else None, size[0], id(workspace.config))
         if lines_of != self._lines_of:

@@ -16,17 +16,8 @@ def show_folder(path: Path) -> str:
     folder = path if path.is_dir() else path.parent
     if not folder.is_dir():
         return f"{folder}: no such folder. It was moved or deleted."
-    program = shutil.which("xdg-open")
-    if program is None:
-        return f"{folder}: cannot be shown, as xdg-open is not installed. Install the package xdg-utils."
-    try:
-        subprocess.Popen(
-            [program, str(folder)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )  # fmt: skip
-    except OSError as error:
-        return f"{folder}: cannot be shown: {error}"
-    return ""
+    begun = _begin(folder)
+    return begun if isinstance(begun, str) else ""
 
 
 class PageOpener:
@@ -43,16 +34,10 @@ class PageOpener:
         """
         if not page.is_file():
             return f"{page}: no such file. It was moved or deleted."
-        program = shutil.which("xdg-open")
-        if program is None:
-            return f"{page}: cannot be opened, as xdg-open is not installed. Install the package xdg-utils."
-        try:
-            self._begun[page] = subprocess.Popen(
-                [program, str(page)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                start_new_session=True,
-            )  # fmt: skip
-        except OSError as error:
-            return f"{page}: cannot be opened: {error}"
+        begun = _begin(page)
+        if isinstance(begun, str):
+            return begun
+        self._begun[page] = begun
         return ""
 
     def failure(self) -> str:
@@ -64,3 +49,17 @@ class PageOpener:
                 if status:
                     return f"{page}: no browser opened it. Install one, or open the file on a machine that has one."
         return ""
+
+
+def _begin(path: Path) -> subprocess.Popen[bytes] | str:
+    """Start the program for a file or folder; without it, why that is not possible."""
+    program = shutil.which("xdg-open")
+    if program is None:
+        return f"{path}: cannot be opened, as xdg-open is not installed. Install the package xdg-utils."
+    try:
+        return subprocess.Popen(
+            [program, str(path)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        return f"{path}: cannot be opened: {error}"

@@ -102,7 +102,7 @@ def test_nothing_overlaps_and_nothing_is_cut_off(
     window = open_window(str(finished_project / "take"), "--size", f"{width}x{height}")
     state = window.wait_for("a picture", lambda s: s["shown"] is not None and done(s) and s["camera"] == "")
     assert state["figures"] == (width > 960)
-    _check_frames(state, width, height)
+    _check_frames(window, width, height)
     for key in ("truth", "trained", "decoded", "side by side", "wipe", "difference", "background", "reset view"):
         assert key in state["widgets"], key
     if width >= 1000:
@@ -115,18 +115,18 @@ def test_nothing_overlaps_and_nothing_is_cut_off(
         window.key("j")
         window.wait_for("the figures again", lambda s: "inspector" in s["widgets"])
     window.key("i")
-    state = window.wait_for("the other state", lambda s: s["figures"] == (width <= 960))
-    state = window.wait_for("its panels", lambda s: ("inspector" in s["widgets"]) == (width <= 960) and s["settled"])
-    _check_frames(state, width, height)
+    window.wait_for("the other state", lambda s: s["figures"] == (width <= 960))
+    window.wait_for("its panels", lambda s: ("inspector" in s["widgets"]) == (width <= 960) and s["settled"])
+    _check_frames(window, width, height)
     window.screenshot(artifacts / f"workstation_0_review_{width}.png")
     assert window.close() == 0
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
 
 
-def _check_frames(state: dict[str, Any], width: int, height: int) -> None:
-    frames = {
-        name: np.array(frame) for name, frame in state["widgets"].items() if not name.startswith(("dialog", "hint"))
-    }
+def _check_frames(window: Any, width: int, height: int) -> None:
+    window.drawn()  # what a state tells between two layouts is on no screen
+    shown = window.states()[-1]["widgets"]
+    frames = {name: np.array(frame) for name, frame in shown.items() if not name.startswith(("dialog", "hint"))}
     frames = {name: frame for name, frame in frames.items() if not name.startswith("setting") and frame[2] > 0}
     assert len(frames) > 15
     for one, a in frames.items():

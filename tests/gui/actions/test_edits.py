@@ -35,13 +35,12 @@ def window(take_copy: Path):
     editor = EditView(workspace)
     editor.begin(OrbitCamera(), np.array([0.0, 0.0, 1.0]), np.zeros((0, 3)))
     views = SimpleNamespace(editor=editor, edits_take=True, asked_edit="")
-    nothing = SimpleNamespace(visible=False)
-    over = {name: SimpleNamespace(widget=nothing) for name in ("camera_menu", "notice_bar", "tour_bubble")}
     view = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
     yield SimpleNamespace(
         workspace=workspace, views=views, dialogs=Chosen(), start=SimpleNamespace(shown=False),
         viewport=SimpleNamespace(picture=view), input=SimpleNamespace(pointer=None),
-        notices=SimpleNamespace(clear=lambda topic: None), player=SimpleNamespace(refresh=lambda: None), **over,
+        notices=SimpleNamespace(clear=lambda topic: None), player=SimpleNamespace(refresh=lambda: None),
+        over_view=lambda x, y: False,
     )  # fmt: skip
     editor.close()
     workspace.close()
@@ -97,14 +96,18 @@ def test_numbers_of_the_brush_are_its_radius(window: Any, monkeypatch: pytest.Mo
 
 def test_the_pointer_is_known_over_the_view_alone(window: Any) -> None:
     actions, editor = EditActions(window), window.views.editor
+    window.input.pointer = (200, 100)
+    actions.poll()
+    assert editor.pointer is None, "without a brush"
+    editor.choose_tool("brush")
     for pointer, place in (((200, 100), (0.25, 0.25)), ((50, 100), None), (None, None), ((499, 50), (0.9975, 0.0))):
         window.input.pointer = pointer
         actions.poll()
         assert editor.pointer == (place and pytest.approx(place))
-    window.notice_bar.widget = SimpleNamespace(visible=True, frame=gui.Rect(100, 50, 400, 30))
+    window.over_view = lambda x, y: y < 80
     actions.poll()
     assert editor.pointer is None, "under a notice"
-    window.notice_bar.widget.visible = False
+    window.over_view = lambda x, y: False
     window.dialogs.name = "numbers"
     actions.poll()
     assert editor.pointer is None, "under a dialog"

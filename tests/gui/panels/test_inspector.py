@@ -57,6 +57,7 @@ def test_the_log_is_drawn_in_the_size_that_figures_leave_to_it(monkeypatch: pyte
         monkeypatch.setattr("gui.panels.inspector.review_blocks", lambda *of, rows=rows: blocks(rows))
         player.frame = rows  # another frame is shown at once
         assert panel.update(player, Evaluation(), Marks(None), workspace, "review", (), 0.0, "")
+        assert panel.update_log(workspace)
         assert drawn[-1] == (panel.log.widget.frame.height, 270)
     assert drawn[0] != drawn[-1]
 
