@@ -257,7 +257,7 @@ class SettingsList:
         if count:
             self.summary.text = f"{count} differ{'s' * (count == 1)} from {usual_words}"
         else:
-            self.summary.text = "the preset of Initialize, Train and Bake" if self._has_presets else ""
+            self.summary.text = "for Initialize, Train and Bake" if self._has_presets else ""
         self.summary.text_color = color(FAIR if count else DIM)
         self.reset_all.visible = count > 0
         self.reset_all.tooltip = f"Set them as in the preset {preset}"
