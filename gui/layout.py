@@ -141,7 +141,6 @@ class Layout:
             self.set_fullscreen(False)
         panels.start.shown = panels.start.picture.widget.visible = on
         panels.camera_menu.close()
-        panels.viewport.picture.widget.visible = not on
         self._show_panels(not on)
 
     def _show_panels(self, on: bool) -> None:

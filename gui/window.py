@@ -15,12 +15,12 @@ from gui.overlays import Overlays
 from gui.panels.camera_menu import CameraMenu
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
-from gui.panels.hints import Hints, holds
+from gui.panels.hints import Hints
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
 from gui.panels.notice_bar import NoticeActions, NoticeBar
 from gui.panels.path_panel import PathPanel
-from gui.panels.picture import color, plain_label
+from gui.panels.picture import color, holds, plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.start_panel import StartPanel
 from gui.panels.timeline import TimelinePanel
@@ -330,8 +330,7 @@ class MainWindow:
     def over_view(self, x: int, y: int) -> bool:
         """Whether a menu or a card lies over the view at a position, window pixels."""
         over = (self.camera_menu.widget, self.notice_bar.widget, self.tour_bubble.widget)
-        frames = [widget.frame for widget in over if widget.visible]
-        return any(f.x <= x < f.x + f.width and f.y <= y < f.y + f.height for f in frames)
+        return any(widget.visible and holds(widget, x, y) for widget in over)
 
     def _chosen(self, stage: str, key: str) -> None:
         if self._guard.refuses():

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from open3d.visualization import gui
 
-from gui.panels.hints import holds
 from gui.panels.numbers_dialog import ask_numbers
+from gui.panels.picture import holds
 from gui.presenters.edits.numbers import TITLES, brush_field, brush_of, fields_of, with_numbers
 from gui.presenters.edits.session import edits_of
 from gui.shell import Shell

@@ -142,8 +142,7 @@ class ControlsPanel:
 
     def _labels(self) -> dict[str, str]:
         """What the list says of each camera."""
-        context = self._player.context
-        held_out = context.config.capture.held_out if context is not None else ()
+        held_out = self._player.held_out
         return {name: f"{name}, held out" if name in held_out else name for name in self._player.camera_names}
 
     def update(self) -> tuple[bool, bool]:

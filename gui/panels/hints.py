@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 from open3d.visualization import gui
 
-from gui.panels.picture import PictureWidget
+from gui.panels.picture import PictureWidget, holds
 from gui.presenters.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.presenters.drawing.palette import LINE, TEXT
 
@@ -160,12 +160,6 @@ class Hints:
             canvas.text(round(0.4 * em), text_top + number * step, line, size, TEXT)
         self.picture.show(canvas.pixels)
         self.picture.place(x, y, wide, high)
-
-
-def holds(widget: gui.Widget, x: int, y: int) -> bool:
-    """Whether a position in the window, pixels, is on a widget."""
-    frame = widget.frame
-    return bool(frame.x <= x < frame.x + frame.width and frame.y <= y < frame.y + frame.height)
 
 
 def _shown(one: tuple[gui.Widget, gui.Widget, str]) -> bool:

@@ -9,8 +9,8 @@ import numpy as np
 from open3d.visualization import gui
 
 from gui.panels.flow import Flow
-from gui.panels.hints import Hints, holds
-from gui.panels.picture import PictureWidget, color
+from gui.panels.hints import Hints
+from gui.panels.picture import PictureWidget, color, holds
 from gui.presenters.drawing.icons import icon
 from gui.presenters.drawing.palette import ACCENT, ACCENT_DARK, GROUND, RAISED
 

@@ -39,6 +39,12 @@ def plain_label(text_color: RGB, ground: RGB) -> gui.Label:
     return label
 
 
+def holds(widget: gui.Widget, x: int, y: int) -> bool:
+    """Whether a position in the window, pixels, is on a widget."""
+    frame = widget.frame
+    return bool(frame.x <= x < frame.x + frame.width and frame.y <= y < frame.y + frame.height)
+
+
 def text_room(text: str, em: float) -> float:
     """Width of a text in a label or a menu, pixels. The toolkit's font size is the height of a line, not that of the em
     square."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from gui.panels.hints import holds
-from gui.panels.picture import color, lowered, text_room
+from gui.panels.picture import color, holds, lowered, text_room
 from gui.panels.setting_editors import Editor, make_editor
 from gui.presenters.drawing.palette import ACCENT, DIM, FAIR, PANEL, RAISED
 from gui.presenters.run.estimates import Estimates

@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from open3d.visualization import gui
 
-from gui.panels.hints import holds
-from gui.panels.picture import PictureWidget
+from gui.panels.picture import PictureWidget, holds
 from gui.presenters.playback.filmstrip import ASPECT, Filmstrip, draw_strip, has_pictures, slots
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.timeline_plots import Plot, TimelinePlots

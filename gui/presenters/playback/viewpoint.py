@@ -100,10 +100,14 @@ class Viewpoint:
             return "truth"
         return "trained" if self.what == "decoded" else "decoded"
 
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        """The cameras that the settings hold out by name."""
+        return self.context.config.capture.held_out if self.context is not None else ()
+
     def _first_camera(self) -> str:
-        held_out = self.context.config.capture.held_out if self.context is not None else ()
         names = self.camera_names
-        return next((name for name in names if name in held_out), names[0])
+        return next((name for name in names if name in self.held_out), names[0])
 
     def zoom_to_performer(self) -> None:
         """Zoom to the performer in the capture camera's image, or back to the whole image."""

@@ -13,9 +13,8 @@ from gui.presenters.playback.transport import Transport
 
 
 def test_the_list_of_cameras_says_which_are_held_out() -> None:
-    context: Any = SimpleNamespace(config=SimpleNamespace(capture=SimpleNamespace(held_out=("cam01",))))
     player: Any = SimpleNamespace(
-        transport=Transport(4, 25.0), camera="", camera_names=["cam00", "cam01"], context=context, opened=object(),
+        transport=Transport(4, 25.0), camera="", camera_names=["cam00", "cam01"], held_out=("cam01",), opened=object(),
         audio=None, next_background=lambda: None,
     )  # fmt: skip
     player.look_through = lambda name: setattr(player, "camera", name)
@@ -30,6 +29,6 @@ def test_the_list_of_cameras_says_which_are_held_out() -> None:
         assert player.camera == camera
         panel.update()
         assert box.selected_text == label
-    player.context = None  # a stream does not tell
+    player.held_out = ()  # a stream does not tell
     panel.update()
     assert box.get_item(2) == box.selected_text == "cam01"
