@@ -3,7 +3,7 @@
 The encoded positions are fixed during the motion stage of a frame, so the table rows that each position reads and their
 trilinear weights are computed once. They form a constant sparse matrix, so each step is a sparse-dense product, whose
 gradient is the product with the transpose: exact and deterministic. On the CPU, `motion.py` evaluates grid and MLP with
-one kernel instead.
+one kernel instead, and on an NVIDIA GPU with the kernels of `triton_field.py`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,51 @@ import torch
 from torch import Tensor, nn
 
 _PRIMES = (1, 2_654_435_761, 805_459_861)
+
+
+PIECE = 64
+"""Most numbers that one piece of a sum adds, see `pieces_of`."""
+
+
+@dataclass(frozen=True)
+class Passes:
+    """Sums of what reads each row of the table, in pieces of a fixed size, so that their order and the work of each
+    piece do not depend on how many read a row.
+
+    Attributes:
+        readers: (8 N L,) int32: n * L + l for each corner of position n at level l, ordered by the corner's row.
+        weights: (8 N L,) trilinear weights, in the same order.
+        pieces: bounds for each pass; see `pieces_of`.
+    """
+
+    readers: Tensor
+    weights: Tensor
+    pieces: list[tuple[Tensor, Tensor]]
+
+
+def pieces_of(counts: Tensor) -> list[tuple[Tensor, Tensor]]:
+    """How to sum adjacent groups of numbers in pieces of at most `PIECE`.
+
+    The first pass adds the numbers of each piece, and each later pass those that the pass before it gave. A group of k
+    numbers is complete after log_64(k) passes, at least one, and the last pass gives one sum for each group.
+
+    Args:
+        counts: (G,) int64 sizes of the groups; may be 0.
+
+    Returns:
+        For each pass, (pieces,) int64 first number of each piece, and one past its last one.
+    """
+    passes = []
+    while True:
+        pieces = ((counts + PIECE - 1) // PIECE).clamp_min(1)  # an empty group has a piece, whose sum is 0
+        ends = counts.cumsum(0)
+        group = torch.repeat_interleave(pieces)
+        within = torch.arange(len(group), device=counts.device) - (pieces.cumsum(0) - pieces)[group]
+        begins = (ends - counts)[group] + within * PIECE
+        passes.append((begins, torch.minimum(begins + PIECE, ends[group])))
+        if len(group) == len(counts):
+            return passes
+        counts = pieces
 
 
 @dataclass(frozen=True)
@@ -53,6 +98,14 @@ class Corners:
         counts = torch.bincount(index, minlength=total)
         starts = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
         return _csr(starts, order // 8, weight[order], (total, len(index) // 8))
+
+    @cached_property
+    def passes(self) -> Passes:
+        """The sums of the product with `spread`, in pieces for `triton_field.py`. Waits for the GPU."""
+        index, weight = self._flat
+        order = torch.argsort(index, stable=True)
+        counts = torch.bincount(index, minlength=int(self.level_rows[-1]))
+        return Passes((order // 8).int(), weight[order], pieces_of(counts))
 
     @property
     def _flat(self) -> tuple[Tensor, Tensor]:

@@ -8,11 +8,13 @@ import torch
 from torch import Tensor, nn
 
 from studio.errors import StudioError
+from studio.rasterizer import available_backends
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.hashgrid import Corners, HashGrid
 from studio.training.settings import TrainSettings
+from studio.training.triton_field import motion_field_triton
 
 _BOX_PADDING = 0.05
 """Padding of the bounding box, as a fraction of its longest side."""
@@ -99,12 +101,15 @@ class MotionField(nn.Module):
         return self.grid.corners((means - self._low) / self._side)
 
     def forward(self, corners: Corners) -> Tensor:
-        """(N, 3) translations in world units. On the CPU, one kernel evaluates grid and MLP."""
-        kernels = kernels_for(self.grid.table, corners.weights)
-        if kernels is None:
-            return self.forward_torch(corners)
-        parameters = self.mlp.parameters()
-        return _Fused.apply(kernels, corners, float(self._side), self.grid.table, *parameters)  # type: ignore[no-untyped-call,no-any-return]
+        """(N, 3) translations in world units. One kernel on the CPU, and several on an NVIDIA GPU with Triton, evaluate
+        grid and MLP, whatever their sizes."""
+        table, parameters = self.grid.table, list(self.mlp.parameters())
+        kernels = kernels_for(table, corners.weights)
+        if kernels is not None:
+            return _Fused.apply(kernels, corners, float(self._side), table, *parameters)  # type: ignore[no-untyped-call,no-any-return]
+        if table.device.type == "cuda" and table.dtype == torch.float32 and "triton" in available_backends():
+            return motion_field_triton(corners, self._side, table, parameters)
+        return self.forward_torch(corners)
 
     def forward_torch(self, corners: Corners) -> Tensor:
         """`forward` in plain PyTorch, for any device and dtype. This is the definition of the field."""

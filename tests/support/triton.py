@@ -7,9 +7,10 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
+from typing import Any
 
 import pytest
 
@@ -31,13 +32,20 @@ def run_interpreted(file: Path, count: int) -> None:
     assert done.stdout.splitlines()[-1].startswith(f"{count} passed"), done.stdout
 
 
-def compile_kernels(module: ModuleType, types: Mapping[str, str], warps: Mapping[str, int], capability: int) -> None:
+def compile_kernels(
+    module: ModuleType,
+    types: Mapping[str, str],
+    warps: Mapping[str, int],
+    capability: int,
+    variants: Mapping[str, Sequence[Mapping[str, Any]]] = MappingProxyType({}),
+) -> None:
     """Compile all public kernels of a module for a GPU, and see that none uses atomic operations.
 
     Args:
         types: Triton's types of the arguments that are not pointers to float32.
         warps: warps of each kernel; must name them all.
         capability: of the GPU, such as 90.
+        variants: for kernels with constexpr arguments, the values of these with which to compile.
     """
     import triton
     from triton.backends.compiler import GPUTarget
@@ -46,11 +54,15 @@ def compile_kernels(module: ModuleType, types: Mapping[str, str], warps: Mapping
     kernels = {name: kernel for name, kernel in vars(module).items() if isinstance(kernel, triton.JITFunction)}
     assert set(warps) == {name for name in kernels if not name.startswith("_")}
     for name, count in warps.items():
-        signature = {argument: types.get(argument, "*fp32") for argument in kernels[name].arg_names}
-        source = ASTSource(kernels[name], signature, {})
-        options = {"num_warps": count, "enable_fp_fusion": True}
-        compiled = triton.compile(source, target=GPUTarget("cuda", capability, 32), options=options)
-        assert compiled.asm["cubin"][:4] == b"\x7fELF"
-        assert f".target sm_{capability}" in compiled.asm["ptx"]
-        # The order of atomic additions would change the bits.
-        assert re.search(r"\b(atom|red)\.", compiled.asm["ptx"]) is None
+        for constants in variants.get(name, ({},)):
+            known = {**types, **dict.fromkeys(constants, "constexpr")}
+            signature = {argument: known.get(argument, "*fp32") for argument in kernels[name].arg_names}
+            source = ASTSource(kernels[name], signature, dict(constants))
+            options = {"num_warps": count, "enable_fp_fusion": True}
+            compiled = triton.compile(source, target=GPUTarget("cuda", capability, 32), options=options)
+            assert compiled.asm["cubin"][:4] == b"\x7fELF"
+            assert f".target sm_{capability}" in compiled.asm["ptx"]
+            # The order of atomic additions would change the bits.
+            assert re.search(r"\b(atom|red)\.", compiled.asm["ptx"]) is None
+            # TF32 would round what tl.dot multiplies to 10 bits.
+            assert "tf32" not in compiled.asm["ptx"]
