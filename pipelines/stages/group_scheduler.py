@@ -3,6 +3,7 @@ one group."""
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING
@@ -114,6 +115,9 @@ def run_groups(
         job()
 
     before = torch.get_num_threads()
+    # Training makes garbage quickly; each full collection would go through all modules that are loaded, 4% of a step.
+    gc.collect()
+    gc.freeze()
     try:
         if at_once == 1:
             for index, job in jobs.items():
@@ -128,4 +132,5 @@ def run_groups(
         for error in sorted(errors, key=lambda error: isinstance(error, Cancelled)):
             raise error
     finally:
+        gc.unfreeze()
         torch.set_num_threads(before)
