@@ -10,6 +10,9 @@ be used is measured; training uses gsplat where it can be used, as `v3studio` do
     kernels cuda, kernels triton
                  time until the backend has drawn its first picture, including compilation; at most four minutes
     tests        the tests that need a CUDA device
+    training kernels
+                 picture loss, loss on coded values, and motion field: the kernels against their definitions in PyTorch,
+                 errors of values and gradients relative to the definition in float64, and milliseconds of both passes
     rasterizer   forward and backward pass of each backend that drew, milliseconds
     keyframe     frame 0 of the sample with the default settings, which are the paper's schedule
     frames       the five frames after it: 500 steps of motion and 2,000 of fine-tuning each
@@ -46,6 +49,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.environment
 import torch
 from rich.console import Console
 from rich.table import Table
+from torch import Tensor
 
 from pipelines.config import load_config
 from studio.camera_files import read_rig
@@ -55,6 +59,10 @@ from studio.meshing import initialize_points
 from studio.metrics import psnr
 from studio.rasterizer import available_backends, rasterize
 from studio.training import TrainingView, TrainSettings, interframe_steps, train_interframe, train_keyframe
+from studio.training.coded_loss import CodedLoss
+from studio.training.hashgrid import Corners
+from studio.training.motion import MotionField
+from studio.training.photometric import photometric_loss, photometric_loss_torch
 
 sys.path.insert(0, str(Path(__file__).parent))
 from rasterizer import both_function, forward_function, person, time_it
@@ -65,6 +73,8 @@ SECONDS = 510.0
 COMPILING, TESTING, KEYFRAME = 240.0, 90.0, 120.0
 """Most seconds of these parts. The frames get what is left."""
 FRAMES = 5
+LARGEST_ERROR = 2e-5
+"""Of a training kernel, relative to its result, where the definition in float32 is more exact."""
 TINY = {
     "keyframe_iterations": 6,
     "densify_from": 100,
@@ -151,7 +161,8 @@ class Check:
         with tempfile.TemporaryDirectory() as folder:
             results = Path(folder) / "tests.xml"
             command = [sys.executable, "-m", "pytest", "-q", "-m", "gpu"]
-            tests = ("rasterizer/test_cuda", "rasterizer/test_triton", "training/test_triton_loss")
+            tests = ("rasterizer/test_cuda", "rasterizer/test_triton")
+            tests += tuple(f"training/test_triton_{name}" for name in ("loss", "coded", "field"))
             command += [f"tests/studio/{name}.py" for name in tests]
             command += [f"--junitxml={results}", "-p", "no:cacheprovider"]
             done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(TESTING))
@@ -164,6 +175,22 @@ class Check:
         if failed or (counts["skipped"] == counts["tests"] and not self.dry):
             return {**counts, "error": "; ".join(failed)[:1500] or "all tests were skipped"}
         return counts
+
+    def training_kernels(self) -> Report:
+        """Errors and times of the kernels of training, at the sizes of the sample capture or, dry, at small ones."""
+        found: list[Report] = []
+        for name, make in training_cases(self.dry).items():
+            _, exact, leaves = make(torch.float64, self.device)
+            right = results(exact, leaves)
+            kernel, definition, leaves = make(torch.float32, self.device)
+            error, usual = (worst_error(results(one, leaves), right) for one in (kernel, definition))
+            times = [
+                time_it(functools.partial(results, one, leaves), 15, self.device)[0] for one in (kernel, definition)
+            ]
+            found.append({"kernel": name, "error": error, "definition_error": usual})
+            found[-1] |= {"kernel_ms": times[0], "definition_ms": times[1]}
+        wrong = [one["kernel"] for one in found if not one["error"] <= max(4 * one["definition_error"], LARGEST_ERROR)]
+        return {"kernels": found, "error": f"wrong: {', '.join(wrong)}"} if wrong else {"kernels": found}
 
     def rasterizer(self) -> Report:
         """Milliseconds of a forward pass, and of both passes, median of 15."""
@@ -245,6 +272,59 @@ class Check:
 def none_installed() -> Report:
     """Raises the error of a machine without any backend for a GPU."""
     raise RuntimeError("no CUDA device that torch can use, or neither gsplat nor Triton can be used")
+
+
+Computation = tuple[Callable[[], Tensor], Callable[[], Tensor], list[Tensor]]
+"""A computation of training: its kernel, its definition, and what gets gradients."""
+
+
+def results(function: Callable[[], Tensor], leaves: Sequence[Tensor]) -> list[Tensor]:
+    """The value of a function, and the gradients of its leaves."""
+    value = function()
+    upstream = torch.linspace(2.0, 5.0, value.numel(), dtype=value.dtype, device=value.device).reshape(value.shape)
+    return [value.detach(), *torch.autograd.grad(value, leaves, upstream)]
+
+
+def worst_error(found: Sequence[Tensor], right: Sequence[Tensor]) -> float:
+    """The largest relative error of a value or a gradient: norm of the difference by norm of the right one."""
+    return max(
+        float((one.double() - other).norm() / other.norm().clamp_min(1e-30))
+        for one, other in zip(found, right, strict=True)
+    )
+
+
+def training_cases(dry: bool) -> dict[str, Callable[[torch.dtype, str], Computation]]:
+    """The computations that have kernels, by name: the same numbers for each dtype and device."""
+    random = torch.Generator().manual_seed(1)
+    height, width, count = (30, 40, 300) if dry else (1080, 1920, 100_000)
+    target = torch.rand(height, width, 3, generator=random)
+    image = target + 0.2 * torch.randn(target.shape, generator=random)
+    before = torch.randn(count, 14, generator=random) * 20
+    now = before + torch.randn(before.shape, generator=random) * 2
+    means = torch.rand(count, 3, generator=random)
+    settings = TrainSettings(hash_log2_size=8) if dry else TrainSettings()
+    initial = MotionField(means.amin(0), means.amax(0), settings, random)
+    corners = initial.corners(means)
+    weights = {name: torch.randn(value.shape, generator=random) * 0.3 for name, value in initial.weights().items()}
+
+    def picture(dtype: torch.dtype, device: str) -> Computation:
+        leaf, other = image.to(device, dtype).requires_grad_(), target.to(device, dtype)
+        return lambda: photometric_loss(leaf, other), lambda: photometric_loss_torch(leaf, other), [leaf]
+
+    def coded(dtype: torch.dtype, device: str) -> Computation:
+        attributes = {"means": slice(0, 3), "rest": slice(3, 14)}
+        steps = torch.ones(14, dtype=dtype, device=device)
+        loss = CodedLoss(before.to(device, dtype), steps, attributes, 1000, 1e-3, 1e-3).to(device, dtype)
+        leaf = now.to(device, dtype).requires_grad_()
+        return lambda: loss(leaf, 7)[0], lambda: loss.forward_torch(leaf, 7)[0], [leaf, *loss.parameters()]
+
+    def motion(dtype: torch.dtype, device: str) -> Computation:
+        field = MotionField(means.amin(0), means.amax(0), settings, torch.Generator()).to(device, dtype)
+        field.load_weights({name: value.to(device, dtype) for name, value in weights.items()})
+        here = Corners(corners.rows.to(device), corners.weights.to(device, dtype), corners.level_rows)
+        return lambda: field(here), lambda: field.forward_torch(here), list(field.parameters())
+
+    return {"picture loss": picture, "coded loss": coded, "motion field": motion}
 
 
 class Steps:
@@ -373,6 +453,12 @@ def show(report: Report) -> None:
                 f"{case['forward_ms']:.2f} ms, with gradients {case['both_ms']:.2f} ms"
                 for case in part["cases"]
             )
+        if "kernels" in part:
+            times = "; ".join(
+                f"{one['kernel']}: {one['kernel_ms']:.2f} ms, in PyTorch {one['definition_ms']:.2f} ms"
+                for one in part["kernels"]
+            )
+            note = f"{note}; {times}" if note else times
         if "tests" in part:
             note = note or f"{part['tests'] - part['skipped']} passed, {part['skipped']} skipped"
         table.add_row(
@@ -390,6 +476,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check = Check(options.dry_run, SECONDS)
     if check.all_kernels():
         check.part("tests", check.tests)
+        check.part("training kernels", check.training_kernels)
         check.part("rasterizer", check.rasterizer)
         check.training()
     options.out.write_text(json.dumps(check.report, indent=2) + "\n")

@@ -20,12 +20,22 @@ def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert script.main(["--dry-run", "--out", str(tmp_path / "gpu.json")]) == 0, capsys.readouterr().out
     report = json.loads((tmp_path / "gpu.json").read_text())
     parts = report["parts"]
-    assert list(parts) == ["kernels cpu", "tests", "rasterizer", "keyframe", "frame 1"]
+    assert list(parts) == ["kernels cpu", "tests", "training kernels", "rasterizer", "keyframe", "frame 1"]
     assert report["dry_run"] is True
     assert (parts["keyframe"]["steps"], parts["frame 1"]["steps"]) == (9, 8)
     assert parts["keyframe"]["steps_planned"] == 9
     assert parts["frame 1"]["psnr"] > 5
     assert parts["rasterizer"]["cases"][0]["both_ms"] > 0
+    kernels = parts["training kernels"]["kernels"]
+    assert [one["kernel"] for one in kernels] == ["picture loss", "coded loss", "motion field"]
+    assert all(0 < one["error"] < 1e-4 and 0 < one["definition_error"] < 1e-4 for one in kernels)
+
+
+def test_a_wrong_training_kernel_fails_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(script, "photometric_loss", lambda *images: 1.001 * script.photometric_loss_torch(*images))
+    found = script.Check(True, 60.0).training_kernels()
+    assert found["error"] == "wrong: picture loss"
+    assert found["kernels"][0]["error"] == pytest.approx(1e-3, rel=0.1)
 
 
 def test_training_that_runs_out_of_time_is_reported_with_its_steps() -> None:
