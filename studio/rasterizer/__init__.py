@@ -1,13 +1,22 @@
-"""Differentiable splat rasterization: `rasterize`, with four backends, all tested against the same definition.
+"""Differentiable splat rasterization: `rasterize` and, for several cameras, `rasterize_views`, with four backends, all
+tested against the same definition.
 
 - `reference`: plain PyTorch, any floating dtype. This is the definition (`reference.py`).
 - `cpu`: multithreaded C++ kernels for the forward and backward passes (`cpu.py`, `csrc/`).
 - `cuda`: gsplat (`cuda.py`).
-- `triton`: Triton kernels for GPUs without gsplat (`triton_backend.py`, `triton_kernels.py`).
+- `triton`: Triton kernels for GPUs without gsplat (`triton_backend.py`).
 """
 
 from studio.rasterizer.cpu import set_kernel_threads
-from studio.rasterizer.interface import available_backends, check_finite, preferred_device, rasterize
+from studio.rasterizer.interface import available_backends, check_finite, preferred_device, rasterize, rasterize_views
 from studio.rasterizer.types import Render
 
-__all__ = ["Render", "available_backends", "check_finite", "preferred_device", "rasterize", "set_kernel_threads"]
+__all__ = [
+    "Render",
+    "available_backends",
+    "check_finite",
+    "preferred_device",
+    "rasterize",
+    "rasterize_views",
+    "set_kernel_threads",
+]

@@ -7,6 +7,7 @@ import importlib.machinery
 import importlib.util
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -194,7 +195,44 @@ def rasterize(
         StudioError: `camera.distortion`, `camera.skew`: not a pinhole camera; `rasterizer.*`: a shape, device, dtype or
             argument is invalid, or the backend is not available here; with `checked`, as `check_finite`.
     """
-    pinhole = Pinhole.of(camera)
+    (render,) = rasterize_views(
+        gaussians,
+        [camera],
+        [background],
+        backend=backend,
+        screen_offsets=screen_offsets,
+        near=near,
+        alpha_max=alpha_max,
+        checked=checked,
+    )
+    return render
+
+
+def rasterize_views(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    backgrounds: Sequence[Tensor | None],
+    *,
+    backend: str = "auto",
+    screen_offsets: Tensor | None = None,
+    near: float = 0.01,
+    alpha_max: float | None = None,
+    checked: bool = False,
+) -> list[Render]:
+    """Render the same splats from several cameras; on a GPU, the triton backend does so in one call.
+
+    Args:
+        cameras: as `camera` of `rasterize`.
+        backgrounds: as `background` of `rasterize`, one for each camera.
+        gaussians, backend, screen_offsets, near, alpha_max, checked: as for `rasterize`, for all cameras.
+
+    Returns:
+        A `Render` for each camera, as `rasterize` gives it.
+
+    Raises:
+        StudioError: as `rasterize`.
+    """
+    pinholes = [Pinhole.of(camera) for camera in cameras]
     means = gaussians.means
     for name, tensor in gaussians.items():
         if tensor.device != means.device or tensor.dtype != means.dtype:
@@ -208,10 +246,7 @@ def rasterize(
         raise StudioError(
             "rasterizer.dtype", f"splats must have a floating-point dtype, not {means.dtype}", value=str(means.dtype)
         )
-    if background is not None:
-        background = torch.as_tensor(background, dtype=means.dtype, device=means.device)
-        if background.shape not in ((3,), (pinhole.height, pinhole.width, 3)):
-            raise _bad_shape("background", (3,), background)
+    behind = [_background(one, pinhole, means) for one, pinhole in zip(backgrounds, pinholes, strict=True)]
     if screen_offsets is not None and screen_offsets.shape != (len(gaussians), 2):
         raise _bad_shape("screen_offsets", (len(gaussians), 2), screen_offsets)
     if not near > 0:
@@ -228,16 +263,27 @@ def rasterize(
     if checked:
         check_finite(gaussians)
     backend = _choose(backend, means.device)
-    if backend == "cpu":
-        from studio.rasterizer.cpu import rasterize_cpu
-
-        return rasterize_cpu(gaussians, pinhole, background, screen_offsets, near, alpha_max or ALPHA_MAX)
-    if backend == "cuda":
-        from studio.rasterizer.cuda import rasterize_cuda
-
-        return rasterize_cuda(gaussians, pinhole, background, screen_offsets, near, alpha_max)
     if backend == "triton":
         from studio.rasterizer.triton_backend import rasterize_triton
 
-        return rasterize_triton(gaussians, pinhole, background, screen_offsets, near, alpha_max or ALPHA_MAX)
-    return rasterize_reference(gaussians, pinhole, background, screen_offsets, near, alpha_max or ALPHA_MAX)
+        return rasterize_triton(gaussians, pinholes, behind, screen_offsets, near, alpha_max or ALPHA_MAX)
+    both = zip(pinholes, behind, strict=True)
+    if backend == "cpu":
+        from studio.rasterizer.cpu import rasterize_cpu
+
+        return [rasterize_cpu(gaussians, *one, screen_offsets, near, alpha_max or ALPHA_MAX) for one in both]
+    if backend == "cuda":
+        from studio.rasterizer.cuda import rasterize_cuda
+
+        return [rasterize_cuda(gaussians, *one, screen_offsets, near, alpha_max) for one in both]
+    return [rasterize_reference(gaussians, *one, screen_offsets, near, alpha_max or ALPHA_MAX) for one in both]
+
+
+def _background(background: Tensor | None, pinhole: Pinhole, means: Tensor) -> Tensor | None:
+    """The background with the splats' device and dtype."""
+    if background is None:
+        return None
+    background = torch.as_tensor(background, dtype=means.dtype, device=means.device)
+    if background.shape not in ((3,), (pinhole.height, pinhole.width, 3)):
+        raise _bad_shape("background", (3,), background)
+    return background

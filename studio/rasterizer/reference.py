@@ -20,19 +20,12 @@ TILE = 16
 """Tile size in pixels. It only affects memory use."""
 
 
-Pose = tuple[Tensor, Tensor, Tensor]
-"""Rotation (3, 3) and translation (3,) of world_to_camera, and camera center (3,), in the splats' dtype and device."""
-
-
-def project(
-    gaussians: Gaussians, pinhole: Pinhole, pose: Pose | None = None
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """EWA projection of splats in front of the camera (Zwicker et al. 2001; 3DGS, equation 5).
 
     Args:
         gaussians: N splats.
         pinhole: the camera.
-        pose: its pose where it is already on the splats' device, which saves an upload.
 
     Returns:
         means2d: (N, 2) pixels.
@@ -42,11 +35,8 @@ def project(
         colors: (N, 3) RGB, at least 0.
     """
     like = gaussians.means
-    if pose is None:
-        rotation = torch.as_tensor(pinhole.rotation).to(like)
-        translation, center = torch.as_tensor(pinhole.translation).to(like), torch.as_tensor(pinhole.center).to(like)
-    else:
-        rotation, translation, center = pose
+    rotation = torch.as_tensor(pinhole.rotation).to(like)
+    translation, center = torch.as_tensor(pinhole.translation).to(like), torch.as_tensor(pinhole.center).to(like)
     local = like @ rotation.T + translation
     x, y, depths = local.unbind(-1)
     x_z, y_z = x / depths, y / depths
@@ -77,7 +67,7 @@ def project(
 
 @torch.no_grad()
 def visible_radii(
-    gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None, near: float, pose: Pose | None = None
+    gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None, near: float
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Footprints of splats. Arguments as in `project` and `studio.rasterizer.rasterize`.
 
@@ -88,7 +78,7 @@ def visible_radii(
     finite = torch.isfinite(gaussians.means).all(-1) & torch.isfinite(gaussians.log_scales).all(-1)
     finite &= torch.isfinite(gaussians.quats).all(-1) & (gaussians.quats.norm(dim=-1) > 0)
     finite &= torch.isfinite(gaussians.sh).flatten(1).all(-1)
-    means2d, cov2d, det, depths, colors = project(gaussians, pinhole, pose)
+    means2d, cov2d, det, depths, colors = project(gaussians, pinhole)
     if offsets is not None:
         means2d = means2d + offsets
     opacities = gaussians.opacities

@@ -1,43 +1,48 @@
 """The Triton backend: tile-wise blending on an NVIDIA GPU without nvcc, in float32.
 
-Triton compiles the kernels of `triton_kernels.py` when they are first used, with the assembler in its own package, in
-seconds. PyTorch's CUDA builds for Linux install it. It is imported only here.
+Triton compiles the kernels of `triton_kernels.py` and `triton_project_kernels.py` when they are first used, with the
+assembler in its own package, in seconds. PyTorch's CUDA builds for Linux install it. It is imported only here.
 
-Projection, spherical harmonics and their gradients are the reference's torch operations: they are done once per splat,
-not once per pixel and splat. Binning is torch, too: splats are sorted by depth, then their pairs with tiles stably by
-tile, so that splats of equal depth keep their order. A pass waits for the GPU once, for the numbers of drawn splats and
-of pairs.
+One call draws any number of views of the same splats, so that a training step with several views launches no more
+kernels than one with a single view. Binning is torch: splats are sorted by view and depth, then their pairs with tiles
+stably by tile, so that splats of equal depth keep their order. A call waits for the GPU once, for the numbers of drawn
+splats and of pairs: the sizes of what it allocates.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.rasterizer.cuda import camera_tensors
-from studio.rasterizer.reference import project, visible_radii
 from studio.rasterizer.types import Pinhole, Render
 
-FORWARD_WARPS, BACKWARD_WARPS = 4, 1
-"""Warps per tile. One for the gradient: its ten sums per splat then need no synchronization between warps."""
+FORWARD_WARPS, BACKWARD_WARPS, PROJECT_WARPS = 4, 1, 4
+"""Warps per program. One for the gradient of a tile: its ten sums per splat then need no synchronization of warps."""
+_VIEWS_AT_ONCE = 32
+"""Most views of a call. Pixels are numbered through all of them, with 32 bits."""
 
 
-def load_triton_kernels() -> Any:
-    """The module `studio.rasterizer.triton_kernels`.
+def load_triton_kernels() -> tuple[Any, Any]:
+    """The modules `triton_kernels` and `triton_project_kernels` of `studio.rasterizer`.
 
     Raises:
         StudioError: `rasterizer.triton_missing`: Triton is not installed or fails to import.
     """
     try:
-        return importlib.import_module("studio.rasterizer.triton_kernels")
+        names = ("triton_kernels", "triton_project_kernels")
+        tiles, splats = (importlib.import_module(f"studio.rasterizer.{name}") for name in names)
+        return tiles, splats
     except ImportError as error:
         raise StudioError(
             "rasterizer.triton_missing",
@@ -47,22 +52,59 @@ def load_triton_kernels() -> Any:
 
 
 @dataclass(frozen=True)
-class Tiles:
-    """Pairs (tile, splat) of V drawn splats, sorted by tile and then by depth.
+class Views:
+    """The views of a call, on the splats' device.
 
     Attributes:
-        width, height: image size, pixels.
-        across, down: tiles in a row and in a column.
-        owners: (P,) int32, the splat of each pair.
-        slots: (P,) int64, number of each pair when sorted by splat.
-        starts: (tiles + 1,) int64, first pair of each tile.
-        ends: (V,) int64, one past the last pair of each splat when sorted by splat.
+        sizes: (width, height) of each, pixels.
+        tiles, pixels: of all of them.
+        cameras, frames: (V, 32) float32 and int32, the same memory. Of each view, as floats: rotation (9 numbers) and
+            translation (3) of world_to_camera, camera center (3), fx, fy, cx, cy, `Pinhole.limits` (4), from 23 on
+            nothing; as integers, from 24 on: first tile, width, height, tiles in a row and in a column, first pixel.
     """
 
-    width: int
-    height: int
-    across: int
-    down: int
+    sizes: tuple[tuple[int, int], ...]
+    tiles: int
+    pixels: int
+    cameras: Tensor
+    frames: Tensor
+
+    @classmethod
+    def of(cls, pinholes: Sequence[Pinhole], tile: int, device: torch.device) -> Views:
+        """The views of cameras, with tiles of `tile` pixels."""
+        numbers = np.zeros((len(pinholes), 32), np.float32)
+        integers = numbers.view(np.int32)
+        tiles = pixels = 0
+        for row, whole, one in zip(numbers, integers, pinholes, strict=True):
+            row[:9], row[9:12], row[12:15] = np.ravel(one.rotation), one.translation, one.center
+            row[15:23] = one.fx, one.fy, one.cx, one.cy, *one.limits
+            across, down = math.ceil(one.width / tile), math.ceil(one.height / tile)
+            whole[24:30] = tiles, one.width, one.height, across, down, pixels
+            tiles, pixels = tiles + across * down, pixels + one.width * one.height
+        frames = _uploaded(integers.tobytes(), device)
+        sizes = tuple((one.width, one.height) for one in pinholes)
+        return cls(sizes, tiles, pixels, frames.view(torch.float32), frames)
+
+
+@functools.lru_cache(maxsize=1024)
+def _uploaded(numbers: bytes, device: torch.device) -> Tensor:
+    with torch.inference_mode(False):  # or training could not use what a viewer has uploaded
+        # This does not wait for the kernels that are queued: the numbers are copied before it returns.
+        rows = torch.from_numpy(np.frombuffer(numbers, np.int32).reshape(-1, 32).copy())
+        return rows.to(device, non_blocking=True)
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Pairs (tile, splat) of D drawn splats, sorted by tile and then by depth. A splat counts once for each view.
+
+    Attributes:
+        owners: (P,) int32, the drawn splat of each pair.
+        slots: (P,) int64, number of each pair when sorted by splat.
+        starts: (tiles + 1,) int64, first pair of each tile.
+        ends: (D,) int64, one past the last pair of each splat when sorted by splat.
+    """
+
     owners: Tensor
     slots: Tensor
     starts: Tensor
@@ -70,114 +112,171 @@ class Tiles:
 
 
 @torch.no_grad()
-def bin_splats(
-    means2d: Tensor, half: Tensor, depths: Tensor, width: int, height: int, size: int
-) -> tuple[Tensor, Tiles]:
+def bin_splats(boxes: Tensor, keys: Tensor, half: Tensor, tiles: int) -> tuple[Tensor, Tiles]:
     """Assign splats to the tiles that their boxes overlap.
 
     Args:
-        means2d: (N, 2) centers of the boxes, pixels.
-        half: (N, 2) half sizes, pixels; 0 for splats that are not drawn.
-        depths: (N,) world units.
-        width, height: image size, pixels.
-        size: tile size, pixels.
+        boxes, keys, half: as written by `project_splats`.
+        tiles: of all views.
 
     Returns:
-        (V,) indices of the drawn splats, nearest first; and their tiles.
+        (D,) places of the drawn splats, view by view, nearest first; and their tiles.
     """
-    across, down = math.ceil(width / size), math.ceil(height / size)
-    shown = half[:, 0] > 0
-    # A tile is overlapped if its left edge is below `high` and its right edge above `low`; the same for rows. Clamped
-    # before the conversion, since a box may be larger than any integer.
-    low, high = (means2d - half) / size, (means2d + half) / size
-    first_x, last_x = low[:, 0].floor().clamp(0, across), high[:, 0].ceil().clamp(0, across)
-    first_y, last_y = low[:, 1].floor().clamp(0, down), high[:, 1].ceil().clamp(0, down)
-    boxes = torch.stack([first_x, first_y, last_x - first_x, last_y - first_y], -1)
-    boxes = torch.where(shown[:, None], boxes, 0.0).long()
-    counts = boxes[:, 2] * boxes[:, 3]
-    drawn, total = torch.stack([shown.sum(), counts.sum()]).tolist()  # the one wait
-
-    farthest = torch.finfo(depths.dtype).max  # of what is drawn, if a depth overflows
-    index = torch.sort(torch.where(shown, depths.clamp_max(farthest), math.inf), stable=True).indices[:drawn]
-    boxes, counts = boxes[index], counts[index]
+    drawn, total = torch.stack([(half[:, 0] > 0).sum(), boxes[:, 3].sum()]).tolist()  # the one wait
+    index = torch.sort(keys, stable=True).indices[:drawn]
+    boxes = boxes[index]
+    counts = boxes[:, 3].long()
     ends = counts.cumsum(0)
     owners = torch.repeat_interleave(counts, output_size=total)
     within = torch.arange(total, device=half.device) - (ends - counts)[owners]
-    left, top, columns, _ = boxes[owners].unbind(-1)
-    tiles = (top + within // columns) * across + left + within % columns
-    narrow = torch.int16 if across * down < 2**15 else torch.int32  # fewer digits to sort by
-    tiles, slots = torch.sort(tiles.to(narrow), stable=True)
-    edges = torch.arange(across * down + 1, device=half.device, dtype=torch.int32)
-    starts = torch.searchsorted(tiles.int(), edges)
-    return index, Tiles(width, height, across, down, owners[slots].int(), slots, starts, ends)
+    first, across, columns, _ = boxes[owners].unbind(-1)
+    of_pairs = first + within // columns * across + within % columns
+    narrow = torch.int16 if tiles < 2**15 else torch.int32  # fewer digits to sort by
+    of_pairs, slots = torch.sort(of_pairs.to(narrow), stable=True)
+    edges = torch.arange(tiles + 1, device=half.device, dtype=torch.int32)
+    starts = torch.searchsorted(of_pairs.int(), edges)
+    return index, Tiles(owners[slots].int(), slots, starts, ends)
 
 
-class _Blend(torch.autograd.Function):
-    """forward(table, tiles, alpha_max) -> sum of weighted colors, sum of weighted depths, transmittance."""
+def project_all(
+    gaussians: Gaussians, views: Views, offsets: Tensor | None, near: float
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """The outputs of `project_splats`: `table`, `half`, `boxes` and `keys`. Arguments as in `rasterize_triton`."""
+    _, kernels = load_triton_kernels()
+    like, count = gaussians.means, len(gaussians)
+    places = len(views.sizes) * count
+    table, half = like.new_empty((places, kernels.COLUMNS)), like.new_empty((places, 2))
+    boxes = torch.empty((places, 4), dtype=torch.int32, device=like.device)
+    keys = torch.empty(places, dtype=torch.int64, device=like.device)
+    if count:
+        with torch.cuda.device_of(like):
+            kernels.project_splats[(math.ceil(count / kernels.BLOCK), len(views.sizes))](
+                *(tensor for _, tensor in gaussians.items()),
+                table if offsets is None else offsets,  # not read without offsets
+                views.cameras,
+                views.frames,
+                table,
+                half,
+                boxes,
+                keys,
+                count,
+                near,
+                gaussians.dilation,
+                COEFFICIENTS=gaussians.sh.shape[1],
+                OFFSETS=offsets is not None,
+                num_warps=PROJECT_WARPS,
+            )
+    return table, half, boxes, keys
+
+
+class _Draw(torch.autograd.Function):
+    """Image, sum of weighted depths, and transmittance of all pixels; and the (V, N) radii, which have no gradient."""
 
     @staticmethod
-    def forward(ctx: Any, table: Tensor, tiles: Tiles, alpha_max: float) -> tuple[Tensor, Tensor, Tensor]:
-        kernels = load_triton_kernels()
-        table = table.detach().contiguous()
-        image = table.new_empty((tiles.height, tiles.width, 3))
-        depth, transmittance = image.new_empty(image.shape[:2]), image.new_empty(image.shape[:2])
+    def forward(
+        ctx: Any, views: Views, dilation: float, near: float, alpha_max: float, offsets: Tensor | None, *splats: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        kernels, _ = load_triton_kernels()
+        splats = tuple(tensor.detach().contiguous() for tensor in splats)
+        means, quats, log_scales, logits, sh = splats
+        gaussians = Gaussians(means, quats, log_scales, logits, sh, dilation)
+        shift = None if offsets is None else offsets.detach().contiguous()
+        places, half, boxes, keys = project_all(gaussians, views, shift, near)
+        index, tiles = bin_splats(boxes, keys, half, views.tiles)
+        table = places.index_select(0, index)
+        image = table.new_empty((views.pixels, 3))
+        depth, transmittance = image.new_empty(views.pixels), image.new_empty(views.pixels)
         last = torch.empty_like(depth, dtype=torch.int32)
-        size = (tiles.width, tiles.height, tiles.across, alpha_max)
         with torch.cuda.device_of(table):
-            kernels.blend_tile[(tiles.across * tiles.down,)](
+            kernels.blend_tile[(views.tiles,)](
                 table,
                 tiles.owners,
                 tiles.starts,
+                views.frames,
                 image,
                 depth,
                 transmittance,
                 last,
-                *size,
+                len(views.sizes),
+                alpha_max,
                 num_warps=FORWARD_WARPS,
                 enable_fp_fusion=True,
             )
-        ctx.tiles, ctx.size = tiles, size
-        ctx.save_for_backward(table, transmittance, last)
-        return image, depth, transmittance
+        ctx.views, ctx.tiles, ctx.numbers = views, tiles, (dilation, alpha_max)
+        ctx.save_for_backward(*splats, table, index, transmittance, last)
+        radii = half.amax(-1).view(len(views.sizes), len(gaussians))
+        ctx.mark_non_differentiable(radii)
+        return image, depth, transmittance, radii
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        kernels, tiles = load_triton_kernels(), ctx.tiles
-        table, transmittance, last = ctx.saved_tensors
-        d_table = torch.empty_like(table)
-        if len(table):
-            d_outputs = [gradient.contiguous() for gradient in gradients]
+        kernels, of_splats = load_triton_kernels()
+        views, tiles, (dilation, alpha_max) = ctx.views, ctx.tiles, ctx.numbers
+        *splats, table, index, transmittance, last = ctx.saved_tensors
+        means, quats, log_scales, logits, sh = splats
+        count, coefficients, colors = len(means), sh.shape[1], ctx.needs_input_grad[-1]
+        found = [torch.empty_like(tensor) for tensor in (means, quats, log_scales, logits)]
+        d_sh = torch.empty_like(sh) if colors else means.new_empty(0)
+        d_offsets = means.new_empty((count, 2))
+        if count:
+            d_outputs = [gradient.contiguous() for gradient in gradients[:3]]
             d_pairs = table.new_zeros((len(tiles.slots), kernels.COLUMNS))
+            d_table = torch.empty_like(table)
+            ranks = torch.full((len(views.sizes) * count,), -1, dtype=torch.int32, device=table.device)
+            ranks[index] = torch.arange(len(index), dtype=torch.int32, device=table.device)
             with torch.cuda.device_of(table):
-                kernels.blend_tile_backward[(tiles.across * tiles.down,)](
+                kernels.blend_tile_backward[(views.tiles,)](
                     table,
                     tiles.owners,
                     tiles.slots,
                     tiles.starts,
+                    views.frames,
                     transmittance,
                     last,
                     *d_outputs,
                     d_pairs,
-                    *ctx.size,
+                    len(views.sizes),
+                    alpha_max,
                     num_warps=BACKWARD_WARPS,
                     enable_fp_fusion=True,
                 )
-                kernels.sum_pairs[(len(table),)](d_pairs, tiles.ends, d_table, num_warps=1, enable_fp_fusion=True)
-        return d_table, None, None
+                if len(table):
+                    kernels.sum_pairs[(len(table),)](d_pairs, tiles.ends, d_table, num_warps=1, enable_fp_fusion=True)
+                of_splats.project_splats_backward[(math.ceil(count / of_splats.BLOCK),)](
+                    *splats,
+                    views.cameras,
+                    ranks,
+                    d_table,
+                    *found,
+                    d_sh,
+                    d_offsets,
+                    count,
+                    len(views.sizes),
+                    dilation,
+                    COEFFICIENTS=coefficients,
+                    PADDED=1 << (coefficients - 1).bit_length(),
+                    COLORS=colors,
+                    num_warps=PROJECT_WARPS,
+                )
+        by_offsets = d_offsets if ctx.needs_input_grad[4] else None
+        return None, None, None, None, by_offsets, *found, d_sh if colors else None
 
 
 def rasterize_triton(
     gaussians: Gaussians,
-    pinhole: Pinhole,
-    background: Tensor | None,
+    pinholes: Sequence[Pinhole],
+    backgrounds: Sequence[Tensor | None],
     screen_offsets: Tensor | None,
     near: float,
     alpha_max: float,
-) -> Render:
-    """Render with Triton. Arguments as in `studio.rasterizer.rasterize`, already validated.
+) -> list[Render]:
+    """Render views with Triton. Arguments as in `studio.rasterizer.rasterize_views`, already validated.
 
     The same input gives the same bits on the same GPU: no sum depends on the order in which threads run.
+
+    Args:
+        screen_offsets: as in `studio.rasterizer.rasterize`, for all views.
 
     Raises:
         StudioError: `rasterizer.dtype`: the splats are not float32; `rasterizer.mixed_tensors`: `screen_offsets` has
@@ -198,24 +297,33 @@ def rasterize_triton(
             f"{like.dtype} on '{like.device}'",
             argument="screen_offsets",
         )
-    kernels = load_triton_kernels()
-    view = camera_tensors(pinhole, like.device)
-    pose = (view.world_to_camera[:3, :3], view.world_to_camera[:3, 3], view.center)
-    half, all_depths, centers = visible_radii(gaussians, pinhole, screen_offsets, near, pose)
-    index, tiles = bin_splats(centers, half, all_depths, pinhole.width, pinhole.height, kernels.TILE)
+    kernels, _ = load_triton_kernels()
+    renders: list[Render] = []
+    for first in range(0, len(pinholes), _VIEWS_AT_ONCE):
+        views = Views.of(pinholes[first : first + _VIEWS_AT_ONCE], kernels.TILE, like.device)
+        splats = (tensor for _, tensor in gaussians.items())
+        drawn = _Draw.apply(views, gaussians.dilation, near, alpha_max, screen_offsets, *splats)
+        renders += _pictures(views, backgrounds[first : first + _VIEWS_AT_ONCE], *drawn)
+    return renders
 
-    # Only what is drawn, so that values that are not finite and splats behind the camera reach no gradient.
-    splats = gaussians.map(lambda tensor: tensor.index_select(0, index))
-    means2d, cov2d, det, depths, colors = project(splats, pinhole, pose)
-    if screen_offsets is not None:
-        means2d = means2d + screen_offsets.index_select(0, index)
-    conics = torch.stack([cov2d[:, 2], -cov2d[:, 1], cov2d[:, 0]], -1) / det[:, None]
-    table = torch.cat([means2d, conics, splats.opacities[:, None], colors, depths[:, None]], -1)
-    image, weighted_depth, transmittance = _Blend.apply(table, tiles, alpha_max)
 
-    if background is not None:
-        image = image + transmittance[..., None] * background
-    alpha = 1 - transmittance
-    covered = alpha > 0
-    depth = torch.where(covered, weighted_depth / torch.where(covered, alpha, torch.ones_like(alpha)), 0.0)
-    return Render(image=image, alpha=alpha, depth=depth, radii=half.amax(-1))
+def _pictures(
+    views: Views,
+    backgrounds: Sequence[Tensor | None],
+    colors: Tensor,
+    weighted_depth: Tensor,
+    transmittance: Tensor,
+    radii: Tensor,
+) -> list[Render]:
+    """The renders of the views, from the pixels of all of them."""
+    alphas = 1 - transmittance
+    covered = alphas > 0
+    depths = torch.where(covered, weighted_depth / torch.where(covered, alphas, torch.ones_like(alphas)), 0.0)
+    pixels = [width * height for width, height in views.sizes]
+    parts = (tensor.split(pixels) for tensor in (colors, transmittance, alphas, depths))
+    renders = []
+    for (width, height), behind, of_splats, *parts_of_view in zip(views.sizes, backgrounds, radii, *parts, strict=True):
+        color, through, alpha, depth = (part.view(height, width, *part.shape[1:]) for part in parts_of_view)
+        image = color if behind is None else color + through[..., None] * behind
+        renders.append(Render(image=image, alpha=alpha, depth=depth, radii=of_splats))
+    return renders

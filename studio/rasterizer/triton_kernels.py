@@ -1,7 +1,8 @@
 """The kernels of the Triton backend (`triton_backend.py`): blending of a tile, its gradient, and sums over tiles.
 
-One program draws one tile. Its splats are pairs (tile, splat), sorted by tile and then by depth; `owners` maps a pair
-to its splat. The splats are rows of a table: 2D mean x and y, conic xx, xy and yy, opacity, red, green, blue, depth.
+One program draws one tile of one of the views of a call. Tiles and pixels are numbered through all views. The splats of
+a tile are pairs (tile, splat), sorted by tile and then by depth; `owners` maps a pair to its splat. The splats are rows
+of a table: 2D mean x and y, conic xx, xy and yy, opacity, red, green, blue, depth.
 
 No kernel uses atomic operations, so that the same input gives the same bits: the gradients of each pair have a row of
 their own, and `sum_pairs` adds the rows of a splat in a fixed order.
@@ -23,7 +24,11 @@ TILE = 16
 COLUMNS = 10
 """Columns of the table of splats."""
 
+CAMERA = 32
+"""Numbers that describe a view, see `Views` of `triton_backend.py`."""
+
 _TILE = tl.constexpr(TILE)
+_CAMERA = tl.constexpr(CAMERA)
 _COLUMNS = tl.constexpr(COLUMNS)
 _COLUMNS_PADDED = tl.constexpr(16)  # Triton's blocks have powers of two as sizes
 _CHUNK = tl.constexpr(32)  # splats between two checks whether all pixels of a tile have stopped
@@ -33,13 +38,21 @@ _TRANSMITTANCE_MIN = tl.constexpr(TRANSMITTANCE_MIN)
 
 
 @triton.jit
-def _pixels(tile, width, height, tiles_x):
-    """Centers of a tile's pixels, their positions in the image, and which of them are inside it."""
+def _pixels(tile, frames, views):
+    """Centers of a tile's pixels, their numbers among the pixels of all views, and which of them are in the picture."""
+    view = 0
+    for number in range(1, views):  # the last view whose first tile is not after this one
+        view = tl.where(tl.load(frames + number * _CAMERA + 24) <= tile, number, view)
+    frame = frames + view * _CAMERA
+    width = tl.load(frame + 25)
+    within = tile - tl.load(frame + 24)
+    across = tl.load(frame + 27)
     number = tl.arange(0, _TILE * _TILE)
-    column = (tile % tiles_x) * _TILE + number % _TILE
-    row = (tile // tiles_x) * _TILE + number // _TILE
-    inside = (column < width) & (row < height)
-    return column.to(tl.float32) + 0.5, row.to(tl.float32) + 0.5, row.to(tl.int64) * width + column, inside
+    column = (within % across) * _TILE + number % _TILE
+    row = (within // across) * _TILE + number // _TILE
+    inside = (column < width) & (row < tl.load(frame + 26))
+    pixel = tl.load(frame + 29) + row.to(tl.int64) * width + column
+    return column.to(tl.float32) + 0.5, row.to(tl.float32) + 0.5, pixel, inside
 
 
 @triton.jit
@@ -53,7 +66,7 @@ def _falloff(splat, x, y):
 
 @triton.jit
 def blend_tile(
-    table, owners, starts, image, depth, transmittance, last, width, height, tiles_x, alpha_max
+    table, owners, starts, frames, image, depth, transmittance, last, views, alpha_max
 ):  # fmt: skip
     """Blend the splats of a tile, nearest first.
 
@@ -61,15 +74,15 @@ def blend_tile(
         table: (V, 10) float32, see above.
         owners: (P,) int32, row of the table for each pair.
         starts: (tiles + 1,) int64, first pair of each tile.
-        image: (H, W, 3) float32, output: sum of weight times color.
-        depth: (H, W) float32, output: sum of weight times depth.
-        transmittance: (H, W) float32, output.
-        last: (H, W) int32, output: pairs of the tile up to and including the last one that was drawn.
-        width, height, tiles_x: image size in pixels, and tiles in a row.
-        alpha_max: upper clamp of alpha.
+        frames: (V, 32) int32, the views.
+        image: (pixels, 3) float32, output: sum of weight times color.
+        depth: (pixels,) float32, output: sum of weight times depth.
+        transmittance: (pixels,) float32, output.
+        last: (pixels,) int32, output: pairs of the tile up to and including the last one that was drawn.
+        views, alpha_max: V, and the upper clamp of alpha.
     """
     tile = tl.program_id(0)
-    x, y, pixel, inside = _pixels(tile, width, height, tiles_x)
+    x, y, pixel, inside = _pixels(tile, frames, views)
     start = tl.load(starts + tile)
     end = tl.load(starts + tile + 1)
     through = tl.full([_TILE * _TILE], 1.0, tl.float32)
@@ -110,8 +123,8 @@ def blend_tile(
 
 @triton.jit
 def blend_tile_backward(
-    table, owners, slots, starts, transmittance, last, d_image, d_depth, d_transmittance, d_pairs,
-    width, height, tiles_x, alpha_max,
+    table, owners, slots, starts, frames, transmittance, last, d_image, d_depth, d_transmittance, d_pairs,
+    views, alpha_max,
 ):  # fmt: skip
     """The gradient of `blend_tile`, from the last splat that was drawn to the first.
 
@@ -121,10 +134,10 @@ def blend_tile_backward(
         d_image, d_depth, d_transmittance: gradients of its outputs.
         d_pairs: (P, 10) float32, output: the gradient of the table's row, from this tile's pixels. Rows of splats that
             were not drawn in the tile are left as they are: fill it with zeros.
-        table, owners, starts, width, height, tiles_x, alpha_max: as in `blend_tile`.
+        table, owners, starts, frames, views, alpha_max: as in `blend_tile`.
     """
     tile = tl.program_id(0)
-    x, y, pixel, inside = _pixels(tile, width, height, tiles_x)
+    x, y, pixel, inside = _pixels(tile, frames, views)
     start = tl.load(starts + tile)
     through = tl.load(transmittance + pixel, mask=inside, other=1.0)
     drawn_last = tl.load(last + pixel, mask=inside, other=0)

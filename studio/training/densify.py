@@ -87,7 +87,8 @@ class DensityControl:
         """
         width, height = full_size
         area_ratio = drawn_size[0] * drawn_size[1] / (width * height)
-        half = torch.tensor([width / 2, height / 2], device=self._device, dtype=screen_gradient.dtype)
+        half = torch.tensor([width / 2, height / 2], dtype=screen_gradient.dtype)
+        half = half.to(self._device, non_blocking=True)  # a blocking copy would wait for all kernels that are queued
         drawn = radii > 0
         self._sum += torch.where(drawn, (screen_gradient * half * area_ratio).norm(dim=-1), 0.0)
         self._seen += drawn

@@ -187,7 +187,7 @@ def _move(
         moved = replace(previous, means=start + field(corners), quats=quats)
         if iteration % _ROTATE_EVERY == 0:
             quats = rotated_quats(moved.means)
-        steps = [stepper(moved) for _ in range(settings.motion_views)]
+        steps = stepper.several(moved, settings.motion_views)
         step = steps[-1]
         torch.stack([one.loss for one in steps]).mean().backward()  # type: ignore[no-untyped-call]
         for group, rate in zip(optimizer.groups, rates, strict=True):

@@ -13,7 +13,7 @@ from studio.chroma import resampled
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.metrics import psnr
-from studio.rasterizer import Render, rasterize
+from studio.rasterizer import Render, rasterize, rasterize_views
 from studio.training.details import detail_loss
 from studio.training.dropout import drop_splats
 from studio.training.noise import draw_seed
@@ -88,26 +88,42 @@ class Stepper:
         if dropout and self.dropout:
             logits = drop_splats(gaussians.logit_opacities, self.dropout, draw_seed(self._generator))
             gaussians = replace(gaussians, logit_opacities=logits)
-        image, target, render = self._compared(gaussians, view, background, screen_offsets)
+        behind = _behind(view, background)
+        render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
+        return self._step(gaussians, view, background, behind, render)
+
+    def several(self, gaussians: Gaussians, count: int) -> list[Step]:
+        """The same as `count` calls with these splats, which are drawn in one call of the rasterizer."""
+        seen = [(next(self._views), next(self._backgrounds)) for _ in range(count)]
+        cameras, behind = [view.camera for view, _ in seen], [_behind(*one) for one in seen]
+        renders = rasterize_views(gaussians, cameras, behind)
+        drawn = zip(seen, behind, renders, strict=True)
+        return [self._step(gaussians, *one, backdrop, render) for one, backdrop, render in drawn]
+
+    def _step(
+        self, gaussians: Gaussians, view: TrainingView, background: Tensor, behind: Tensor, render: Render
+    ) -> Step:
+        """Compare a render with the view."""
+        image, target = self._compared(render, view, background, behind)
         loss = photometric_loss(image, target, self._settings.dssim_weight)
         for box, closer in zip_longest(view.detail_boxes, view.closer):
-            parts = self._compared(gaussians, closer, background)[:2] if closer is not None else ()
+            parts: tuple[Tensor, ...] = ()
+            if closer is not None:
+                behind = _behind(closer, background)
+                parts = self._compared(rasterize(gaussians, closer.camera, behind), closer, background, behind)
             loss = loss + detail_loss(image, target, box, self._settings.dssim_weight, parts)
         if self.alpha_weight:
             loss = loss + self.alpha_weight * (render.alpha - view.matte).abs().mean()
         return Step(loss, target, render, view, image)
 
     def _compared(
-        self, gaussians: Gaussians, view: TrainingView, background: Tensor, screen_offsets: Tensor | None = None
-    ) -> tuple[Tensor, Tensor, Render]:
-        """What a view shows of the splats, in its colors, the (H, W, 3) target to compare it with, and the render."""
-        backdrop = view.backdrop(background)
-        behind = background if backdrop is None else backdrop
-        render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
+        self, render: Render, view: TrainingView, background: Tensor, behind: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """A render over `behind` in the colors of the view, and the (H, W, 3) target to compare it with."""
         image = view.in_its_colors(render.image, render.alpha, behind)
         if self.chroma_shift is not None and view.chroma is not None:
             image = resampled(image, view.chroma, self.chroma_shift)
-        return image, view.composited(background), render
+        return image, view.composited(background)
 
     def state(self) -> dict[str, Tensor]:
         """Position in the sequence of views. The caller stores the state of the generator."""
@@ -116,6 +132,12 @@ class Stepper:
     def restore(self, state: dict[str, Tensor]) -> None:
         """Continue from a `state()`."""
         self._views.restore(state["views"])
+
+
+def _behind(view: TrainingView, background: Tensor) -> Tensor:
+    """What the splats of a view are drawn over: the (3,) background, or the (H, W, 3) backdrop with it."""
+    backdrop = view.backdrop(background)
+    return background if backdrop is None else backdrop
 
 
 def check_finite(loss: Tensor, phase: str) -> None:

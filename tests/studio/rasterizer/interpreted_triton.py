@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from studio.rasterizer import available_backends, preferred_device, rasterize
-from studio.rasterizer.triton_backend import bin_splats
+from studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views, triton_backend
+from studio.rasterizer.triton_backend import Views, bin_splats, project_all
+from studio.rasterizer.types import Pinhole
 from tests.support.errors import refuses
 
 
@@ -107,30 +108,85 @@ def test_the_interpreter_is_not_chosen(helpers, small) -> None:  # type: ignore[
     assert torch.equal(rasterize(splats, small).image, rasterize(splats, small, backend="cpu").image)
 
 
-@pytest.mark.parametrize("size", [4, 16])
-def test_pairs_are_those_of_boxes_that_overlap_a_tile(size) -> None:  # type: ignore[no-untyped-def]
-    random = np.random.default_rng(2)
-    width, height, count = 50, 35, 60
-    means = random.uniform(-10, 60, (count, 2)).astype(np.float32)
-    half = random.exponential(6, (count, 2)).astype(np.float32)
-    half[0] = 1e30
-    outside = ((means + half <= 0) | (means - half >= (width, height))).any(1)
-    half[outside | (random.random(count) < 0.2)] = 0
-    depths = random.integers(1, 9, count).astype(np.float32)
-    index, tiles = bin_splats(*map(torch.from_numpy, (means, half, depths)), width, height, size)
+def test_several_views_are_as_one_by_one(helpers, small) -> None:  # type: ignore[no-untyped-def]
+    """Views of different sizes in one call: each as if drawn alone, and the sum of their gradients."""
+    splats = helpers.splats(20, degree=2, log_scale=-2).to(torch.float32)
+    cameras = [small, helpers.camera(40, 9, focal=25.0, turn=0.8), helpers.camera(16, 33, focal=15.0, turn=-0.4)]
+    random = torch.Generator().manual_seed(1)
+    behind = [None, torch.rand(3, generator=random), torch.rand(33, 16, 3, generator=random)]
+    weights = [torch.rand(one.height, one.width, 3, generator=random) for one in cameras]
 
-    drawn = [int(i) for i in np.argsort(depths, kind="stable") if half[i, 0] > 0]
+    def drawn(together: bool):  # type: ignore[no-untyped-def]
+        leaves = splats.map(lambda tensor: tensor.clone().requires_grad_())
+        offsets = torch.zeros(20, 2, requires_grad=True)
+        options = {"backend": "triton", "screen_offsets": offsets}
+        if together:
+            renders = rasterize_views(leaves, cameras, behind, **options)
+        else:
+            renders = [rasterize(leaves, *one, **options) for one in zip(cameras, behind, strict=True)]
+        parts = [(one.image * weight).sum() for one, weight in zip(renders, weights, strict=True)]
+        torch.stack([*parts, renders[1].depth.sum(), renders[2].alpha.sum()]).sum().backward()
+        return renders, [tensor.grad for _, tensor in leaves.items()] + [offsets.grad]
+
+    renders, gradients = drawn(True)
+    alone, expected = drawn(False)
+    for one, other in zip(renders, alone, strict=True):
+        for name in ("image", "alpha", "depth", "radii"):
+            assert torch.equal(getattr(one, name), getattr(other, name))
+            assert getattr(one, name).abs().max() > 0
+    for gradient, other in zip(gradients, expected, strict=True):
+        torch.testing.assert_close(gradient, other, rtol=1e-4, atol=1e-5 * float(other.abs().max()))
+
+
+def test_more_views_than_a_call_takes(helpers, small, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    splats = helpers.splats(4).to(torch.float32)
+    cameras = [helpers.camera(20, 17, focal=20.0, turn=turn) for turn in (0.0, 0.3, 0.6)]
+    together = rasterize_views(splats, cameras, [None] * 3, backend="triton")
+    monkeypatch.setattr(triton_backend, "_VIEWS_AT_ONCE", 2)
+    parts = rasterize_views(splats, cameras, [None] * 3, backend="triton")
+    assert all(torch.equal(one.image, other.image) for one, other in zip(together, parts, strict=True))
+
+
+def test_colors_that_need_no_gradient(helpers, small) -> None:  # type: ignore[no-untyped-def]
+    """As in the motion of a frame; the other gradients do not change."""
+    found = []
+    for colors in (True, False):
+        leaves = helpers.splats(9, degree=1, log_scale=-2).to(torch.float32).map(lambda one: one.requires_grad_())
+        leaves.sh.requires_grad_(colors)
+        rasterize(leaves, small, backend="triton").image.sum().backward()
+        found.append(leaves)
+    assert torch.equal(found[0].means.grad, found[1].means.grad)
+    assert found[0].sh.grad.abs().max() > 0
+    assert found[1].sh.grad is None
+
+
+def test_pairs_are_those_of_boxes_that_overlap_a_tile(helpers) -> None:  # type: ignore[no-untyped-def]
+    splats = helpers.splats(40, degree=0, log_scale=-1.5, spread=1.5).to(torch.float32)
+    splats.means[3:6] = splats.means[2]  # equal depths
+    cameras = [helpers.camera(50, 35, focal=30.0), helpers.camera(70, 20, focal=20.0, turn=1.0)]
+    views = Views.of([Pinhole.of(one) for one in cameras], 16, torch.device("cpu"))
+    table, half, boxes, keys = project_all(splats, views, None, 0.01)
+    index, tiles = bin_splats(boxes, keys, half, views.tiles)
+
+    assert views.tiles == 4 * 3 + 5 * 2
+    means, depths, half = table[:, :2].numpy(), table[:, 9].numpy(), half.numpy()
+    view_of = np.repeat([0, 1], 40)
+    drawn = [int(i) for i in np.lexsort((depths, view_of)) if half[i, 0] > 0]
+    assert 10 < len(drawn) < 80
     assert index.tolist() == drawn
     expected, pairs = [], []
-    for tile in range(tiles.across * tiles.down):
-        corner = size * np.array([tile % tiles.across, tile // tiles.across])
-        hits = [
-            row
-            for row, i in enumerate(drawn)
-            if (means[i] + half[i] > corner).all() and (means[i] - half[i] < corner + size).all()
-        ]
-        expected.append(hits)
-        pairs += [(row, tile) for row in hits]
+    for view, (across, down, first) in enumerate([(4, 3, 0), (5, 2, 12)]):
+        for tile in range(across * down):
+            corner = 16 * np.array([tile % across, tile // across])
+            hits = [
+                row
+                for row, i in enumerate(drawn)
+                if view_of[i] == view
+                and (means[i] + half[i] > corner).all()
+                and (means[i] - half[i] < corner + 16).all()
+            ]
+            expected.append(hits)
+            pairs += [(row, first + tile) for row in hits]
     starts = tiles.starts.tolist()
     assert [tiles.owners[a:b].tolist() for a, b in pairwise(starts)] == expected
     assert tiles.slots.tolist() == [sorted(pairs).index(pair) for pair in pairs]

@@ -9,31 +9,58 @@ from pathlib import Path
 import pytest
 import torch
 
-from studio.rasterizer import available_backends, interface, preferred_device, rasterize
+from studio.rasterizer import available_backends, interface, preferred_device, rasterize, rasterize_views
+from studio.rasterizer.spherical_harmonics import sh_basis
 from tests.support.errors import refuses
 from tests.support.triton import compile_kernels, needs_triton, run_interpreted
 
 
 @needs_triton
 def test_the_interpreted_kernels_against_the_reference() -> None:
-    run_interpreted(Path(__file__).with_name("interpreted_triton.py"), 14)
+    run_interpreted(Path(__file__).with_name("interpreted_triton.py"), 16)
 
 
 @needs_triton
 @pytest.mark.parametrize("capability", [80, 90])
 def test_the_kernels_compile_for_gpus(capability: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
-    from studio.rasterizer import triton_kernels
-    from studio.rasterizer.triton_backend import BACKWARD_WARPS, FORWARD_WARPS
+    from studio.rasterizer import triton_kernels, triton_project_kernels
+    from studio.rasterizer.triton_backend import BACKWARD_WARPS, FORWARD_WARPS, PROJECT_WARPS
 
     types = {
-        **dict.fromkeys(("owners", "last"), "*i32"),
-        **dict.fromkeys(("starts", "slots", "ends"), "*i64"),
-        **dict.fromkeys(("width", "height", "tiles_x"), "i32"),
-        "alpha_max": "fp32",
+        **dict.fromkeys(("owners", "last", "frames", "boxes", "ranks"), "*i32"),
+        **dict.fromkeys(("starts", "slots", "ends", "keys"), "*i64"),
+        **dict.fromkeys(("views", "count"), "i32"),
+        **dict.fromkeys(("alpha_max", "near", "dilation"), "fp32"),
     }
     warps = {"blend_tile": FORWARD_WARPS, "blend_tile_backward": BACKWARD_WARPS, "sum_pairs": 1}
     compile_kernels(triton_kernels, types, warps, capability)
+    degrees = ((1, 1), (4, 4), (9, 16), (16, 16)) if capability == 80 else ((16, 16),)
+    variants = {
+        "project_splats": [{"COEFFICIENTS": count, "OFFSETS": count == 4} for count, _ in degrees],
+        "project_splats_backward": [
+            {"COEFFICIENTS": count, "PADDED": padded, "COLORS": colors}
+            for count, padded in degrees
+            for colors in (True, False)
+        ],
+    }
+    compile_kernels(triton_project_kernels, types, dict.fromkeys(variants, PROJECT_WARPS), capability, variants)
+
+
+@needs_triton
+@pytest.mark.parametrize("number", range(16))
+def test_spherical_harmonics_and_their_derivatives(number: int) -> None:
+    from studio.rasterizer import triton_project_kernels
+
+    generator = torch.Generator().manual_seed(2)
+    directions = torch.nn.functional.normalize(torch.randn(20, 3, generator=generator, dtype=torch.float64), dim=-1)
+    leaf = directions.clone().requires_grad_()
+    expected = sh_basis(leaf, 3)[:, number]
+    value, *slopes = triton_project_kernels._harmonic.fn(*directions.unbind(-1), number)
+    torch.testing.assert_close(value, expected.detach())
+    if number:  # the first one is constant
+        (gradient,) = torch.autograd.grad(expected.sum(), leaf)
+        torch.testing.assert_close(torch.stack(slopes, -1), gradient)
 
 
 @pytest.mark.parametrize(
@@ -103,4 +130,7 @@ def test_parity_on_the_gpu(helpers, count, degree, log_scale) -> None:  # type: 
     helpers.assert_same(ours, truth, where=sturdy)
     again = helpers.draw(splats, camera, "triton", torch.float32, device="cuda", weight=weight)
     assert torch.equal(again.image, ours.image)
+    on_gpu = splats.to(torch.float32).map(lambda tensor: tensor.cuda())
+    both = rasterize_views(on_gpu, [helpers.camera(24, 20), camera], [None, None], backend="triton")
+    assert torch.equal(both[1].image, ours.image.cuda())
     assert all(torch.equal(again.gradients[name], gradient) for name, gradient in ours.gradients.items())

@@ -163,7 +163,11 @@ def test_the_first_motion_steps_compare_half_size_images(
         widths.append(camera.width)
         return rasterize(gaussians, camera, *arguments, **named)
 
+    def all_watched(gaussians: Gaussians, cameras: list[Camera], backgrounds: list[torch.Tensor]) -> list[Render]:
+        return [watched(gaussians, *one) for one in zip(cameras, backgrounds, strict=True)]
+
     monkeypatch.setattr("studio.training.step.rasterize", watched)
+    monkeypatch.setattr("studio.training.step.rasterize_views", all_watched)
     settings = SETTINGS.replace(motion_iterations=10, motion_views=2, motion_half_size=0.6, finetune_iterations=3)
     train_interframe(ball(torch.zeros(3)), after, settings)
     assert widths == [WIDTH // 2] * 12 + [WIDTH] * 8 + [WIDTH] * 3

@@ -199,3 +199,22 @@ def test_the_interior_begins_two_pixels_from_the_outline() -> None:
     thin = torch.zeros(40, 50)
     thin[:, 20:22] = 1
     assert torch.equal(interior(thin), thin > 0.5)
+
+
+@pytest.mark.parametrize("plate", [False, True])
+def test_several_steps_are_those_of_single_calls(plate: bool) -> None:
+    """The same views, backgrounds, losses and gradients, to the last bit."""
+    views = [TrainingView.from_view(captured(plate)), TrainingView.from_view(captured(plate), crop_margin=0.1)]
+    found = []
+    for together in (True, False):
+        means = torch.tensor([[0.0, 0.0, 2.0], [0.1, 0.2, 2.5]], requires_grad=True)
+        two = Gaussians(means, torch.ones(2, 4), torch.full((2, 3), -2.0), torch.ones(2), torch.ones(2, 1, 3))
+        stepper = Stepper(views, TrainSettings(alpha_weight=0.1), torch.Generator().manual_seed(5))
+        steps = stepper.several(two, 5) if together else [stepper(two) for _ in range(5)]
+        torch.stack([step.loss for step in steps]).mean().backward()  # type: ignore[no-untyped-call]
+        found.append((steps, means.grad, torch.rand(1, generator=stepper._generator)))
+    assert [step.view for step in found[0][0]] == [step.view for step in found[1][0]]
+    assert all(torch.equal(one.image, other.image) for one, other in zip(found[0][0], found[1][0], strict=True))
+    assert len({float(step.loss) for step in found[0][0]}) == 5, "no two steps are alike"
+    assert torch.equal(found[0][1], found[1][1])  # type: ignore[arg-type]
+    assert torch.equal(found[0][2], found[1][2])
