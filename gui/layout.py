@@ -45,6 +45,7 @@ class Panels:
         window: Open3D's.
         em: font size, pixels.
         views: determines which modes are offered.
+        shade: covers everything while a dialog is open.
     """
 
     window: gui.Window
@@ -65,6 +66,7 @@ class Panels:
     notice_bar: NoticeBar
     tour_bubble: TourBubble
     hints: Hints
+    shade: gui.Widget
 
 
 class Layout:
@@ -160,6 +162,7 @@ class Layout:
         area = panels.window.content_rect
         x, y, width, height = area.x, area.y, area.width, area.height
         self._width = width
+        panels.shade.frame = gui.Rect(x, y, width, height)
         figures = self.shows_figures
         for widget in panels.inspector.widgets:
             widget.visible = figures
@@ -184,7 +187,7 @@ class Layout:
         padded = inner_width - 2 * pad
         controls = panels.controls.flow.height(padded, context)
         taller = min(max(SPARE * (height - PLAIN * em), 0.0), MOST_TALLER * em)
-        bottom_height = round((9.6 + STRIP) * em + controls + taller)
+        bottom_height = round((10.4 + STRIP) * em + controls + taller)
         bottom = y + height - bottom_height
         panels.stages.place(x, y, left, height, context)
         panels.status.frame = gui.Rect(inner + pad, y + height - round(1.4 * em), padded, round(1.35 * em))

@@ -28,7 +28,7 @@ from gui.panels.tour_bubble import TourBubble
 from gui.platform.chords import Chords
 from gui.platform.closing import CloseRequests
 from gui.platform.drawn_frames import DrawnFrames
-from gui.platform.fonts import use_icons
+from gui.platform.fonts import title_font, use_icons
 from gui.platform.input_order import InputOrder
 from gui.platform.memory import give_back
 from gui.platform.menu_bar import MenuBar
@@ -115,6 +115,7 @@ class MainWindow:
         self.pictures = 0
         self.numbers: list[int | None] = [None, None, None]
         self._told = False
+        self._items: list[str] = []  # of the menus, chosen since the last tick
         self.drawn = Rate()
         self.close_requests = CloseRequests(lambda: self._x.escape_down)
         self.wants_close = False
@@ -125,6 +126,7 @@ class MainWindow:
         if application.menubar is None:
             use_icons(application, FONT)
         menus.build(application)
+        titles = title_font(application)
         self.window = application.create_window("V3 Studio", *size)
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
@@ -137,7 +139,7 @@ class MainWindow:
         self.input.wanted = self._pointed
         self._x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
         self._guard = SwapGuard(lambda: self.input.pointer, self.em)
-        self.dialogs = Dialogs(self.window)
+        self.dialogs = Dialogs(self.window, titles)
         self.input.pressed = self.dialogs.pressed
         self.dialogs.last_folder, self.dialogs.remembered = self.preferences.folder, self._remember_folder
         self.actions = Actions(self, software)
@@ -147,7 +149,7 @@ class MainWindow:
         self.window.set_on_tick_event(self._on_tick)
         self.window.set_on_key(self._on_key)
         self.window.set_on_close(self.close_requests.asked)
-        menus.connect(self.window, self.actions.menu(), self._item_chosen)
+        menus.connect(self.window, self._item_chosen)
         self.apply_preferences()
 
     def _build(self) -> None:
@@ -183,7 +185,7 @@ class MainWindow:
             Panels(
                 self.window, em, self.views, self.viewport, self.scene_view, self.timeline, self.controls, self.modes,
                 self.stages, self.inspector, self.path_panel, self.message, self.status, self.camera_menu, self.start,
-                self.notice_bar, self.tour_bubble, hints,
+                self.notice_bar, self.tour_bubble, hints, self.dialogs.shade,
             )
         )  # fmt: skip
         for widget in (
@@ -202,6 +204,7 @@ class MainWindow:
             self.start.picture.widget,
             self.tour_bubble.widget,
             self.notice_bar.widget,
+            self.dialogs.shade,
         ):
             self.window.add_child(widget)
 
@@ -345,6 +348,7 @@ class MainWindow:
         self.changed()
 
     def _on_key(self, event: gui.KeyEvent) -> bool:
+        self._act()  # what is typed is for what it opens
         modifier = self._chords.note(event)
         is_new = event.type != gui.KeyEvent.Type.DOWN or self.input.reports.is_new()
         if event.key == gui.KeyName.ESCAPE:
@@ -403,6 +407,7 @@ class MainWindow:
     def _on_tick(self) -> bool:
         if self._frames.poll():
             self._redraws.drawn()
+        self._act()
         self.input.escapes.dialog = bool(self.dialogs.name)
         came = self.input.poll(hold=self.dialogs.focusing, release=self.dialogs.expected)
         if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
@@ -514,10 +519,18 @@ class MainWindow:
         self._next_look = now + REST
         return False
 
-    def _item_chosen(self) -> None:
-        """An item of a menu was chosen, which closes the menu."""
+    def _item_chosen(self, key: str) -> None:
+        """An item of a menu was chosen, which closes the menu. It acts before the next tick or key: the toolkit tells
+        of it while it draws, and a dialog that opens then would come below its shade, which the next frame has first.
+        """
         self.menu_bar.closed()
+        self._items.append(key)
         self.changed()
+
+    def _act(self) -> None:
+        """Do what was chosen in a menu."""
+        while self._items:
+            self.actions.menu()[self._items.pop(0)]()
 
     def _watch_mouse(self) -> None:
         """Draw when a mouse button is pressed or released: the toolkit tells of no clicks on its menus and lists, and

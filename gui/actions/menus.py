@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from open3d.visualization import gui
@@ -32,17 +32,20 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
         (
             ("reset", "Reset view (R)"),
             ("background", "Next background (B)"),
-            ("scene", "Scene: splats, cameras, points (O)"),
             ("camera", "Next capture camera (C)"),
-            ("cameras", "Cameras: use, hold out..."),
-            ("fullscreen", "Fullscreen (F)"),
-            ("figures", "Inspector and log (I)"),
-            ("queue", "Queue of takes (Q)"),
             ("span", "Select span: from here, to here, none (T)"),
-            ("bakes", "Bakes: compare, choose, delete..."),
-            ("start", "Start page (H)"),
-            ("log", "Job log, large (J)"),
+            ("", ""),
+            ("scene", "Scene: splats, cameras, points (O)"),
             ("open3d", "Draw the scene with Open3D"),
+            ("", ""),
+            ("cameras", "Cameras: use, hold out..."),
+            ("bakes", "Bakes: compare, choose, delete..."),
+            ("queue", "Queue of takes (Q)"),
+            ("", ""),
+            ("start", "Start page (H)"),
+            ("figures", "Inspector and log (I)"),
+            ("log", "Job log, large (J)"),
+            ("fullscreen", "Fullscreen (F)"),
         ),
     ),
     (
@@ -64,10 +67,11 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("export videogs", "VideoGS layout..."),
             ("", ""),
             ("export turntable", "Movie: turntable..."),
+            ("export camera-path", "Movie: camera path..."),
+            ("", ""),
             ("path", "Camera path editor (P)"),
             ("add_key", "Add view to camera path (K)"),
             ("clear_keys", "Clear camera path"),
-            ("export camera-path", "Movie: camera path..."),
             ("", ""),
             ("stop_export", "Stop export"),
         ),
@@ -88,10 +92,11 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("stage_help", "What to look for (F1)"),
             ("warnings", "Warnings and fixes..."),
             ("", ""),
+            ("search", "Find a command... (Ctrl+K)"),
             ("shortcuts", "Shortcuts (?)"),
             ("tour", "Tour"),
+            ("", ""),
             ("about", "About"),
-            ("search", "Find a command... (Ctrl+K)"),
         ),
     ),
 )
@@ -166,12 +171,7 @@ def _numbers() -> Iterator[tuple[int, str]]:
     return enumerate((key for _, entries in MENUS for key, _ in entries if key), start=1)
 
 
-def connect(window: gui.Window, actions: Mapping[str, Callable[[], object]], after: Callable[[], None]) -> None:
-    """Connect the items to their actions."""
-
-    def run(key: str) -> None:
-        actions[key]()
-        after()
-
+def connect(window: gui.Window, chosen: Callable[[str], None]) -> None:
+    """Have the key of each item told that is chosen."""
     for number, key in _numbers():
-        window.set_on_menu_item_activated(number, partial(run, key))
+        window.set_on_menu_item_activated(number, partial(chosen, key))

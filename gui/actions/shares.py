@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from gui.panels.share_dialogs import ask_serve, ask_share, show_serving, show_stale
-from gui.presenters.run.shares import ShareRequest, size_words, stale_words
+from gui.presenters.run.shares import ShareRequest, share_words, stale_words
 from gui.shell import Shell
 from pipelines.share import ShareSize, share_size
 from studio.errors import StudioError
@@ -29,7 +29,7 @@ class ShareActions:
         size = self._size()
         if size is None:
             return
-        words = size_words(size, form)
+        words = share_words(size, form)
         if form == "single-file" and not size.single_file_possible:
             window.notices.tell(words, bad=True, topic=form)
             return
@@ -59,7 +59,7 @@ class ShareActions:
         if size is None:
             return
         assert opened is not None
-        ask_serve(window.dialogs, size_words(size, "serve"), self.stale, partial(self._start, str(opened.path)))
+        ask_serve(window.dialogs, share_words(size, "serve"), self.stale, partial(self._start, str(opened.path)))
 
     def _start(self, source: str, https: bool) -> None:
         try:

@@ -67,7 +67,9 @@ class StartActions:
         """Do what a part of the page stands for, see `StartPicture`."""
         window, page = self._window, self.page
         kind, _, number = name.partition(" ")
-        if kind == "card":
+        if kind == "back":
+            self.hide()
+        elif kind == "card":
             self._open_card(int(number))
         elif kind == "remove":
             if int(number) < len(page.places):
@@ -163,6 +165,8 @@ class StartActions:
             self._pasting, changed = False, True
             self.pasted(text)
         if self._window.start.shown:
+            opened = self._window.player.opened
+            self.page.back = opened.title if opened is not None else ""
             changed |= self.page.poll(self._window.preferences.recent)
         return changed
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget, color
+from gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
 from gui.platform.keyboard import BACKSPACE, END, HOME, KEYS, TAB, send_key, tap_key, type_keys
 from gui.presenters.drawing.palette import ACCENT_DARK, DIM, RAISED
 
@@ -21,6 +22,9 @@ FRAMES_BEFORE_ENTER = 2
 BUTTON_PADDING = 0.2
 """Room above and below the text of a button, em, besides the toolkit's."""
 
+SHADE = 0.5
+"""How dark everything below a dialog becomes, 0 to 1."""
+
 _MODIFIERS = (
     gui.KeyName.LEFT_CONTROL, gui.KeyName.RIGHT_CONTROL, gui.KeyName.ALT, gui.KeyName.META,
 )  # fmt: skip
@@ -30,7 +34,11 @@ Answer = tuple[str, str, Callable[[], None]]
 
 
 class Dialogs:
-    """Shows one dialog at a time over a window.
+    """Shows one dialog at a time over a window, which is darker meanwhile.
+
+    Args:
+        window: the window.
+        titles: number of the font of titles.
 
     Attributes:
         widgets: widgets of the open dialog by key; empty if none is open.
@@ -44,10 +52,14 @@ class Dialogs:
         on_press: is told the X key codes of presses and repeats, which the text field keeps for itself, where they are
             known; None for none.
         expected: whether a dialog with a text field is about to open, for which what is typed is kept.
+        shade: what makes the window darker, to be its last child and as large as it.
     """
 
-    def __init__(self, window: gui.Window) -> None:
-        self._window = window
+    def __init__(self, window: gui.Window, titles: int) -> None:
+        self._window, self._titles = window, titles
+        self.shade = gui.Vert()
+        self.shade.background_color = gui.Color(0.0, 0.0, 0.0, SHADE)
+        self.shade.visible = False
         self.em = window.theme.font_size
         self.widgets: dict[str, gui.Widget] = {}
         self.name = ""
@@ -80,6 +92,7 @@ class Dialogs:
         self._early = []
         if self.name:
             self._window.close_dialog()
+        self.shade.visible = False
         self.widgets, self.name, self.lines = {}, "", []
         self.pictures, self.on_key, self.on_press = [], None, None
         self.expected = False
@@ -114,7 +127,9 @@ class Dialogs:
         em = self.em
         dialog = gui.Dialog(title)
         column = gui.Vert(0.6 * em, gui.Margins(em, em, em, em))
-        heading = gui.Label(title + " " * max(int(width - len(title)), 0))  # the widest line gives the dialog its width
+        # the widest line gives the dialog its width
+        heading = gui.Label(title + " " * max(int(width * TEXT_SIZE / TITLE_SIZE - len(title)), 0))
+        heading.font_id = self._titles
         column.add_child(heading)
         for part in parts:
             column.add_child(part)
@@ -125,7 +140,7 @@ class Dialogs:
             row.add_child(self.button(key, label, action, accent=key == accent))
         column.add_child(row)
         dialog.add_child(column)
-        self.name = name
+        self.name, self.shade.visible = name, True
         self._window.show_dialog(dialog)
 
     def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:

@@ -59,13 +59,15 @@ class Flow:
 
     def _lines(self, width: float, context: gui.LayoutContext) -> list[list[tuple[gui.Widget, float, float, bool]]]:
         """Each line's widgets with their left end, width, and whether they are right-aligned."""
+        # hidden ones count, so that the others keep their places
+        at_right = np.logical_or.accumulate([right for _, _, right, _ in self._items])
+        right = [bool(one) for one, item in zip(at_right, self._items, strict=True) if item[0].visible]
         shown = [item for item in self._items if item[0].visible]
         free = gui.Widget.Constraints()
         wides = [min(fixed or widget.calc_preferred_size(context, free).width, width) for widget, _, _, fixed in shown]
-        right = np.logical_or.accumulate([at_right for _, _, at_right, _ in shown])
         befores = [self.spacing * before for _, before, _, _ in shown]
         lines = flow_lines(wides, befores, width, self.spacing * self._gap)
-        return [[(shown[at][0], left, wides[at], bool(right[at])) for at, left in line] for line in lines]
+        return [[(shown[at][0], left, wides[at], right[at]) for at, left in line] for line in lines]
 
 
 def _down(widget: gui.Widget, line: float, context: gui.LayoutContext) -> int:

@@ -16,6 +16,7 @@ from gui.presenters.run.take_queue import TakeQueue
 
 ROWS, MESSAGE_LINES = 12, 3
 NAME = "queue"
+EMPTY = "The queue is empty. Add the open take, or another one."
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class QueueDialog:
         items = [str(row) for row in rows]
         if items != self._items or not items:
             self._items = self._dialogs.lines = items
-            self._list.set_items(filled(items, ROWS))
+            self._list.set_items(filled(items or [EMPTY], ROWS))
         numbers = [row.number for row in rows]
         if self._chosen not in numbers:
             self._chosen = None
@@ -99,7 +100,7 @@ class QueueDialog:
         }
         for key, enabled in may.items():
             self._dialogs.widgets[key].enabled = enabled
-        self._words.text = queue.words.splitlines()[0]
+        self._words.text = queue.words.splitlines()[0] if rows or queue.view.error else " "
         self._words.text_color = color(BAD if queue.view.error else DIM)
         failure = rows[at].words if state == "failed" else ""
         lines = broken(queue.message or failure).splitlines()[:MESSAGE_LINES]

@@ -26,6 +26,9 @@ WIDEST_BESIDE = 6.5
 MOST_LABEL = 8.0
 """Widest label beside a field, em."""
 
+ABOVE_HEADING, BELOW_HEADING = 0.6, 0.3
+"""How much farther a heading is from the fields above it, and nearer to those below, than a field would be, em."""
+
 FILTER = "Show settings whose name, heading or documentation contains all of these words"
 
 
@@ -204,7 +207,11 @@ class SettingsList:
                 heading = field.heading
                 title = gui.Label("\n".join(textwrap.wrap(heading, 32)))
                 title.text_color = color(ACCENT)
-                rows.add_child(title)
+                # nearer to its own fields than to those above
+                above = round(ABOVE_HEADING * self._em) if self._rows else 0
+                near = gui.Vert(0, gui.Margins(0, above, 0, -round(BELOW_HEADING * self._em)))
+                near.add_child(title)
+                rows.add_child(near)
             self._add(rows, field, round(room + 0.5 * self._em))
         if not found:
             rows.add_child(gui.Label("No matching settings."))

@@ -308,6 +308,8 @@ class StagesPanel:
         text = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
         if self.buttons["run"].text != text:
             self.buttons["run"].text = text
+            # only what is to be done next stands out
+            self.buttons["run"].background_color = color(RAISED if text == "Run again" else ACCENT_DARK)
             self._hints.give(self.buttons["run"], _RUN[text], self.row)
             changed = True
         text = "Resume" if self._workspace.paused else "Pause"

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 from open3d.visualization import gui
+
+TEXT_SIZE, TITLE_SIZE = 16, 19
+"""Height of a line of text, as the toolkit draws it, and of a title, at 96 dpi."""
 
 
 def use_icons(application: gui.Application, file: Path) -> None:
@@ -18,3 +22,10 @@ def use_icons(application: gui.Application, file: Path) -> None:
     font = gui.FontDescription()
     font.add_typeface_for_language(str(file), "ru")
     application.set_font(gui.Application.DEFAULT_FONT_ID, font)
+
+
+@functools.cache
+def title_font(application: gui.Application) -> int:
+    """Number of the font of dialogs' titles, as high as the headings of panels are in proportion to their text. Call
+    before the first window is made."""
+    return int(application.add_font(gui.FontDescription(gui.FontDescription.SANS_SERIF, point_size=TITLE_SIZE)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -10,13 +11,13 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
+from gui.actions.menus import MENUS
 from studio.gaussians import SH_C0, Gaussians
 from studio.stream import BakeSettings, bake_group, write_manifest
 from tests.support.tiny_capture import write_project
@@ -153,7 +154,7 @@ class RunningWindow:
         """What changed last, and what the window has said."""
         states = self.states()
         lines = []
-        for before, after in pairwise(states[-changes - 1 :]):
+        for before, after in itertools.pairwise(states[-changes - 1 :]):
             changed = {key: value for key, value in after.items() if key != "time" and value != before[key]}
             lines.append(f"{after['time']:.2f} " + ", ".join(f"{key}={value!s:.80}" for key, value in changed.items()))
         told = ("stage", "mode", "dialog", "frame", "shown", "playing", "settled", "keys", "texts", "notice", "message")
@@ -240,9 +241,12 @@ class RunningWindow:
         self.wait_for(f"{name} on the start page", lambda s: name in s["start_places"])
         self.click("start page", *self.states()[-1]["start_places"][name])
 
-    def menu(self, title: str, row: int, separators: int = 0) -> None:
-        """Choose an item of a menu by its row and the number of separators above it. The toolkit draws menus without
-        reporting their frames; the offsets were measured at its default font size."""
+    def menu(self, title: str, name: str) -> None:
+        """Choose an item of a menu by the name of its action. The toolkit draws menus without reporting their frames;
+        the offsets were measured at its default font size."""
+        above = list(itertools.takewhile(lambda key: key != name, (key for key, _ in dict(MENUS)[title])))
+        separators = above.count("")
+        row = len(above) - separators
         left, top = self.point(self._whole, 0.0, 0.0)
         middles = {"File": 22, "Edit": 61, "View": 104, "Mark": 151, "Export": 203, "Share": 257, "Help": 306}
         across = left + middles[title]

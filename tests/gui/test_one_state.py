@@ -72,7 +72,7 @@ def test_pictures_numbers_and_typed_text(
     window.wait_for("the mark", lambda s: s["marks"] == {"0": "at Once"} and s["dialog"] == "")
 
     # an export that is refused keeps everything typed
-    window.menu("Export", 5, separators=1)
+    window.menu("Export", "export turntable")
     window.wait_for("the options", lambda s: s["dialog"] == "export")
     window.retype("dialog seconds", "long")
     window.click("dialog save")
@@ -81,7 +81,7 @@ def test_pictures_numbers_and_typed_text(
     window.click("dialog close")
 
     # what cannot be opened is told for a while, not over the picture
-    window.menu("File", 3)
+    window.menu("File", "address")
     window.wait_for("the question", lambda s: s["dialog"] == "address" and s["typing"])
     window.enter_text("dialog line", str(tmp_path / "nothing"))
     window.key("Return")

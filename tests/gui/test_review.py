@@ -216,7 +216,8 @@ def test_plots_show_the_frame_and_clicks_find_it() -> None:
     # higher values are drawn higher: find the accent pixels of the decoded plot at the last and the first frame
     high = plots_view.picture(19, plots)[:, plots_view.left + plots_view.timeline.span(19)[0] + 1]
     low = plots_view.picture(0, plots)[:, plots_view.left + 1]
-    rows = slice(37, 66)
+    top, height = plots_view._rows(3)[1]
+    rows = slice(top, top + height)
     tops = [np.flatnonzero((column[rows] == ACCENT).all(axis=1)) for column in (high, low)]
     assert len(tops[0]) == len(tops[1]) > 0, "a line of even thickness"
     assert tops[0].min() < tops[1].min()
@@ -233,4 +234,8 @@ def test_long_log_lines_are_broken_and_nothing_is_lost() -> None:
     assert timed[0].clock == "12:00:01"
     assert all(row.kind == "warning" and not row.clock and not row.first for row in timed[1:-1])
     assert timed[-1] == LogRow("", "later", "12:01:02", True)
+    narrow, wide = (log_rows([("", "word " * 60)], width, 16.0, [noon]) for width in (270, 700))
+    assert "".join(row.text + " " for row in narrow).split() == ["word"] * 60
+    assert len(narrow[1].text) > 1.3 * len(narrow[0].text), "rows that continue a line begin below its time"
+    assert len(wide[1].text) == len(wide[0].text), "and below its text where there is room"
     assert figures_picture([], 100, 50, 16.0).shape == (50, 100, 3)

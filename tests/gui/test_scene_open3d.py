@@ -46,7 +46,7 @@ def test_open3d_draws_what_is_composed_and_its_cameras_can_be_clicked(
     composed = seen(window, artifacts / "scene_composed.png")
     assert composed[0].std() > 5
 
-    window.menu("View", 12)
+    window.menu("View", "open3d")
     state = window.wait_for("Open3D's", lambda s: s["open3d"] is not None and s["settled"])
     assert "slow" in state["notice"]
 
@@ -67,6 +67,6 @@ def test_open3d_draws_what_is_composed_and_its_cameras_can_be_clicked(
     window.click("viewport", across, down)
     window.wait_for("through a camera", lambda s: s["camera"] != "" and s["open3d"] is not None)
 
-    window.menu("View", 12)
+    window.menu("View", "open3d")
     window.wait_for("the composed scene again", lambda s: s["open3d"] is None and s["settled"] and "+x" in s["places"])
     assert window.close() == 0

@@ -51,7 +51,7 @@ def test_from_the_start_page_through_the_tour_to_a_notice(
 
     # fullscreen by the menu and back: the page alone, without panels
     panels = {"timeline", "stages", "inspector", "status"}
-    window.menu("View", 5)
+    window.menu("View", "fullscreen")
     full = window.wait_for("fullscreen", lambda s: s["fullscreen"])
     assert not panels & set(full["widgets"])
     window.key("Escape")
@@ -117,11 +117,11 @@ def test_from_the_start_page_through_the_tour_to_a_notice(
     window.wait_for("the panels", lambda s: not s["fullscreen"] and "timeline" in s["widgets"])
     window.key("h")
     window.wait_for("the start page again", lambda s: s["start"])
-    window.key("Escape")
+    window.choose("back")
     window.wait_for("the take again", lambda s: not s["start"])
 
     # the tour
-    window.menu("Help", 3, separators=1)
+    window.menu("Help", "tour")
     for number, step in enumerate(STEPS, start=1):
         state = window.wait_for(f"step {number}", lambda s, number=number: s["tour"][:1] == [number])
         assert state["stage"] == step.stage
@@ -133,7 +133,7 @@ def test_from_the_start_page_through_the_tour_to_a_notice(
 
     # a notice with what can be done next
     window.wait_for("a picture", lambda s: not s["playing"] and s["settled"])
-    window.menu("File", 4, separators=1)
+    window.menu("File", "screenshot")
     window.wait_for("the question", lambda s: s["dialog"] == "screenshot" and s["typing"])
     window.key("Return")
     state = window.wait_for("the notice", lambda s: s["notice"].startswith("Written: "))

@@ -20,7 +20,7 @@ def done(state: dict[str, Any]) -> bool:
 def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tmp_path: Path, artifacts: Path) -> None:
     window = open_window()
     window.wait_for("an empty window", lambda s: "New take" in s["message"] or "new take" in s["message"])
-    window.menu("File", 0)
+    window.menu("File", "new")
     window.wait_for("the dialog", lambda s: s["dialog"] == "new take")
     window.click("dialog footage")
     window.enter_text("dialog footage", str(footage_project / "capture"))

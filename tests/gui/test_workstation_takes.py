@@ -21,7 +21,7 @@ def test_a_job_outlives_the_window_and_is_found_again(open_window: Callable, tak
     window.stage("train")
     window.click("run")
     window.wait_for("training", lambda s: s["stages"]["train"][0] == "running" and "%" in s["stages"]["train"][1])
-    window.menu("File", 7, separators=2)  # Quit
+    window.menu("File", "quit")
     window.wait_for("the question", lambda s: s["dialog"] == "ask")
     window.click("dialog leave")
     assert window.process.wait(60) == 0
@@ -95,7 +95,7 @@ def test_broken_takes_are_sentences(open_window: Callable, finished_project: Pat
     window = open_window()
     window.wait_for("a window", lambda s: s["dialog"] == "")
     for number, (damage, said) in enumerate(BROKEN):
-        window.menu("File", 2)
+        window.menu("File", "recent")
         state = window.wait_for("the list", lambda s: s["dialog"] == "recent")
         shown = json.loads((settings / "window.json").read_text())["recent"]
         assert len(state["widgets"]) > len(shown)

@@ -10,7 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from gui.presenters.drawing.palette import GROUND, RGB, TEXT
+from gui.presenters.drawing.palette import BORDER, GROUND, RAISED, RGB, TEXT
+
+ROUND = 0.25
+"""Radius of the corners of buttons in font sizes, as the toolkit draws its own."""
 
 
 @lru_cache(maxsize=16)
@@ -127,6 +130,62 @@ class Canvas:
         self.rect(x, y + height - 1, width, 1, color)
         self.rect(x, y, 1, height, color)
         self.rect(x + width - 1, y, 1, height, color)
+
+    def rounded(
+        self,
+        x: float,
+        y: float,
+        width: float,
+        height: float,
+        radius: float,
+        color: RGB | None,
+        border: RGB | None = None,
+        thick: float = 1.0,
+    ) -> None:
+        """Draw an antialiased rectangle with round corners.
+
+        Args:
+            x, y, width, height: the rectangle.
+            radius: of its corners.
+            color: what it is filled with; None for nothing.
+            border: color of its outline, which is inside of it; None for none.
+            thick: width of the outline.
+        """
+        left, top, wide, high = round(x), round(y), max(round(width), 1), max(round(height), 1)
+        rows, columns = np.mgrid[0:high, 0:wide] + 0.5
+        across = np.abs(columns - wide / 2) - (wide / 2 - radius)
+        down = np.abs(rows - high / 2) - (high / 2 - radius)
+        # distance from the edge, negative inside
+        away = np.hypot(np.maximum(across, 0), np.maximum(down, 0)) + np.minimum(np.maximum(across, down), 0) - radius
+        whole, inner = (255 * np.clip(0.5 - away - inset, 0, 1) for inset in (0.0, thick))
+        if color is not None:
+            self._blend(whole, left, top, color)
+        if border is not None:
+            self._blend(whole - inner, left, top, border)
+
+    def button(
+        self,
+        x: float,
+        y: float,
+        width: float,
+        height: float,
+        words: str,
+        size: int,
+        ground: RGB = RAISED,
+        color: RGB = TEXT,
+        border: RGB = BORDER,
+    ) -> None:
+        """Draw a button as the toolkit draws its own, with its words in the middle.
+
+        Args:
+            x, y, width, height: its rectangle.
+            words: what it says; shortened where there is no room.
+            size: of the words.
+            ground, color, border: of the button, the words and the outline.
+        """
+        self.rounded(x, y, width, height, ROUND * size, ground, border)
+        top = y + (height - glyph_height(size)) / 2
+        self.text(x + width / 2, top, words, size, color, "middle", width=width - 0.5 * size)
 
     def dot(self, x: float, y: float, radius: float, color: RGB, filled: bool = True) -> None:
         """Draw an antialiased disc or ring."""

@@ -35,6 +35,9 @@ ACCENT: RGB = (86, 190, 222)
 
 ACCENT_DARK: RGB = (40, 92, 112)
 
+HELD_OUT: RGB = ACCENT
+"""Cameras that are not trained on, in Capture, Calibrate and the scene."""
+
 SECOND: RGB = (188, 193, 201)
 """The second curve of a pair."""
 

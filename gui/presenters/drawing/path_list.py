@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height, text_width, wrapped
-from gui.presenters.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, FAINT, LINE, PANEL, RAISED, RGB, TEXT
+from gui.presenters.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, RGB, TEXT
 from gui.presenters.run.camera_path import PathKey
 
 THUMBNAIL = (16, 9)
@@ -178,9 +178,8 @@ class PathList:
 
     def _button(self, canvas: Canvas, x: float, y: float, wide: float, label: str, on: bool, pressed: bool) -> None:
         size, em = round(0.9 * self.em), self.em
-        canvas.rect(x, y, wide, 1.7 * em, ACCENT_DARK if pressed else RAISED)
-        canvas.frame(x, y, wide, 1.7 * em, LINE)
-        canvas.text(x + wide / 2, y + 0.85 * em - 0.6 * size, label, size, TEXT if on else FAINT, align="middle")
+        ground, color = ACCENT_DARK if pressed else RAISED, TEXT if on else FAINT
+        canvas.button(x, y, wide, 1.7 * em, label, size, ground, color, BORDER if on else FAINT)
 
 
 def _icon(canvas: Canvas, name: str, x: float, y: float, side: float, color: RGB) -> None:

@@ -55,12 +55,22 @@ def side_by_side(
     images: Sequence[np.ndarray],
     names: Sequence[str],
     text: int = LABEL_SIZE,
+    corner: tuple[int, int] = (0, 0),
 ) -> np.ndarray:
-    """Draw pictures side by side, each with its label; `text`: size of labels, pixels."""
+    """Draw pictures side by side, each with its label.
+
+    Args:
+        size: (width, height) of the whole picture.
+        where: the boxes of the pictures.
+        images, names: a picture and its label for each box.
+        text: size of labels, pixels.
+        corner: column and row of each picture where what is filmed begins: its label is there.
+    """
     canvas = Canvas(*size)
     for box, image, name in zip(where, images, names, strict=True):
         canvas.image(box.x, box.y, image)
-        label(canvas, *_corner(box, text), name, size=text)
+        x, y = _corner(box, text)
+        label(canvas, x + corner[0], y + corner[1], name, size=text)
     return canvas.pixels
 
 

@@ -191,7 +191,10 @@ class FrameRenderer:
         if request.mode == "single":
             image = images[0]
         elif apart:
-            image = compare.side_by_side(request.size, where, images, shown, request.text)
+            corner = (0, 0)
+            if capture is not None:
+                corner = request.image_zoom.inside(capture, where[0].width, where[0].height)[:2]
+            image = compare.side_by_side(request.size, where, images, shown, request.text, corner)
         elif request.mode == "wipe":
             pair, box = (shown[0], shown[1]), where[0]
             image = compare.wipe(request.size, box, images[0], images[1], request.wipe, pair, request.text)

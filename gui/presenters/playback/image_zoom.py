@@ -68,13 +68,18 @@ class ImageZoom:
         pixels = cv2.warpAffine(image, warp, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.ascontiguousarray(pixels)
 
-    def mask_outside(self, pixels: np.ndarray, camera: Camera) -> None:
-        """Fill everything outside the camera's image with the background, in place."""
-        height, width = pixels.shape[:2]
+    def inside(self, camera: Camera, width: int, height: int) -> tuple[int, int, int, int]:
+        """The camera's image in a picture of this size: first column and row, and the column and row after the last,
+        pixels."""
         scale = self.scale(camera, width, height)
         x, y = self.offset(camera, width, height)
         left, right = max(round(x), 0), min(round(x + camera.width * scale), width)
         top, bottom = max(round(y), 0), min(round(y + camera.height * scale), height)
+        return left, top, right, bottom
+
+    def mask_outside(self, pixels: np.ndarray, camera: Camera) -> None:
+        """Fill everything outside the camera's image with the background, in place."""
+        left, top, right, bottom = self.inside(camera, pixels.shape[1], pixels.shape[0])
         pixels[:top], pixels[bottom:], pixels[:, :left], pixels[:, right:] = GROUND, GROUND, GROUND, GROUND
 
     def zoomed(self, notches: float) -> ImageZoom:

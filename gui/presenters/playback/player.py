@@ -332,7 +332,7 @@ class PlayerPresenter(Viewpoint):
         group = opened.group(self.transport.frame, self.filmed_groups)
         return SceneWanted(
             opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self._points,
-            self.still, self.em, self.native,
+            self.still, self.em, self.native, self.held_out,
         )  # fmt: skip
 
     @property

@@ -12,6 +12,9 @@ from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE,
 from gui.presenters.playback.timeline import Timeline
 from studio.edits.edit_list import Trim
 
+_STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]
+"""Distances of numbered frames."""
+
 LEAST_SPAN = 2.0
 """Least range of an axis that does not begin at zero, dB: smaller differences must not look large."""
 
@@ -20,6 +23,12 @@ KEY_SIZE = 0.4
 """Half of a diamond of the camera path, em."""
 
 GAP = 3
+
+RULER = 0.9
+"""Height of the row of frame numbers above the track, em."""
+
+APART = 3.5
+"""Least room from one frame number to the next, em."""
 
 
 @dataclass(frozen=True)
@@ -196,6 +205,7 @@ class TimelinePlots:
         timeline = self.timeline
         for number, plot in enumerate(plots):
             self._plot(canvas, timeline, plot, *self._rows(len(plots))[number])
+        self._ruler(canvas, timeline)
         timeline.shade(canvas.pixels[: self._track, self.left : self.left + timeline.width])
         if strip is not None:
             canvas.image(self.left, GAP, strip)
@@ -233,6 +243,9 @@ class TimelinePlots:
         track = timeline.picture(frame)
         marks = base[self._track :, self.left :]
         canvas.image(self.left, self._track, track)
+        for one in self.numbered:
+            middle = self.left + sum(timeline.span(one)) // 2
+            canvas.rect(middle, self._track, max(round(self.em / 16), 1), self.track_height // 4, DIM)
         shown = (marks == BAD).all(axis=2) | (marks == FAIR).all(axis=2)
         canvas.pixels[self._track :, self.left :][shown] = marks[shown]
         if frame is None:
@@ -309,8 +322,28 @@ class TimelinePlots:
     def _rows(self, count: int) -> list[tuple[int, int]]:
         """(top, height) of each plot."""
         top = GAP + (self.strip + GAP if self.strip else 0)
-        each = (self._track - top) // max(count, 1) - GAP
+        each = (self._track - round(RULER * self.em) - top) // max(count, 1) - GAP
         return [(top + number * (each + GAP), each) for number in range(count)]
+
+    def _ruler(self, canvas: Canvas, timeline: Timeline) -> None:
+        """Numbers of frames above the track."""
+        size = max(round(0.64 * self.em), 8)
+        y = self._track - round(RULER * self.em)
+        for frame in self.numbered:
+            middle = self.left + sum(timeline.span(frame)) // 2
+            words = str(frame)
+            beside = text_width(words, size) / 2
+            x = min(max(middle, self.left + beside), self.left + timeline.width - beside)
+            canvas.text(x, y - 0.1 * size, words, size, DIM, align="middle")
+
+    @property
+    def numbered(self) -> list[int]:
+        """The frames whose numbers are above the track: every 1, 2, 5, 10, 20, 50, ... in view."""
+        timeline = self.timeline
+        shown = self.shown or self.frame_count
+        each = timeline.width / shown
+        step = next(step for step in _STEPS if step * each >= APART * self.em or step >= self.frame_count)
+        return [frame for frame in range(0, self.frame_count, step) if timeline.shows(frame)]
 
     def in_strip(self, y: float) -> bool:
         """Whether a row of the picture is in the strip of pictures."""
@@ -352,7 +385,7 @@ class TimelinePlots:
             return
         bar = max(round((value - low) / (high - low) * (height - 2)), 1)
         first, last = timeline.span(frame)
-        thick = bar if plot.bars else min(2, bar)
+        thick = bar if plot.bars else min(max(round(self.em / 8), 2), bar)  # as thick on a dense screen
         canvas.rect(self.left + first, y + height - 1 - bar, max(last - first - (last - first > 3), 1), thick, color)
 
     def _plot(self, canvas: Canvas, timeline: Timeline, plot: Plot, y: int, height: int) -> None:

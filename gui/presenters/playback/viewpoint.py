@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gui.presenters.held_out import HeldOut
 from gui.presenters.playback.compare import ALONE
 from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
@@ -40,6 +41,7 @@ class Viewpoint:
     def __init__(self) -> None:
         self.opened: Opened | None = None
         self.context: Context | None = None
+        self._held_out = HeldOut()
         self.what = "decoded"
         self.mode = "single"
         self.camera = ""
@@ -102,8 +104,8 @@ class Viewpoint:
 
     @property
     def held_out(self) -> tuple[str, ...]:
-        """The cameras that the settings hold out by name."""
-        return self.context.config.capture.held_out if self.context is not None else ()
+        """The cameras that are not trained on."""
+        return self._held_out.of(self.context)
 
     def _first_camera(self) -> str:
         names = self.camera_names

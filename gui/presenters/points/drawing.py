@@ -13,7 +13,6 @@ from gui.presenters.drawing.palette import (
     ACCENT_DARK,
     BAD,
     BLACK,
-    BORDER,
     DIM,
     FAIR,
     GOOD,
@@ -73,18 +72,18 @@ def tabs(
     """Draw the camera names with their numbers of marks in rows; return the y coordinate below them."""
     small = round(0.85 * em)
     x, width = across
-    step, left, y = line_height(small) + 6, x, 2.0
+    step, left, y = round(1.65 * em), x, round(0.25 * em)
     for name in names:
         words = f"{name}  {marks.count(name)}"
         wide = text_width(words, small) + 0.9 * em
         if left + wide > x + width and left > x:
             left, y = x, y + step
         marked = marks.point is not None and name in marks.point.pixels
-        canvas.rect(left, y, wide - 3, step - 3, ACCENT_DARK if name == shown else RAISED)
-        canvas.text(left + 0.4 * em, y + 2, words, small, GOOD if marked else TEXT)
+        color, ground = GOOD if marked else TEXT, ACCENT_DARK if name == shown else RAISED
+        canvas.button(left, y, wide - 4, step - 4, words, small, ground, color, ground)
         spots.add((left, y, wide, step), partial(choose, name))
         left += wide
-    return y + step
+    return y + step + round(0.25 * em)
 
 
 def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, em: float) -> None:
@@ -164,17 +163,18 @@ def point_list(
     width, height = size
     small, pad = round(0.85 * em), 0.5 * em
     step = line_height(small) + 3
+    top = pad + step
     canvas.rect(0, 0, width, height, GROUND)
-    high = line_height(small) + 6
-    bottom = height - len(buttons) * (high + 4) - 2
-    rows = max(int((bottom - 1.6 * step - pad) // step), 1)
+    high, gap = round(1.65 * em), round(0.25 * em)
+    bottom = height - len(buttons) * (high + gap) - pad + gap
+    rows = max(int((bottom - 1.6 * step - 2 * pad) // step), 1)
     scroll = min(max(scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
-    canvas.text(pad, 2, f"{len(marks.points)} point{'s' * (len(marks.points) != 1)}", small, DIM)
+    canvas.text(pad, top - step, f"{len(marks.points)} point{'s' * (len(marks.points) != 1)}", small, DIM)
     if len(marks.points) < 2:
         for row, line in enumerate(wrapped(_HOW, small, width - 2 * pad)[: rows - 3]):
-            canvas.text(pad, step * (row + 3), line, small, DIM)
+            canvas.text(pad, top + step * (row + 1), line, small, DIM)
     for row, index in enumerate(range(scroll, min(scroll + rows, len(marks.points)))):
-        point, y = marks.points[index], step * (row + 1)
+        point, y = marks.points[index], top + step * row
         if index == marks.chosen:
             canvas.rect(2, y, width - 6, step - 1, ACCENT_DARK)
         error = solved[point.name].error if point.name in solved else None
@@ -184,11 +184,9 @@ def point_list(
         canvas.text(width - pad - 4, y + 1, words, small, _color(error, len(point.pixels)), align="right")
         spots.add((0, y, width, step), partial(marks.choose, index))
     for words, action in buttons:
-        canvas.rect(2, bottom, width - 8, high, RAISED)
-        canvas.frame(2, bottom, width - 8, high, BORDER)
-        canvas.text(width / 2 - 2, bottom + 3, words, small, TEXT, "middle", width=width - 2 * pad)
-        spots.add((2, bottom, width - 8, high), action)
-        bottom += high + 4
+        canvas.button(pad, bottom, width - 2 * pad - 2, high, words, small)
+        spots.add((pad, bottom, width - 2 * pad - 2, high), action)
+        bottom += high + gap
     canvas.line([(width - 2, 0), (width - 2, height)], LINE)
     return scroll
 

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 from gui.presenters.playback.viewpoint import BACKGROUNDS
 from gui.presenters.run.camera_path import PathEditor, in_export
 from gui.presenters.run.jobs import ChildProcess, v3studio_command
-from gui.presenters.run.shares import ShareRequest, megabytes
+from gui.presenters.run.shares import ShareRequest
 from gui.presenters.run.target import NamedTarget
 from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.reports.summary_words import size_words
 from pipelines.takes.atomic_files import remove
 from studio.counts import counted
 from studio.errors import StudioError
@@ -207,7 +208,7 @@ class Exports:
                 if event["kind"] == "progress":
                     self.words = f"{event['what']}: {event['done']} of {event['total']}"
                 elif event["kind"] == "shared":
-                    self._told += f"\n{megabytes(event['total_bytes'])} in {counted(event['files'], 'file')}"
+                    self._told += f"\n{size_words(event['total_bytes'])} in {counted(event['files'], 'file')}"
                 elif event["kind"] == "note":
                     self._told += f"\n{event['text']}"
         status = process.status

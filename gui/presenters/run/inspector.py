@@ -87,8 +87,9 @@ def review_blocks(
             rows.append(("decode" if picture.source == "decoded" else "read", f"{load:.1f} ms"))
         if picture.draw_seconds:
             rows.append(("render", f"{1000 * picture.draw_seconds:.1f} ms"))
-    rows.append(("playback", f"{player.rate:.1f} fps"))
-    rows.append(("window redraws", f"{drawn_rate:.1f} fps"))
+    plays = transport.playing  # otherwise the rates are those of single draws
+    rows.append(("playback", f"{player.rate:.1f} fps" if plays else "paused"))
+    rows.append(("window redraws", f"{drawn_rate:.1f} fps" if plays else "as needed"))
     blocks.append(Block("Speed", rows))
     if player.left_out:
         blocks.insert(1, Block("Damaged, skipped", [], "\n".join(player.left_out)))
@@ -176,9 +177,8 @@ def camera_rows(player: PlayerPresenter) -> list[Row]:
     if not player.camera or rig is None:
         return [("camera", f"free view, distance {player.orbit.distance:.2f}")]
     camera = rig[player.camera]
-    held_out = player.context is not None and camera.name in player.context.config.capture.held_out
     return [
-        ("camera", camera.name + (", held out" if held_out else "")),
+        ("camera", camera.name + (", held out" if camera.name in player.held_out else "")),
         ("image", f"{camera.width} x {camera.height}, focal {camera.fx:.0f} px"),
     ]
 

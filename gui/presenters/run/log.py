@@ -10,7 +10,7 @@ from datetime import datetime
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height, text_width, wrapped
-from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, LINE, PANEL, RAISED, RGB, TEXT
+from gui.presenters.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, PANEL, RGB, TEXT
 from gui.presenters.run.inspector import heading
 from gui.presenters.run.remedies import Fix
 from pipelines.events.event_types import Notice
@@ -21,6 +21,10 @@ LEVELS: dict[str, tuple[str, RGB, RGB]] = {
     "error": ("Error: ", BAD, BAD),
 }
 """How lines of a level begin, and the colors of their dots and of their text, by kind."""
+
+WIDE, HANG = 30.0, 1.0
+"""Width of the log from which on all rows of a line begin below each other, and else the indent of those that continue
+it, em."""
 
 CLOCK = "00:00:00"
 """A time as wide as all others."""
@@ -98,6 +102,12 @@ def _indent(em: float) -> float:
     return 0.6 * em + text_width(CLOCK, _size(em)) + 1.3 * em
 
 
+def _hang(width: float, em: float) -> float:
+    """Column where the rows that continue a line begin: below its text, or below its time where there is little room
+    beside that."""
+    return _indent(em) if width >= WIDE * em else 0.6 * em + HANG * em
+
+
 def log_rows(
     lines: Iterable[tuple[str, str]],
     width: int,
@@ -117,11 +127,15 @@ def log_rows(
     found: list[LogRow] = []
     none = itertools.repeat(None)
     room = width - _indent(em) - 0.6 * em
+    spare = width - _hang(width, em) - 0.6 * em
     for (kind, text), told, fix in zip(
         lines, itertools.chain(times, itertools.repeat(0.0)), itertools.chain(fixes, none), strict=False
     ):
         clock = _clock(told)
-        parts = wrapped(LEVELS[kind][0] + text, _size(em), room)
+        words = LEVELS[kind][0] + text
+        parts = wrapped(words, _size(em), room)
+        rest = words[len(parts[0]) :].removeprefix("\n").lstrip(" ")
+        parts = [parts[0], *(wrapped(rest, _size(em), spare) if rest else [])]
         found += [LogRow(kind, part, clock if not number else "", not number) for number, part in enumerate(parts)]
         if fix is not None:
             found.append(LogRow("fix", fix.words, fix=fix))
@@ -211,14 +225,12 @@ class LogView:
             y = top + number * step
             if row.fix is not None:
                 edge, wide = self._button(row)
-                canvas.rect(edge, y + 1, wide, step - 2, RAISED)
-                canvas.frame(edge, y + 1, wide, step - 2, LINE)
                 color = GOOD if row.fix.done else ACCENT
-                canvas.text(edge + 0.5 * em, y + 1, row.text, size, color, width=wide - em)
+                canvas.button(edge, y + 1, wide, step - 2, row.text, size, color=color)
                 continue
             _, dot, color = LEVELS[row.kind]
             canvas.text(0.6 * em, y, row.clock, size, DIM)
             if row.first:
                 canvas.dot(left - 0.65 * em, y + 0.62 * size, 0.18 * em, dot)
-            canvas.text(left, y, row.text, size, color)
+            canvas.text(left if row.first else _hang(self.width, em), y, row.text, size, color)
         return canvas.pixels

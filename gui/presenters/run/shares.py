@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from gui.presenters.run.target import NamedTarget
-from pipelines.reports.summary_words import size_words as file_size_words
+from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
 from pipelines.share import MAX_SINGLE_FILE_BYTES, ShareSize
 from studio.counts import counted
@@ -99,15 +99,15 @@ class ShareRequest(NamedTarget):
         return found
 
 
-def size_words(size: ShareSize, form: str) -> str:
+def share_words(size: ShareSize, form: str) -> str:
     """What a share takes, as a sentence; `form` is of `FORMS`, or "serve"."""
-    parts = f"{counted(size.frames, 'frame')}, {size.seconds:.1f} s: stream {megabytes(size.stream_bytes)}"
+    parts = f"{counted(size.frames, 'frame')}, {size.seconds:.1f} s: stream {size_words(size.stream_bytes)}"
     if form == "single-file":
         if not size.single_file_possible:
-            most = megabytes(MAX_SINGLE_FILE_BYTES)
+            most = size_words(MAX_SINGLE_FILE_BYTES)
             return f"{parts}. A single file holds {most} at most; share a folder instead."
-        return f"{parts}, the file about {megabytes(size.single_file_bytes)}."
-    player = f"{parts}, player {megabytes(size.player_bytes)}"
+        return f"{parts}, the file about {size_words(size.single_file_bytes)}."
+    player = f"{parts}, player {size_words(size.player_bytes)}"
     return f"{player}." if form == "serve" else f"{player}, and a poster."
 
 
@@ -127,8 +127,3 @@ def stale_words(bake: StageStatus | None, checked: bool = True, unreadable: bool
         return ""
     why = f": {bake.reason}" if bake.reason else ""
     return f"The stream is out of date{why}.\nTo share the take as it is set now, cancel and run Bake first."
-
-
-def megabytes(count: int) -> str:
-    """Bytes in words, as everywhere in the window: "84.9 KB", "1.2 MB" (1 KB = 1000 bytes)."""
-    return file_size_words(count)

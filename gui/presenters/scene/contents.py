@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.presenters.drawing.palette import ACCENT, AXES, FAIR, LINE, RGB
+from gui.presenters.drawing.palette import AXES, FAIR, HELD_OUT, LINE, RGB
 from pipelines.stages.base import Context
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
@@ -50,6 +50,7 @@ class SceneWanted:
         still: whether the view rests: time for full resolution, and for the frame's images on the frusta.
         em: font size, pixels.
         native: whether Open3D draws it.
+        held_out: names of the cameras that are not trained on.
     """
 
     take: Take | None
@@ -63,6 +64,7 @@ class SceneWanted:
     still: bool
     em: float
     native: bool = False
+    held_out: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -202,4 +204,4 @@ def box_lines(low: np.ndarray, high: np.ndarray) -> Lines:
 
 def camera_color(name: str, looks_through: str, held_out: Sequence[str]) -> RGB:
     """Color of a camera's frustum: the one that one looks through, held-out ones, all others."""
-    return (255, 255, 255) if name == looks_through else ACCENT if name in held_out else (150, 156, 166)
+    return (255, 255, 255) if name == looks_through else HELD_OUT if name in held_out else (150, 156, 166)

@@ -123,12 +123,11 @@ class SceneReader:
             self._context = wanted.context
             self._images.clear()
             self._last.clear()
-        held_out = wanted.context.config.capture.held_out if wanted.context is not None else ()
         found = []
         for camera in self._undistorted[1]:
             if camera.name == wanted.camera:
                 continue  # one looks through it
-            color = scene.camera_color(camera.name, wanted.camera, held_out)
+            color = scene.camera_color(camera.name, wanted.camera, wanted.held_out)
             found.append(SceneCamera(camera, color, self._image(wanted, camera.name, frame)))
         return tuple(found)
 

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.presenters.drawing.canvas import Canvas, line_height
+from gui.presenters.drawing.canvas import Canvas, line_height, text_width
 from gui.presenters.drawing.labels import draw_labels
 from gui.presenters.drawing.painter import NEAR, draw_frustum, draw_points, frustum, project
-from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, SECOND, SERIES, TEXT
+from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
+from gui.presenters.held_out import HeldOut
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.inspector import Block
 from gui.presenters.run.workspace import Workspace
@@ -32,7 +33,7 @@ BANDS: dict[str, tuple[str, RGB]] = {
 }
 UNKNOWN: tuple[str, RGB] = ("no reprojection error: cameras from a file", SECOND)
 TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
-HELD_OUT: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", SERIES[4])
+NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
 NONE_HELD_OUT = "no camera is held out: View > Cameras"
 
 NOT_KNOWN = "from file"
@@ -58,6 +59,7 @@ class CalibrateView(OrbitView):
         self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
         self._coverage: RigCoverage | None = None
         self._coverage_of: Hashable = None
+        self._asked_held_out = HeldOut()
 
     @property
     def orbits(self) -> bool:
@@ -128,10 +130,7 @@ class CalibrateView(OrbitView):
     @property
     def _held_out(self) -> tuple[str, ...]:
         """The cameras that are not trained on."""
-        context = self.workspace.context
-        with suppress(StudioError):  # footage that is gone; the Capture view shows the error
-            return context.footage.raw.held_out_cameras if context is not None else ()
-        return ()
+        return self._asked_held_out.of(self.workspace.context)
 
     def _error(self, name: str) -> float | None:
         figures = self._figures(name)
@@ -169,7 +168,7 @@ class CalibrateView(OrbitView):
         for camera in far_first:
             color = self._color(camera.name) if covered is None else SECOND
             if camera.name in held_out:
-                color = HELD_OUT[1]
+                color = HELD_OUT
             if camera.name == self.camera:
                 color = TEXT
             center, corners = frustum(camera, length)
@@ -205,9 +204,11 @@ class CalibrateView(OrbitView):
             entries = [*covered.legend, TRAINING]
         else:
             entries = list(BANDS.values()) if known else [UNKNOWN]
-        entries.append(HELD_OUT if held_out else (NONE_HELD_OUT, GROUND))  # no dot, as it has no color
+        entries.append(NOT_TRAINED_ON if held_out else (NONE_HELD_OUT, GROUND))  # no dot, as it has no color
         for number, (words, color) in enumerate(entries):
             y = self.em * 0.7 + number * line_height(small)
+            # frusta may be behind it
+            canvas.rect(0.6 * self.em, y, 1.5 * self.em + text_width(words, small), line_height(small), GROUND)
             canvas.dot(self.em, y + 0.6 * small, 0.3 * small, color)
             canvas.text(1.7 * self.em, y, words, small, DIM)
 
@@ -240,6 +241,7 @@ class CalibrateView(OrbitView):
         source = (report.source if report is not None else None) or "an unknown source"
         facts = [counted(len(self._rig), "camera"), f"from {source}"]
         columns, same = self._columns()
+        held_out = self._held_out
         if isinstance(report, CalibrationReport):
             figures = report.reprojection
             facts.append(f"reprojection error: mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px")
@@ -249,7 +251,7 @@ class CalibrateView(OrbitView):
         y += 1.5 * step
         wide = size[0] - 2 * em
         places = []
-        canvas.text(em, y, "camera", normal, DIM)
+        canvas.text(1.7 * em, y, "camera", normal, DIM)
         for at, title in zip(PLACES, columns, strict=False):
             canvas.text(em + at * wide, y, title, normal, DIM, align="right")
         y += step
@@ -257,8 +259,9 @@ class CalibrateView(OrbitView):
             places.append((camera.name, rectangle(0, y, size[0], step)))
             if camera.name == self.camera:
                 canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
-            canvas.dot(0.35 * em, y + 0.6 * normal, 0.22 * em, self._color(camera.name))
-            canvas.text(em, y, camera.name, normal, TEXT)
+            canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._color(camera.name))
+            label = f"{camera.name}, held out" if camera.name in held_out else camera.name
+            canvas.text(1.7 * em, y, label, normal, TEXT, width=PLACES[0] * wide - 5 * em)
             for at, words in zip(PLACES, columns.values(), strict=False):
                 canvas.text(em + at * wide, y, words[row], normal, TEXT, align="right")
             y += step

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
-from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, RAISED, TEXT
+from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.presenters.stages.stage_view import Size, StageView, rectangle, sentence
@@ -143,7 +143,7 @@ class CaptureView(StageView):
                     draw_garbage(canvas, at.shown, drawn.get(name), at.size, self.garbage.corners if alone else ())
                     image_at = at if alone else None
                 if held_out:
-                    canvas.frame(left, top, wide, high, ACCENT)
+                    canvas.frame(left, top, wide, high, HELD_OUT)
             except StudioError as error:
                 canvas.rect(x + 3, y + 3, width - 6, row - self._small - 11, RAISED)
                 step = line_height(self._small)

@@ -125,7 +125,9 @@ class TrainView(StageView):
         width, height = max(
             (beside, stacked), key=lambda size: min(size[0], size[1] * render.shape[1] / render.shape[0])
         )
-        across, down = (width + em, 0.0) if (width, height) == beside else (0.0, height + 0.5 * em)
+        beside_each_other = (width, height) == beside
+        height = min(height, width * render.shape[0] / render.shape[1])  # the pictures are right below their caption
+        across, down = (width + em, 0.0) if beside_each_other else (0.0, height + 0.5 * em)
         for number, (name, picture) in enumerate((("footage", truth), ("trained", render))):
             x, y = left + em + number * across, y + number * down
             if picture is None:

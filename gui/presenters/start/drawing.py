@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gui.presenters.drawing.canvas import Canvas, line_height, text_width, wrapped
+from gui.presenters.drawing.canvas import ROUND, Canvas, line_height, text_width, wrapped
 from gui.presenters.drawing.palette import (
     ACCENT,
     ACCENT_DARK,
     BAD,
+    BORDER,
     DIM,
     GOOD,
     GROUND,
@@ -34,6 +35,7 @@ BUTTONS = (
 NO_SAMPLE = "Comes with the source of V3 Studio"
 
 HINTS = {
+    "back": "Go back to what is open (H, Escape)",
     "new": "Create a take from a folder of videos or images",
     "open": "Choose the folder of a take or of a stream",
     "address": "Open a stream by its URL",
@@ -63,8 +65,8 @@ class StartPicture:
         em: font size, pixels.
         down: pixels that the page is scrolled down.
         full: height of the page without scrolling, pixels.
-        boxes: what can be chosen, in the order of reading: rectangle and name: a key of `BUTTONS`, "card 0", "forget",
-            "queue", "start", "stop".
+        boxes: what can be chosen, in the order of reading: rectangle and name: "back", a key of `BUTTONS`, "card 0",
+            "forget", "queue", "start", "stop".
         crosses: rectangle and name of the crosses that remove a card: "remove 0".
     """
 
@@ -111,16 +113,20 @@ class StartPicture:
         inner = self.width - 2 * pad
         y = 1.3 * em - self.down
         canvas.text(pad, y, "V3 Studio", round(1.75 * em), TEXT)
+        if page.back:
+            words = f"Back to {page.back} (H)"
+            self._button(canvas, pad + inner, y, words, "back", hover, right=True, most=0.6 * inner)
         y += 2.7 * em
         words = "From synchronized multi-camera footage of a performer to a streamable Gaussian video"
         canvas.text(pad, y, words, round(0.94 * em), DIM, width=inner)
         y = self._buttons(canvas, page, pad, y + 2.2 * em, inner, hover) + 1.6 * em
         wide = inner >= WIDE * em
         cards_width = inner - (QUEUE + 1.6) * em if wide else inner
+        before = len(self.boxes)
         if wide:
             bottom = self._queue(canvas, page, pad + cards_width + 1.6 * em, y, QUEUE * em, hover)
-            queue_boxes = self.boxes[len(BUTTONS) - (not page.sample) :]
-            del self.boxes[len(self.boxes) - len(queue_boxes) :]
+            queue_boxes = self.boxes[before:]
+            del self.boxes[before:]
             end = max(self._cards(canvas, page, pad, y, cards_width, hover, now), bottom)
             self.boxes += queue_boxes
         else:
@@ -131,7 +137,7 @@ class StartPicture:
         self.full = end + foot + 0.6 * em
         for box, name in self.boxes:
             if name == page.focus:
-                _ring(canvas, box, ACCENT, max(round(0.13 * em), 2))
+                canvas.rounded(*box, ROUND * em, None, ACCENT, max(round(0.13 * em), 2))
         canvas.rect(0, self.height - foot, self.width, foot, PANEL)
         words, shade = (line, TEXT) if line else (KEYS, DIM)
         canvas.text(pad, self.height - foot + 0.45 * em, words, round(0.88 * em), shade, width=inner)
@@ -145,8 +151,7 @@ class StartPicture:
             left, top = x + number % count * (wide + gap), y + number // count * (high + gap)
             on = name != "sample" or page.sample
             ground = ACCENT_DARK if name == "new" else RAISED if name == hover and on else PANEL
-            canvas.rect(left, top, wide, high, ground)
-            canvas.frame(left, top, wide, high, ACCENT if name == hover and on else LINE)
+            canvas.rounded(left, top, wide, high, ROUND * em, ground, ACCENT if name == hover and on else LINE)
             room = wide - 1.8 * em
             canvas.text(left + 0.9 * em, top + 0.55 * em, label, round(1.05 * em), TEXT if on else DIM, width=room)
             words = hint if on else NO_SAMPLE
@@ -277,24 +282,16 @@ class StartPicture:
         return y
 
     def _button(
-        self, canvas: Canvas, x: float, y: float, label: str, name: str, hover: str, right: bool = False
-    ) -> float:
+        self, canvas: Canvas, x: float, y: float, label: str, name: str, hover: str, right: bool = False,
+        most: float | None = None,
+    ) -> float:  # fmt: skip
         em, size = self.em, round(0.9 * self.em)
         wide, high = text_width(label, size) + 1.4 * em, 1.75 * em
+        wide = wide if most is None else min(wide, most)
         left = x - wide if right else x
-        canvas.rect(left, y, wide, high, RAISED)
-        canvas.frame(left, y, wide, high, ACCENT if name == hover else LINE)
-        canvas.text(left + wide / 2, y + 0.28 * em, label, size, TEXT, "middle")
+        canvas.button(left, y, wide, high, label, size, border=ACCENT if name == hover else BORDER)
         self.boxes.append(((left, y, wide, high), name))
         return wide
-
-
-def _ring(canvas: Canvas, box: Box, color: RGB, thick: int) -> None:
-    x, y, wide, high = box
-    canvas.rect(x, y, wide, thick, color)
-    canvas.rect(x, y + high - thick, wide, thick, color)
-    canvas.rect(x, y, thick, high, color)
-    canvas.rect(x + wide - thick, y, thick, high, color)
 
 
 def _filled(picture: np.ndarray, width: int, height: int) -> np.ndarray:

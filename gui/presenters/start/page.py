@@ -60,6 +60,7 @@ class StartPage:
         pictures: thumbnails by place; None where there is nothing to see.
         focus: name of what has the keyboard focus, see `drawing`: "new", "card 0", ...
         sample: whether the sample capture is there.
+        back: name of what is open below the page; "" if nothing is.
     """
 
     def __init__(self, queue: TakeQueue, sample: bool, now: Callable[[], float] = time.monotonic) -> None:
@@ -67,7 +68,7 @@ class StartPage:
         self.places: tuple[str, ...] = ()
         self.cards: dict[str, Card] = {}
         self.pictures: dict[str, np.ndarray | None] = {}
-        self.focus = "new"
+        self.focus, self.back = "new", ""
         self._stamps: dict[str, object] = {}
         self._looked: dict[str, float] = {}
         self._measured: dict[str, float] = {}
@@ -155,7 +156,7 @@ class StartPage:
     def state(self) -> tuple[object, ...]:
         """Everything that the page shows except sizes and pointer; compared for equality."""
         pictures = tuple((place, id(picture)) for place, picture in self.pictures.items())
-        return (self.places, tuple(self.cards.items()), pictures, self.focus, self.queue.state, self.sample)
+        return (self.places, tuple(self.cards.items()), pictures, self.focus, self.queue.state, self.sample, self.back)
 
     def move(self, boxes: Sequence[tuple[Box, str]], across: int, down: int) -> None:
         """Move the focus to the nearest in a direction, if there is one.

@@ -190,7 +190,7 @@ def test_sharing_and_serving(notices: Notices, tmp_path: Path, monkeypatch: pyte
     assert failure(notices).startswith("the disk is full")
     size = SimpleNamespace(single_file_possible=False)
     monkeypatch.setattr(shares_module, "share_size", lambda _: size)
-    monkeypatch.setattr(shares_module, "size_words", lambda *_: "too large for a single file")
+    monkeypatch.setattr(shares_module, "share_words", lambda *_: "too large for a single file")
     monkeypatch.setattr(shares_module, "ask_share", lambda *_: None)
     actions.ask("folder")
     assert failure(notices) == ""

@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from gui.presenters.folders import FolderList
 from gui.presenters.preferences import Preferences
+from tests.support.waiting import wait_until
 
 
 @pytest.fixture
@@ -74,6 +78,13 @@ def test_recent_ones_that_are_gone(tree: Path) -> None:
     assert Preferences(recent=[gone, there, address]).recent_there() == [there, address]
 
 
+def brightness(window: Any, picture: Path) -> float:
+    """Mean of the window's upper left part, which no dialog covers, on the screen."""
+    rows, columns = window.inside("start page")
+    pixels = np.asarray(Image.open(window.screenshot(picture)).convert("L"), float)
+    return float(pixels[rows.start : rows.start + 120, columns.start : columns.start + 300].mean())
+
+
 def test_a_marked_folder_is_opened_and_enter_confirms(
     open_window: Callable, take_copy: Path, tmp_path: Path, artifacts: Path
 ) -> None:
@@ -84,15 +95,18 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     window = open_window("--size", "1100x760")
     window.wait_for("an empty window", lambda s: s["dialog"] == "" and s["message"])
 
-    window.menu("File", 2)
+    window.menu("File", "recent")
     window.wait_for("the list", lambda s: s["dialog"] == "recent")
     window.screenshot(artifacts / "dialog_recent.png")
+    window.drawn()
+    beside = brightness(window, artifacts / "dialog_recent.png")
     window.click("dialog forget")
     window.wait_for("no dialog", lambda s: s["dialog"] == "")
+    wait_until("what is below", lambda: brightness(window, artifacts / "dialog_closed.png") > 1.6 * beside)
     assert json.loads((settings / "window.json").read_text())["recent"] == recent[1:]
 
     # the list starts next to the newest take: select the take, press Open
-    window.menu("File", 1)
+    window.menu("File", "open")
     window.wait_for("the folders", lambda s: s["dialog"] == "path")
     names = [entry.path.name for entry in FolderList(take_copy.parent, "take").entries]
     row = 0.011 + (names.index("take") + 0.5) / 14

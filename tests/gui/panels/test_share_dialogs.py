@@ -17,7 +17,7 @@ def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, t
     folder = Path(shutil.copytree(stream_folder, tmp_path / "walk"))
     window = open_window(str(folder))
     window.wait_for("the stream", lambda s: s["frames"] == 12)
-    window.menu("Share", 0)
+    window.menu("Share", "share folder")
     window.wait_for("dialog", lambda s: s["dialog"] == "share")
     assert window.states()[-1]["texts"]["dialog line"] == str(tmp_path / "walk-share")
     window.xdotool("type", "--delay", "40", "A walk")  # the first field has the focus
@@ -35,7 +35,7 @@ def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, t
     assert "notice open_folder" in state["widgets"]
     assert "<title>A walk</title>" in (tmp_path / "walk-share" / "index.html").read_text()
 
-    window.menu("Share", 0)
+    window.menu("Share", "share folder")
     state = window.wait_for("dialog again", lambda s: s["dialog"] == "share")
     assert state["texts"]["dialog title"] == "A walk", "it begins with what was chosen last"
     window.click("dialog line")
@@ -50,7 +50,7 @@ def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, t
     assert "bug" not in window.states()[-1]["notice"]
     window.click("dialog close")
     window.wait_for("no dialog", lambda s: not s["dialog"])
-    window.menu("Share", 0)
+    window.menu("Share", "share folder")
     window.wait_for("dialog again", lambda s: s["dialog"] == "share")
     window.click("dialog save")
     window.wait_for("a question", lambda s: s["dialog"] == "ask")
@@ -60,7 +60,7 @@ def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, t
     window.wait_for("the new page", lambda s: s["exporting"] == "" and not s["dialog"], 180)
     wait_until("replaced", lambda: "A walk" in (tmp_path / "walk-share" / "index.html").read_text(), 180)
 
-    window.menu("Share", 2, separators=1)
+    window.menu("Share", "serve")
     window.wait_for("dialog", lambda s: s["dialog"] == "serve")
     window.click("dialog https", 0.1)
     window.drawn()

@@ -56,6 +56,30 @@ def test_rectangles_are_clipped(place: tuple[int, int, int, int]) -> None:
     assert (canvas.pixels[inside] == RED).all()
 
 
+def test_a_rounded_rectangle_lacks_its_corners_and_has_its_outline_inside() -> None:
+    canvas = Canvas(40, 30, BLACK)
+    canvas.rounded(5, 4, 30, 20, 6, RED, WHITE, 2)
+    rows, columns = np.nonzero(drawn(canvas))
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (4, 23, 5, 34)
+    assert not drawn(canvas)[[4, 4, 23, 23], [5, 34, 5, 34]].any(), "the corners"
+    assert (canvas.pixels[14, [5, 6, 33, 34]] == WHITE).all()
+    assert (canvas.pixels[14, 7:33] == RED).all()
+    ring = Canvas(40, 30, BLACK)
+    ring.rounded(5, 4, 30, 20, 6, None, WHITE, 2)
+    assert not drawn(ring)[6:22, 12:28].any()
+    assert np.array_equal(ring.pixels[14, :7], canvas.pixels[14, :7])
+
+
+@pytest.mark.parametrize("words", ["New point (N)", WORDS])
+def test_the_words_of_a_button_are_in_its_middle(words: str) -> None:
+    canvas = Canvas(220, 60, BLACK)
+    canvas.button(10, 10, 200, 40, words, 14, ground=BLACK, border=BLACK)
+    rows, columns = np.nonzero(drawn(canvas))
+    assert 12 < columns.min() < columns.max() < 208
+    assert abs((columns.min() + columns.max()) / 2 - 110) < 3
+    assert abs((rows.min() + rows.max()) / 2 - 30) < 3
+
+
 def test_a_frame_is_one_pixel_wide() -> None:
     canvas = Canvas(20, 12, BLACK)
     canvas.frame(4, 3, 10, 6, RED)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gui.presenters.drawing.palette import BAD, FAIR, PANEL, RAISED, TEXT
-from gui.presenters.playback.timeline_plots import LEAST_SPAN, TimelinePlots, Waveform, plots_of
+from gui.presenters.drawing.palette import ACCENT, BAD, FAIR, PANEL, RAISED, TEXT
+from gui.presenters.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, Waveform, plots_of
 from gui.presenters.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
 from studio.edits import Trim
 
@@ -48,6 +48,24 @@ def test_the_ends_of_the_axes_cover_neither_plots_nor_each_other(height: int) ->
     assert (picture[between, right:] == PANEL).all(), "each stays in its row"
 
 
+@pytest.mark.parametrize(
+    ("count", "first", "shown"), [(4, 0.0, None), (300, 0.0, None), (90_000, 0.0, None), (300, 117.4, 30.0)]
+)
+def test_numbered_frames_are_apart_and_above_their_frames(count: int, first: float, shown: float | None) -> None:
+    view = TimelinePlots(900, 160, 16.0, count, (0,), first, shown)
+    numbered = view.numbered
+    assert 3 <= len(numbered) <= 16
+    steps = set(np.diff(numbered))
+    assert len(steps) == 1
+    assert str(steps.pop()).strip("0") in ("1", "2", "5")
+    assert all(view.timeline.shows(frame) for frame in numbered)
+    row = slice(160 - view.track_height - round(RULER * 16.0), 160 - view.track_height)
+    words = (view.base(())[row, : view.left + view.timeline.width] != PANEL).any(axis=2)
+    columns = np.flatnonzero(words[:, view.left :].any(axis=0)) + view.left
+    runs = np.split(columns, np.flatnonzero(np.diff(columns) > 12) + 1)
+    assert [view.frame_at(run.mean()) // 1 for run in runs] == pytest.approx(numbered, abs=max(count * 0.03, 1))
+
+
 def test_values_under_the_pointer() -> None:
     plots = plots_of({"psnr_trained": [30.0, 31.0, 32.0, 33.0]})
     base = VIEW.base(plots)
@@ -69,6 +87,17 @@ def test_values_under_the_pointer_stay_in_the_plots(frame: int) -> None:
     changed = np.flatnonzero((without != hovered).any(axis=(0, 2)))
     assert VIEW.left <= changed.min()
     assert changed.max() < VIEW.left + VIEW.timeline.width
+
+
+def test_curves_are_as_thick_on_a_dense_screen() -> None:
+    thick = []
+    for scale in (1, 2):
+        view = TimelinePlots(900 * scale, 160 * scale, 16.0 * scale, 4)
+        plots = plots_of({"psnr_decoded": [30.0, 31.0, 32.0, 33.0]})
+        shown = view.with_head(view.base(plots), 2, plots)
+        column = shown[: view.height - view.track_height, view.left + view.timeline.span(2)[0] + 4 * scale]
+        thick.append(int((column == ACCENT).all(axis=1).sum()))
+    assert thick == [2, 4]
 
 
 def test_flicker_has_a_row_if_it_was_measured() -> None:

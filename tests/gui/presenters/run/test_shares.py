@@ -19,9 +19,10 @@ from gui.panels.share_dialogs import stale_parts
 from gui.presenters.preferences import SHARES, Preferences
 from gui.presenters.run.exports import Exports
 from gui.presenters.run.serving import Serving
-from gui.presenters.run.shares import ShareRequest, megabytes, size_words, stale_words
+from gui.presenters.run.shares import ShareRequest, share_words, stale_words
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_rows import Assessment
+from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
 from pipelines.share import ShareSize, share_size
 from pipelines.takes.edits import change_edits
@@ -47,7 +48,7 @@ def test_a_folder_is_written_and_its_size_told(stream_folder: Path, tmp_path: Pa
     assert request.stays
     assert exports.result.startswith("Shared: ")
     files = [path for path in (tmp_path / "walk-share").rglob("*") if path.is_file()]
-    assert f"{megabytes(sum(path.stat().st_size for path in files))} in {len(files)} files" in exports.result
+    assert f"{size_words(sum(path.stat().st_size for path in files))} in {len(files)} files" in exports.result
     page = (tmp_path / "walk-share" / "index.html").read_text()
     assert "<title>-One</title>" in page
     assert 'data-license="CC BY"' in page
@@ -76,11 +77,11 @@ def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
 
 def test_sizes_as_sentences(stream_folder: Path) -> None:
     size = share_size(str(stream_folder))
-    assert megabytes(size.stream_bytes) in size_words(size, "folder")
-    assert "12 frames, 1.0 s" in size_words(size, "folder")
-    assert megabytes(size.single_file_bytes) in size_words(size, "single-file")
+    assert size_words(size.stream_bytes) in share_words(size, "folder")
+    assert "12 frames, 1.0 s" in share_words(size, "folder")
+    assert size_words(size.single_file_bytes) in share_words(size, "single-file")
     long = ShareSize(90_000_000, 300_000, 120_300_000, False, 900, 30.0)
-    assert "share a folder" in size_words(long, "single-file")
+    assert "share a folder" in share_words(long, "single-file")
 
 
 def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:

@@ -9,15 +9,21 @@ import cv2
 import numpy as np
 import open3d as o3d
 import pytest
+import yaml
 
+from gui.presenters.drawing.palette import ACCENT
+from gui.presenters.held_out import HeldOut
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.run.inspector import camera_rows
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.scene.contents import SceneWanted
 from gui.presenters.scene.reader import SceneReader
 from gui.presenters.scene.rest import RESTS_AFTER
 from gui.presenters.stages.stage_views import StageViews
 from gui.raycast import MeshPicture
+from pipelines.config import load_config
+from pipelines.stages.base import Context
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from tests.support.waiting import wait_until
@@ -164,6 +170,40 @@ def test_the_camera_in_whose_place_the_view_is_does_not_cover_it(scene: Scene) -
     found = scene.player.picture
     assert found is not None
     assert first.name not in {name for name, _ in found.cameras}
+
+
+@pytest.fixture
+def nth_scene(finished_project: Path, take_copy: Path) -> Iterator[Scene]:
+    """A take that holds out every third camera, none by name."""
+    settings = yaml.safe_load((take_copy / "config.yaml").read_text())
+    settings["capture"] |= {"held_out": [], "held_out_every": 3}
+    (take_copy / "config.yaml").write_text(yaml.safe_dump(settings))
+    found = Scene(take_copy)
+    yield found
+    assert found.views.close()
+    assert found.workspace.close()
+
+
+def test_every_nth_camera_is_held_out_everywhere(nth_scene: Scene) -> None:
+    player = nth_scene.player
+    nth_scene.picture()
+    assert player.held_out == ("cam2", "cam5")
+    rig = player.opened.rig if player.opened is not None else None
+    wanted = player._scene()
+    assert rig is not None
+    assert wanted is not None
+    found = SceneReader(MeshPicture).read(wanted, 0)
+    assert {one.camera.name for one in found.cameras if one.color == ACCENT} == {"cam2", "cam5"}
+    assert player.choose("truth")
+    assert player.camera == "cam2", "a comparison begins with what was not trained on"
+    assert camera_rows(player)[0] == ("camera", "cam2, held out")
+
+
+def test_cameras_held_out_by_name_are_known_without_the_footage(finished_project: Path, tmp_path: Path) -> None:
+    take = Take.open(finished_project / "take")
+    config = load_config(take.config)
+    gone = config.replace(capture=config.capture.replace(root=str(tmp_path / "gone")))
+    assert HeldOut().of(Context(take, gone)) == ("cam4",)
 
 
 def test_frusta_have_the_images_of_the_frame_once_the_view_rests(scene: Scene) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gui.actions.cameras import CameraActions
-from gui.presenters.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, SECOND
+from gui.presenters.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, HELD_OUT, SECOND
 from gui.presenters.evaluation import Evaluation
 from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
@@ -25,7 +25,7 @@ from gui.presenters.run.new_take import NONE_HELD_OUT, NewTake
 from gui.presenters.run.settings import SECTIONS, fields_of
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.bake import BakeView, shares
-from gui.presenters.stages.calibrate import HELD_OUT, CalibrateView
+from gui.presenters.stages.calibrate import CalibrateView
 from gui.presenters.stages.capture import FootageCheck, grid
 from gui.presenters.stages.qp_trial import TRIED_QPS
 from gui.presenters.stages.stage_views import StageViews
@@ -252,12 +252,12 @@ def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finis
     assert context is not None
     held_out = context.footage.raw.held_out_cameras
     assert len(held_out) == 1
-    picture = shown(views, lambda picture: has(picture, HELD_OUT[1]) > 0)
+    picture = shown(views, lambda picture: has(picture, HELD_OUT) > 0)
     view = views.stage_views["calibrate"]._home.camera(*SIZE)  # type: ignore[attr-defined]
     for camera in read_rig(Take.open(finished_project / "take").rig):
         x, y = np.round(view.project(camera.center[None])[0][0]).astype(int)
         around = picture[y - 3 : y + 4, x - 3 : x + 4].astype(int)
-        color = HELD_OUT[1] if camera.name in held_out else SECOND
+        color = HELD_OUT if camera.name in held_out else SECOND
         assert np.abs(around - color).max(axis=2).min() < 30, f"no apex of {camera.name} at {x}, {y}"
 
 
@@ -291,7 +291,7 @@ def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
     views.choose("coverage")
     picture = shown(views, lambda picture: has(picture, GOOD) > 0)
     assert has(picture, GOOD) > has(picture, FAIR) > 0
-    assert has(picture, HELD_OUT[1]) > 0
+    assert has(picture, HELD_OUT) > 0
     (block,) = views.stage_views["calibrate"].blocks
     told = dict(block.rows)
     assert told["training cameras"] == "5"

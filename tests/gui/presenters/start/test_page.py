@@ -79,11 +79,12 @@ def test_sizes_are_measured_once_a_minute(page: StartPage, monkeypatch: pytest.M
 
 def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None:
     page.places = tuple(f"/takes/{number}" for number in range(5))
+    page.back = "walk"
     for size in ((1280, 760), (820, 600)):
         picture = StartPicture(*size, 16)
         picture.draw(page)
         names = [name for _, name in picture.boxes]
-        assert {"new", "open", "address", "sample", *(f"card {number}" for number in range(5))} <= set(names)
+        assert {"back", "new", "open", "address", "sample", *(f"card {number}" for number in range(5))} <= set(names)
         reached, waiting = set(), ["new"]
         while waiting:
             name = waiting.pop()
@@ -103,6 +104,7 @@ def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None
 
 def test_boxes_do_not_overlap_and_the_focus_is_scrolled_to(page: StartPage) -> None:
     page.places = tuple(f"/takes/{number}" for number in range(10))
+    page.back = "a take with a long name " * 20
     for size, em in (((1280, 760), 16), ((1920, 1040), 16), ((3840, 2100), 32), ((820, 600), 16)):
         picture = StartPicture(*size, em)
         pixels = picture.draw(page)
