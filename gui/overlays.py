@@ -116,6 +116,8 @@ class Overlays:
         if control and event.key == key.C and window.notices.card is not None:
             actions.notices.copy()
             return True
+        if control and event.key == key.C and not window.start.shown and actions.notices.copy_table():
+            return True
         if control and event.key == key.O and window.notices.card is not None:
             actions.notices.open_folder()
             return True

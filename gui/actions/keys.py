@@ -64,7 +64,7 @@ SHORTCUTS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("Q", "show the queue of takes"),
             (
                 "Escape, Ctrl+O, Ctrl+C",
-                "dismiss the notice over the view, open its folder, copy its path or message",
+                "dismiss the notice over the view, open its folder, copy its path or message (or the report)",
             ),
             ("F1, ?", "what to look for in the selected stage; this list"),
         ),

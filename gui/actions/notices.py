@@ -1,4 +1,4 @@
-"""What the buttons and keys of notices do."""
+"""What the buttons and keys of notices do, and copying."""
 
 from __future__ import annotations
 
@@ -41,6 +41,18 @@ class NoticeKeys:
         if not card.bad:
             notices.dismiss()
         notices.tell("Copied the path." if card.path is not None else "Copied the message.")
+
+    def copy_table(self) -> bool:
+        """Copy the table in the view; returns whether there is one."""
+        view, notices = self._window.views.stage_view, self._window.notices
+        if view is None or not view.table_text:
+            return False
+        if self._clipboard.copy(view.table_text):
+            notices.clear("copy")
+            notices.tell("Copied the table.")
+        else:
+            notices.tell("There is no clipboard to copy to.", bad=True, topic="copy")
+        return True
 
     def dismiss(self) -> bool:
         """Remove the notice; returns whether there was one."""

@@ -108,8 +108,8 @@ class FolderList:
         except OSError as error:
             self.message = f"{self.folder}: cannot be read ({error.strerror}). Choose another folder."
             return False
-        folders = sorted((name for name, is_folder in names if is_folder), key=_natural)
-        files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=_natural)
+        folders = sorted((name for name, is_folder in names if is_folder), key=natural)
+        files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=natural)
         shown = folders[:MOST_ENTRIES]
         self.entries = [Entry(self.folder / name, kind_of(self.folder / name)) for name in shown]
         self.entries += [Entry(self.folder / name, "file") for name in files[: MOST_ENTRIES - len(shown)]]
@@ -128,7 +128,7 @@ def kind_of(folder: Path) -> str:
     return "stream" if (folder / "manifest.json").is_file() else "folder"
 
 
-def _natural(name: str) -> list[tuple[bool, int, str]]:
+def natural(name: str) -> list[tuple[bool, int, str]]:
     """Sort key for natural order: cam2 before cam10."""
     parts = re.split(r"(\d+)", name.lower())
     return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]

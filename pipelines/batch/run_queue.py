@@ -30,6 +30,7 @@ def run_queue(
     emit: Callable[[Event], None],
     ended: Callable[[QueuedTake], None],
     command: Callable[[QueuedTake], list[str]] = run_command,
+    check: Callable[[], None] = lambda: None,
 ) -> tuple[int, int]:
     """Run all takes that wait, also those that are added meanwhile. A failed take does not stop the next one.
 
@@ -42,6 +43,8 @@ def run_queue(
         emit: called with the events of its run.
         ended: called after each take, with its new state.
         command: the program that runs a take; it prints events as JSON lines.
+        check: called before each take and often while one is waited for or runs; may raise `Cancelled`. Python drops an
+            exception that a signal's handler raises within a destructor; what the handler has noted is not lost.
 
     Returns:
         the numbers of takes that were finished, and that failed.
@@ -55,8 +58,8 @@ def run_queue(
         while (entry := queue.claim()) is not None:
             try:
                 starts(entry)
-                _wait_for_others(entry.take)
-                code, message = _run(entry, command(entry), emit)
+                _wait_for_others(entry.take, check)
+                code, message = _run(entry, command(entry), emit, check)
             except BaseException:
                 queue.replace(entry.number, state="waiting")
                 raise
@@ -71,14 +74,18 @@ def run_queue(
     return done, failed
 
 
-def _wait_for_others(folder: Path) -> None:
+def _wait_for_others(folder: Path, check: Callable[[], None]) -> None:
     """A run that outlived a killed queue, or that somebody started, ends first; then this one finds its results."""
     take = Take(folder)
+    check()
     while take.running() is not None:
         time.sleep(0.5)
+        check()
 
 
-def _run(entry: QueuedTake, command: list[str], emit: Callable[[Event], None]) -> tuple[int, str]:
+def _run(
+    entry: QueuedTake, command: list[str], emit: Callable[[Event], None], check: Callable[[], None]
+) -> tuple[int, str]:
     """Exit code and message of one run."""
     if not entry.folder.is_dir():
         return 1, f"the folder {entry.folder} no longer exists"
@@ -87,6 +94,7 @@ def _run(entry: QueuedTake, command: list[str], emit: Callable[[Event], None]) -
         assert process.stdout is not None
         try:
             for line in process.stdout:
+                check()
                 event, text = read_line(line)
                 last = text.strip() or last
                 if event is None:

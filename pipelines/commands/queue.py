@@ -122,9 +122,18 @@ def _list(arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from pipelines.batch.run_queue import run_queue
     from pipelines.events import Event
+    from pipelines.events.cancellation import Cancellation
     from pipelines.runs.console import Bars
 
-    signal.signal(signal.SIGTERM, _interrupt)
+    stopped = Cancellation()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        stopped.cancel()
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, interrupt)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for a job in the background of a shell
+        signal.signal(signal.SIGINT, interrupt)
     shown: list[Bars] = []
 
     def starts(entry: QueuedTake) -> None:
@@ -139,16 +148,12 @@ def _run(arguments: argparse.Namespace) -> int:
         print(f"== take {entry.number}: {entry.state}{f' ({entry.message})' if entry.message else ''}", flush=True)
 
     try:
-        done, failed = run_queue(_file(arguments), starts, emit, ended)
+        done, failed = run_queue(_file(arguments), starts, emit, ended, check=stopped.check)
     finally:
         for bars in shown:
             bars.__exit__()
     print(f"{done} done, {failed} failed")
     return 1 if failed else 0
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def _stop(arguments: argparse.Namespace) -> int:

@@ -50,7 +50,7 @@ class SceneWanted:
         still: whether the view rests: time for full resolution, and for the frame's images on the frusta.
         em: font size, pixels.
         native: whether Open3D draws it.
-        held_out: names of the cameras that are not trained on.
+        not_trained_on: names of the held-out cameras.
     """
 
     take: Take | None
@@ -64,7 +64,7 @@ class SceneWanted:
     still: bool
     em: float
     native: bool = False
-    held_out: tuple[str, ...] = ()
+    not_trained_on: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[object, ...]:

@@ -127,7 +127,7 @@ class SceneReader:
         for camera in self._undistorted[1]:
             if camera.name == wanted.camera:
                 continue  # one looks through it
-            color = scene.camera_color(camera.name, wanted.camera, wanted.held_out)
+            color = scene.camera_color(camera.name, wanted.camera, wanted.not_trained_on)
             found.append(SceneCamera(camera, color, self._image(wanted, camera.name, frame)))
         return tuple(found)
 

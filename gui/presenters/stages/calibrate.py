@@ -16,8 +16,9 @@ from gui.presenters.held_out import HeldOut
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.inspector import Block
 from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.report_table import CAMERA, Sorting, table_text
 from gui.presenters.stages.rig_coverage import RigCoverage
-from gui.presenters.stages.stage_view import OrbitView, Size, rectangle
+from gui.presenters.stages.stage_view import OrbitView, Size, rectangle, shown_at
 from pipelines.takes.calibration import CamerasReport, read_cameras_report
 from pipelines.takes.point_files import read_points, read_surface
 from pipelines.takes.take import Take
@@ -60,6 +61,9 @@ class CalibrateView(OrbitView):
         self._coverage: RigCoverage | None = None
         self._coverage_of: Hashable = None
         self._asked_held_out = HeldOut()
+        self._sorting = Sorting()
+        self._titles: list[tuple[str, np.ndarray]] = []
+        self._text = ""
 
     @property
     def orbits(self) -> bool:
@@ -80,7 +84,7 @@ class CalibrateView(OrbitView):
             self.orbit = None  # other cameras need another view
         view = self.orbit.key if self.orbit is not None else None
         frame = self.frame if self.mode == "cameras" else 0
-        return (stamp, self._covered_by(), self.mode, self.camera, view, frame, self.em)
+        return (stamp, self._covered_by(), self.mode, self.camera, view, frame, self.em, self._sorting)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -251,11 +255,15 @@ class CalibrateView(OrbitView):
         y += 1.5 * step
         wide = size[0] - 2 * em
         places = []
-        canvas.text(1.7 * em, y, "camera", normal, DIM)
-        for at, title in zip(PLACES, columns, strict=False):
-            canvas.text(em + at * wide, y, title, normal, DIM, align="right")
+        ends = {CAMERA: 1.7 * em + text_width(CAMERA, normal)}
+        ends |= {title: em + at * wide for at, title in zip(PLACES, columns, strict=False)}
+        self._titles = self._heading(canvas, ends, y, normal)
         y += step
-        for row, camera in enumerate(self._rig):
+        cameras = list(self._rig)
+        order = self._sorting.order(self._rig.names, columns)
+        self._text = table_text(self._rig.names, columns, order)
+        for row in order:
+            camera = cameras[row]
             places.append((camera.name, rectangle(0, y, size[0], step)))
             if camera.name == self.camera:
                 canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
@@ -270,6 +278,36 @@ class CalibrateView(OrbitView):
             canvas.text(em, y, f"{name}: not registered: {reason}", normal, BAD, width=wide)
             y += step
         return canvas.pixels
+
+    def _heading(self, canvas: Canvas, ends: dict[str, float], y: float, size: int) -> list[tuple[str, np.ndarray]]:
+        """Draw the titles, given where each ends, and what the rows are sorted by; the places to click."""
+        places = []
+        for title, end in ends.items():
+            chosen = title == self._sorting.column
+            width = canvas.text(end, y, title, size, TEXT if chosen else DIM, align="right")
+            places.append((title, rectangle(end - width - 0.4 * self.em, y, width + 0.8 * self.em, line_height(size))))
+            if chosen:
+                half, drop = 0.25 * self.em, 0.13 * self.em * (1 if self._sorting.descending else -1)
+                x, middle = end - width - 3 * half if title != CAMERA else end + 3 * half, y + 0.6 * line_height(size)
+                tip = [(x - half, middle - drop), (x, middle + drop), (x + half, middle - drop)]
+                canvas.line(tip, TEXT, max(1, round(0.1 * self.em)))
+        return places
+
+    def click(self, x: float, y: float) -> None:
+        """Sort the report by the title at a pixel."""
+        title = shown_at(self._titles, x, y) if self.mode == "report" else ""
+        if title:
+            self._sorting = self._sorting.clicked(title)
+
+    @property
+    def table_text(self) -> str:
+        """See `StageView`."""
+        return self._text if self.mode == "report" else ""
+
+    @property
+    def status(self) -> str:
+        """See `StageView`."""
+        return "click a title to sort; Ctrl+C copies the table" if self.mode == "report" and self._text else ""
 
     def _columns(self) -> tuple[dict[str, list[str]], list[str]]:
         """The columns of the report by title, without those in which nothing stands or which have the same in every

@@ -131,6 +131,11 @@ class StageView:
         """The status line."""
         return ""
 
+    @property
+    def table_text(self) -> str:
+        """The table that is shown, lines of cells with tabs between them; "" without a table."""
+        return ""
+
     def forget(self) -> None:
         """Drop what is large of the take that was open."""
 

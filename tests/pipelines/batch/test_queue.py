@@ -20,9 +20,9 @@ import pytest
 from pipelines.batch.queue_file import QueuedTake, QueueFile, default_queue
 from pipelines.batch.run_queue import run_queue
 from pipelines.events import Event, Log
-from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.events.cancellation import EXIT_CANCELLED, Cancellation
 from pipelines.takes.take import Take
-from studio.errors import StudioError
+from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
 from tests.support.tiny_capture import ROOT
 from tests.support.warm_python import WarmProcess
@@ -136,6 +136,15 @@ def test_the_command_ends_when_it_is_asked_to(
         assert any(line.startswith("== take 1") for line in process.stdout)
         process.terminate()
         assert process.wait() == EXIT_CANCELLED
+    assert queue.read().takes[0].state == "waiting"
+
+
+def test_a_request_to_stop_that_raised_nothing_is_noticed(queue: QueueFile, tmp_path: Path) -> None:
+    """Python drops what a signal's handler raises within a destructor; the queue then waited for ever."""
+    take, stopped = Take.create(tmp_path / "take"), Cancellation()
+    queue.add(take.root, None, ())
+    with take.locked("v3studio run"), pytest.raises(Cancelled):
+        run_queue(queue, lambda entry: stopped.cancel(), print, print, check=stopped.check)
     assert queue.read().takes[0].state == "waiting"
 
 

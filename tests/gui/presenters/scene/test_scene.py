@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import open3d as o3d
 import pytest
-import yaml
 
 from gui.presenters.drawing.palette import ACCENT
 from gui.presenters.held_out import HeldOut
@@ -26,6 +25,7 @@ from pipelines.config import load_config
 from pipelines.stages.base import Context
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
+from studio.yaml_text import dump_yaml, parse_yaml
 from tests.support.waiting import wait_until
 
 FULL, DRAWN = (720, 500), (360, 250)
@@ -175,9 +175,9 @@ def test_the_camera_in_whose_place_the_view_is_does_not_cover_it(scene: Scene) -
 @pytest.fixture
 def nth_scene(finished_project: Path, take_copy: Path) -> Iterator[Scene]:
     """A take that holds out every third camera, none by name."""
-    settings = yaml.safe_load((take_copy / "config.yaml").read_text())
+    settings = parse_yaml((take_copy / "config.yaml").read_text())
     settings["capture"] |= {"held_out": [], "held_out_every": 3}
-    (take_copy / "config.yaml").write_text(yaml.safe_dump(settings))
+    (take_copy / "config.yaml").write_text(dump_yaml(settings))
     found = Scene(take_copy)
     yield found
     assert found.views.close()

@@ -282,6 +282,41 @@ def test_the_report_has_no_empty_columns_and_says_once_what_is_the_same(
     assert same == [focal]
 
 
+def test_a_click_on_a_title_sorts_the_report(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    calibrate = views.stage_views["calibrate"]
+    assert isinstance(calibrate, CalibrateView)
+    calibrate.em = 16.0
+    assert calibrate.table_text == "", "no table is shown"
+    calibrate.mode = "report"
+    errors = {f"cam{i}": error for i, error in enumerate((0.4, 0.9, 0.2, 0.7, 0.1, 0.3))}
+    calibrate._figures = lambda name: CameraReport.model_construct(  # type: ignore[method-assign]
+        mean=errors[name], p95=1.0, observations=55, coverage=0.5
+    )
+
+    def drawn() -> list[str]:
+        calibrate.draw(SIZE, calibrate.state())
+        rows = [line.split("\t")[0] for line in calibrate.table_text.splitlines()[1:]]
+        assert rows == [name for name, _ in sorted(calibrate.places, key=lambda place: place[1][0, 1])]
+        return rows
+
+    assert drawn() == list(errors)
+    before = calibrate.state()
+    places = dict(calibrate._titles)
+    calibrate.click(*places["error px"].mean(0))
+    assert calibrate.state() != before, "it is drawn again"
+    assert drawn() == sorted(errors, key=errors.__getitem__, reverse=True)
+    calibrate.click(*dict(calibrate._titles)["error px"].mean(0))
+    assert drawn() == sorted(errors, key=errors.__getitem__)
+    calibrate.click(*dict(calibrate._titles)["camera"].mean(0))
+    assert drawn() == list(errors)
+    calibrate.mode = "cameras"
+    sorting = calibrate._sorting
+    calibrate.click(*places["error px"].mean(0))
+    assert calibrate._sorting == sorting, "no table is shown"
+
+
 def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
     views: StageViews, finished_project: Path
 ) -> None:
