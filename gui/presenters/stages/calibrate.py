@@ -64,6 +64,8 @@ class CalibrateView(OrbitView):
         self._sorting = Sorting()
         self._titles: list[tuple[str, np.ndarray]] = []
         self._text = ""
+        self._first_row = self._last_first_row = 0
+        self._shown_camera = ""
 
     @property
     def orbits(self) -> bool:
@@ -84,7 +86,7 @@ class CalibrateView(OrbitView):
             self.orbit = None  # other cameras need another view
         view = self.orbit.key if self.orbit is not None else None
         frame = self.frame if self.mode == "cameras" else 0
-        return (stamp, self._covered_by(), self.mode, self.camera, view, frame, self.em, self._sorting)
+        return (stamp, self._covered_by(), self.mode, self.camera, view, frame, self.em, self._sorting, self._first_row)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -262,7 +264,16 @@ class CalibrateView(OrbitView):
         cameras = list(self._rig)
         order = self._sorting.order(self._rig.names, columns)
         self._text = table_text(self._rig.names, columns, order)
-        for row in order:
+        unregistered = report.unregistered if isinstance(report, CalibrationReport) else {}
+        room = max(3, int((size[1] - y) / step) - len(unregistered) - 1)
+        self._last_first_row = max(0, len(order) - room)
+        if self.camera != self._shown_camera:  # chosen elsewhere: its row is shown
+            self._shown_camera = self.camera
+            place = next((place for place, row in enumerate(order) if cameras[row].name == self.camera), 0)
+            if not self._first_row <= place < self._first_row + room:
+                self._first_row = place - room // 2
+        first = self._first_row = min(max(self._first_row, 0), self._last_first_row)
+        for row in order[first : first + room]:
             camera = cameras[row]
             places.append((camera.name, rectangle(0, y, size[0], step)))
             if camera.name == self.camera:
@@ -274,7 +285,11 @@ class CalibrateView(OrbitView):
                 canvas.text(em + at * wide, y, words[row], normal, TEXT, align="right")
             y += step
         self.places = places
-        for name, reason in report.unregistered.items() if isinstance(report, CalibrationReport) else ():
+        if self._last_first_row:
+            shown = f"{first + 1} to {min(first + room, len(order))} of {len(order)}; the wheel shows the others"
+            canvas.text(1.7 * em, y, shown, normal, DIM)
+            y += step
+        for name, reason in unregistered.items():
             canvas.text(em, y, f"{name}: not registered: {reason}", normal, BAD, width=wide)
             y += step
         return canvas.pixels
@@ -337,6 +352,13 @@ class CalibrateView(OrbitView):
         """See `StageView`."""
         if self.mode != "report":  # a table
             super().drag(dx, dy, turn, height)
+
+    def wheel(self, notches: float) -> None:
+        """Zoom; in the report, show other rows."""
+        if self.mode != "report":
+            super().wheel(notches)
+        else:
+            self._first_row = min(max(self._first_row - round(3 * notches), 0), self._last_first_row)
 
 
 def _overview(rig: Rig) -> OrbitCamera:

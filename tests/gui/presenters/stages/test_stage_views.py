@@ -311,6 +311,20 @@ def test_a_click_on_a_title_sorts_the_report(views: StageViews, finished_project
     assert drawn() == sorted(errors, key=errors.__getitem__)
     calibrate.click(*dict(calibrate._titles)["camera"].mean(0))
     assert drawn() == list(errors)
+    low = (SIZE[0], 190)  # room for some of the rows
+    calibrate.draw(low, calibrate.state())
+    some = [name for name, _ in calibrate.places]
+    assert 3 <= len(some) < len(errors)
+    assert some == list(errors)[: len(some)]
+    assert len(calibrate.table_text.splitlines()) == 1 + len(errors), "all of them are copied"
+    before = calibrate.state()
+    calibrate.wheel(-9)
+    assert calibrate.state() != before
+    calibrate.draw(low, calibrate.state())
+    assert [name for name, _ in calibrate.places] == list(errors)[-len(some) :]
+    calibrate.camera = "cam0"
+    calibrate.draw(low, calibrate.state())
+    assert "cam0" in dict(calibrate.places), "a camera that is chosen elsewhere is shown"
     calibrate.mode = "cameras"
     sorting = calibrate._sorting
     calibrate.click(*places["error px"].mean(0))
