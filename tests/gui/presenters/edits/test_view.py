@@ -52,10 +52,11 @@ def drawn(view: EditView) -> np.ndarray:
     found: list[np.ndarray] = []
 
     def arrived() -> bool:
+        done = view.settled  # before the poll: or a picture may be finished just after it
         picture = view.poll(SIZE)
         if picture is not None:
             found.append(picture)
-        return bool(found) and view.settled
+        return bool(found) and done and picture is None
 
     wait_until("a picture", arrived)
     return found[-1]
