@@ -34,25 +34,28 @@ class NoticeKeys:
         card = notices.card
         if card is None:
             return
-        if not self._clipboard.copy(str(card.path) if card.path is not None else card.text):
-            notices.tell("There is no clipboard to copy to.", bad=True, topic="copy")
+        if not self._copied(str(card.path) if card.path is not None else card.text):
             return
-        notices.clear("copy")
         if not card.bad:
             notices.dismiss()
         notices.tell("Copied the path." if card.path is not None else "Copied the message.")
 
     def copy_table(self) -> bool:
         """Copy the table in the view; returns whether there is one."""
-        view, notices = self._window.views.stage_view, self._window.notices
+        view = self._window.views.stage_view
         if view is None or not view.table_text:
             return False
-        if self._clipboard.copy(view.table_text):
-            notices.clear("copy")
-            notices.tell("Copied the table.")
-        else:
-            notices.tell("There is no clipboard to copy to.", bad=True, topic="copy")
+        if self._copied(view.table_text):
+            self._window.notices.tell("Copied the table.")
         return True
+
+    def _copied(self, text: str) -> bool:
+        """Whether there was a clipboard to copy to; otherwise it is told."""
+        if self._clipboard.copy(text):
+            self._window.notices.clear("copy")
+            return True
+        self._window.notices.tell("There is no clipboard to copy to.", bad=True, topic="copy")
+        return False
 
     def dismiss(self) -> bool:
         """Remove the notice; returns whether there was one."""

@@ -115,7 +115,7 @@ def run_groups(
         job()
 
     before = torch.get_num_threads()
-    # Training makes garbage quickly; each full collection would go through all modules that are loaded, 4% of a step.
+    # Training makes garbage quickly; each full collection would go through all modules that are loaded.
     gc.collect()
     gc.freeze()
     try:
