@@ -126,6 +126,7 @@ class Actions:
             "tour": self.tour.ask,
             "about": self._about,
             "log": window.layout.toggle_log,
+            "log_warnings": window.inspector.toggle_warnings,
             "search": self.search.show,
         }
         return {key: act if key in OVER_PAGE else partial(self._uncovered, act) for key, act in actions.items()}

@@ -45,6 +45,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("start", "Start page (H)"),
             ("figures", "Inspector and log (I)"),
             ("log", "Job log, large (J)"),
+            ("log_warnings", "Job log: warnings only, all lines"),
             ("fullscreen", "Fullscreen (F)"),
         ),
     ),

@@ -13,8 +13,8 @@ from gui.shell import Shell
 
 NEEDS_OPEN = frozenset(
     (
-        "screenshot", "reset", "background", "scene", "camera", "figures", "log", "span", "bakes", "mark",
-        "next_mark", "previous_mark", "marks", "path", "add_key", "clear_keys", "stage_help",
+        "screenshot", "reset", "background", "scene", "camera", "figures", "log", "log_warnings", "span", "bakes",
+        "mark", "next_mark", "previous_mark", "marks", "path", "add_key", "clear_keys", "stage_help",
         "export ply", "export spz", "export glb", "export v3", "export videogs", "export turntable",
         "export camera-path", "share folder", "share single-file", "serve",
     )

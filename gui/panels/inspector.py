@@ -58,6 +58,7 @@ class InspectorPanel:
         stage: the selected stage; Review has more figures than others, which leave more room to the log.
         large: whether the log covers the view.
         log_height: height of the log as dragged, em; None for what the figures leave.
+        only_warnings: whether the log shows warnings and errors only.
     """
 
     def __init__(
@@ -73,6 +74,8 @@ class InspectorPanel:
         self.stage = "review"
         self.large = False
         self.log_height: float | None = None
+        self.only_warnings = False
+        self._warnings = 0
         self._grabbed: float | None = None  # where the edge of the log was pressed, pixels below it
         self._dragging = False
         self._back = 0
@@ -92,6 +95,12 @@ class InspectorPanel:
         """Show the log over the view, or in its panel again; needs a layout."""
         self.large = not self.large
         self._laid_out()
+
+    def toggle_warnings(self) -> None:
+        """Show warnings and errors only, or all lines of the log again."""
+        self.only_warnings = not self.only_warnings
+        self._back = 0
+        self._changed()
 
     @property
     def widgets(self) -> list[gui.Widget]:
@@ -181,7 +190,8 @@ class InspectorPanel:
     def update_log(self, workspace: Workspace) -> bool:
         """Redraw the log, in the size that the figures leave, if it has changed; return whether it has."""
         run, size = workspace.run, self.log.size
-        lines_of = (id(run), len(run.lines), run.lines[-1] if run.lines else None, size[0], id(workspace.config))
+        last = run.lines[-1] if run.lines else None
+        lines_of = (id(run), len(run.lines), last, size[0], id(workspace.config), self.only_warnings)
         if lines_of != self._lines_of:
             if id(run) != self._lines_of[0]:
                 self._back = 0
@@ -189,12 +199,15 @@ class InspectorPanel:
             config = workspace.config
             lines = zip(run.lines, run.times, run.notices, strict=True)
             told = grouped(LogLine(*line, time_of_day, notice) for line, time_of_day, notice in lines)
+            warnings = [line for line in told if line.kind]
+            self._warnings = len(warnings)
+            told = warnings if self.only_warnings else told
             self._rows = log_rows(
                 [(line.kind, line.text) for line in told], size[0], self._em, [line.told for line in told],
                 [fix_of(line.notice, config) for line in told],
             )  # fmt: skip
         view = self._view
-        state = (view.shown, view.back, size, view.large)
+        state = (view.shown, view.back, size, view.large, view.filter)
         if state == self._log_of:
             return False
         self._log_of = state
@@ -203,11 +216,11 @@ class InspectorPanel:
 
     @property
     def _view(self) -> LogView:
-        return LogView(self._rows, *self.log.size, self._em, self._back, self.large)
+        return LogView(self._rows, *self.log.size, self._em, self._back, self.large, self._warnings, self.only_warnings)
 
     @property
     def fixes(self) -> dict[str, tuple[float, float]]:
-        """The middle of each button in the log, 0 to 1 across and down, by its label."""
+        """The middle of each button and of the switch in the log, 0 to 1 across and down, by its label."""
         return self._view.places
 
     def _on_edge(self, event: gui.MouseEvent, y: float) -> bool:
@@ -233,6 +246,10 @@ class InspectorPanel:
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
+        if event.type == kind.BUTTON_DOWN and self._view.on_filter(x, y):
+            self._grabbed = None
+            self.toggle_warnings()
+            return True
         if event.type in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP) and self._on_edge(event, y):
             return True
         if event.type == kind.BUTTON_DOWN:
@@ -244,7 +261,9 @@ class InspectorPanel:
         if event.type == kind.MOVE:
             fix = self._view.fix_at(x, y)
             tooltip = "" if fix is None else TOOLTIPS[fix.sets and not fix.done]
-            self.log.widget.tooltip = tooltip if y >= self._view.top else EDGE_TOOLTIPS[self.large]
+            if y < self._view.top:
+                tooltip = "" if self._view.on_filter(x, y) else EDGE_TOOLTIPS[self.large]
+            self.log.widget.tooltip = tooltip
             return False
         if event.type != kind.WHEEL:
             return False

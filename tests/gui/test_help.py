@@ -39,6 +39,11 @@ def test_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow], take_c
     window.wait_for("the setting", lambda s: not s["dialog"] and "setting train.max_splats" in s["widgets"])
 
     words = "Set capture.scale to 0.5"
+    switch = "warnings only (1)"
+    fixes = window.wait_for("the switch", lambda s: switch in s["fixes"])["fixes"]
+    window.click("log", *fixes[switch])
+    window.wait_for("warnings only", lambda s: "all lines" in s["fixes"])
+    window.screenshot(artifacts / "help_warnings_only.png")
     fixes = window.wait_for("the button", lambda s: words in s["fixes"])["fixes"]
     window.click("log", *fixes[words])
     window.wait_for("another button", lambda s: "capture.scale is 0.5 now" in s["fixes"] and s["stage"] == "capture")

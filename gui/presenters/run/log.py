@@ -29,6 +29,8 @@ it, em."""
 CLOCK = "00:00:00"
 """A time as wide as all others."""
 
+TITLE = "Job log"
+
 
 @dataclass(frozen=True)
 class LogRow:
@@ -160,6 +162,8 @@ class LogView:
         em: font size, pixels.
         back: number of rows that it is scrolled back from the end.
         large: whether it covers the view.
+        warnings: number of warnings and errors among all lines.
+        only_warnings: whether the rows are theirs only.
     """
 
     rows: Sequence[LogRow]
@@ -168,6 +172,8 @@ class LogView:
     em: float
     back: int = 0
     large: bool = False
+    warnings: int = 0
+    only_warnings: bool = False
 
     @property
     def _step(self) -> int:
@@ -177,6 +183,29 @@ class LogView:
     def top(self) -> float:
         """Height of the heading, pixels."""
         return 0.3 * self.em + line_height(round(0.95 * self.em)) + 0.2 * self.em
+
+    @property
+    def filter(self) -> tuple[str, float, float] | None:
+        """The switch in the heading, between all lines and warnings only: its words, left edge and width in pixels;
+        None where there are no warnings or no room."""
+        if not (self.warnings or self.only_warnings):
+            return None
+        words = "all lines" if self.only_warnings else f"warnings only ({self.warnings})"
+        left = 1.8 * self.em + text_width(TITLE, round(0.95 * self.em))
+        wide = text_width(words, _size(self.em))
+        right = self.width - 1.4 * self.em - text_width(self._words, _size(self.em))
+        return (words, left, wide) if left + wide <= right else None
+
+    def on_filter(self, x: float, y: float) -> bool:
+        """Whether a pixel of the picture is on the switch."""
+        if self.filter is None or y >= self.top:
+            return False
+        _, left, wide = self.filter
+        return left - 0.4 * self.em <= x <= left + wide + 0.4 * self.em
+
+    @property
+    def _words(self) -> str:
+        return "close (J)" if self.large else "enlarge (J)"
 
     @property
     def shown(self) -> Sequence[LogRow]:
@@ -196,8 +225,11 @@ class LogView:
 
     @property
     def places(self) -> dict[str, tuple[float, float]]:
-        """The middle of each button, 0 to 1 across and down, by its label."""
+        """The middle of each button and of the switch, 0 to 1 across and down, by its label."""
         found = {}
+        if self.filter is not None:
+            words, left, wide = self.filter
+            found[words] = ((left + wide / 2) / self.width, self.top / 2 / self.height)
         for number, row in enumerate(self.shown):
             if row.fix is not None:
                 left, wide = self._button(row)
@@ -215,11 +247,13 @@ class LogView:
         """(height, width, 3) uint8."""
         em, size, step = self.em, _size(self.em), self._step
         canvas = Canvas(self.width, self.height, PANEL)
-        top = heading(canvas, 0.3 * em, "Job log", em)
-        words = "close (J)" if self.large else "enlarge (J)"
-        canvas.text(self.width - 0.6 * em, 0.3 * em, words, size, DIM, align="right")
+        top = heading(canvas, 0.3 * em, TITLE, em)
+        canvas.text(self.width - 0.6 * em, 0.3 * em, self._words, size, DIM, align="right")
+        if self.filter is not None:
+            words, left, _ = self.filter
+            canvas.text(left, 0.3 * em, words, size, ACCENT if self.only_warnings else DIM)
         if not self.rows:
-            canvas.text(0.6 * em, top, "No run yet.", size, DIM)
+            canvas.text(0.6 * em, top, "No warnings." if self.only_warnings else "No run yet.", size, DIM)
         left = _indent(em)
         for number, row in enumerate(self.shown):
             y = top + number * step

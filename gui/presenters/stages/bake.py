@@ -13,6 +13,7 @@ from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, PANEL, TEXT
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.qp_chart import QpChart
 from gui.presenters.stages.qp_trial import QpTrial
+from gui.presenters.stages.report_table import cells_text
 from gui.presenters.stages.stage_view import Size, StageView
 from studio.counts import counted
 from studio.errors import StudioError
@@ -94,6 +95,10 @@ def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
     return found
 
 
+COLUMNS = ("KB per frame", "share", "QP")
+"""Of the table in mode "bytes"."""
+
+
 class BakeView(StageView):
     """See the module.
 
@@ -109,6 +114,7 @@ class BakeView(StageView):
         self.trial = QpTrial()
         self.points: dict[int, tuple[float, float]] = {}
         self._told = ""
+        self._cells: list[list[str]] = []
 
     def state(self) -> Hashable:
         """The stream on disk, the frame in mode "planes", the results of the QP trial and the chosen QP."""
@@ -151,9 +157,10 @@ class BakeView(StageView):
         canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
         y += 2 * step
         rows = shares(manifest, sound)
+        self._cells = [["", *COLUMNS]]
         left, right = em + 11 * em, size[0] - em - 15 * em
         columns = (size[0] - em - 9.5 * em, size[0] - em - 4.5 * em, size[0] - em)
-        for words, place in zip(("KB per frame", "share", "QP"), columns, strict=True):
+        for words, place in zip(COLUMNS, columns, strict=True):
             canvas.text(place, y - step * 0.8, words, round(0.85 * em), DIM, align="right")
         for row in rows:
             value, qps = row.bytes, row.qps
@@ -162,6 +169,7 @@ class BakeView(StageView):
             canvas.rect(left, y + 2, (right - left) * value / manifest.played_bytes, normal, ACCENT)
             qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
             numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.played_bytes:.1f}%", qp)
+            self._cells.append([row.name, *numbers])
             for words, place in zip(numbers, columns, strict=True):
                 canvas.text(place, y, words, normal, TEXT, align="right")
             y += step
@@ -183,6 +191,7 @@ class BakeView(StageView):
         assert config is not None
         chart = QpChart(size, self.em, self.trial, config.bake.qp, self._told)
         self.points = chart.points
+        self._cells = chart.cells(self.trial.results, self.trial.fps)
         return chart.canvas.pixels
 
     def click(self, x: float, y: float) -> None:
@@ -194,6 +203,16 @@ class BakeView(StageView):
             return
         refusal = self.workspace.change_setting("bake.qp", qp)
         self._told = f"QP {qp} is set. Run Bake to use it." if refusal is None else str(refusal)
+
+    @property
+    def table_text(self) -> str:
+        """See `StageView`."""
+        return "" if self.mode == "planes" or len(self._cells) < 2 else cells_text(self._cells)
+
+    @property
+    def status(self) -> str:
+        """See `StageView`."""
+        return "Ctrl+C copies the table" if self.table_text else ""
 
     def _planes(self, size: Size, reader: StreamReader) -> np.ndarray:
         import cv2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height
@@ -9,6 +11,8 @@ from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, LINE, PANEL, RAI
 from gui.presenters.drawing.plots import number, ticks
 from gui.presenters.stages.qp_trial import TRIED_QPS, QpTrial, Trial
 from gui.presenters.stages.stage_view import Size
+
+TITLES = ("QP", "KB per frame", "Mbit/s", "PSNR, dB")
 
 
 class QpChart:
@@ -50,11 +54,26 @@ class QpChart:
     def _step(self) -> float:
         return 1.25 * line_height(round(self._em))
 
+    @staticmethod
+    def cells(results: Mapping[int, Trial], fps: float) -> list[list[str]]:
+        """The table as words: titles, then a row for each QP with results."""
+        rows = [
+            [
+                str(qp),
+                f"{found.bytes_per_frame / 1000:.1f}",
+                f"{found.bytes_per_frame * fps * 8 / 1e6:.2f}",
+                f"{found.psnr:.2f}",
+            ]
+            for qp, found in sorted(results.items())
+        ]
+        return [list(TITLES), *rows]
+
     def _table(self, x: float, y: float, results: dict[int, Trial], fps: float, running: bool) -> None:
         canvas, em = self.canvas, self._em
         columns = (x + 2.5 * em, x + 8.5 * em, x + 13.5 * em, x + 19 * em)
-        for words, place in zip(("QP", "KB per frame", "Mbit/s", "PSNR, dB"), columns, strict=True):
+        for words, place in zip(TITLES, columns, strict=True):
             canvas.text(place, y, words, self._small, DIM, align="right")
+        shown = {row[0]: row[1:] for row in self.cells(results, fps)}
         for qp in sorted({*TRIED_QPS, *results}):
             y += self._step
             if qp == self._current:
@@ -63,10 +82,8 @@ class QpChart:
             if qp not in results:
                 canvas.text(columns[1], y, "..." if running else "", round(em), DIM, align="right")
                 continue
-            found = results[qp]
-            numbers = (found.bytes_per_frame / 1000, found.bytes_per_frame * fps * 8 / 1e6, found.psnr)
-            for value, digits, place in zip(numbers, (1, 2, 2), columns[1:], strict=True):
-                canvas.text(place, y, f"{value:.{digits}f}", round(em), TEXT, align="right")
+            for words, place in zip(shown[str(qp)], columns[1:], strict=True):
+                canvas.text(place, y, words, round(em), TEXT, align="right")
 
     def _curve(self, x: float, y: float, width: float, height: float, results: dict[int, Trial]) -> None:
         canvas, em, small = self.canvas, self._em, self._small

@@ -1,4 +1,4 @@
-"""The table of the calibration report: its order, and its text for the clipboard."""
+"""Tables of the stages: the order of the calibration report, and texts for the clipboard."""
 
 from __future__ import annotations
 
@@ -48,9 +48,14 @@ class Sorting:
 
 
 def table_text(names: Sequence[str], columns: Mapping[str, Sequence[str]], order: Sequence[int]) -> str:
-    """Lines of cells with tabs between them, titles first, as spreadsheets paste them."""
+    """Titles and rows in order, for the clipboard; see `cells_text`."""
     lines = [[CAMERA, *columns]]
     lines += [[names[row], *(words[row] for words in columns.values())] for row in order]
+    return cells_text(lines)
+
+
+def cells_text(lines: Sequence[Sequence[str]]) -> str:
+    """Lines of cells with tabs between them, as spreadsheets paste them."""
     return "\n".join("\t".join(line) for line in lines) + "\n"
 
 

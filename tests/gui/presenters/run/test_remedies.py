@@ -139,6 +139,25 @@ def test_the_log_has_a_button_below_the_warning_and_a_click_finds_it() -> None:
     assert (column[int(200 * down) - 8] == RAISED).all() or np.any(column != column[0]), "drawn where it is clicked"
 
 
+def test_the_heading_has_a_switch_to_warnings_only_where_there_are_some() -> None:
+    rows = log_rows([("warning", "m"), ("", "a line")], 400, 16.0)
+    assert LogView(rows, 400, 200, 16.0).filter is None, "no warnings"
+    view = LogView(rows, 400, 200, 16.0, warnings=3)
+    across, down = view.places["warnings only (3)"]
+    assert view.on_filter(400 * across, 200 * down)
+    assert not view.on_filter(2, 200 * down), "the title, which enlarges the log"
+    assert not view.on_filter(390, 200 * down)
+    assert not view.on_filter(400 * across, view.top + 1), "the first line"
+    plain = LogView(rows, 400, 200, 16.0).picture()
+    changed = np.argwhere((view.picture() != plain).any(axis=2))
+    (top, left), (bottom, right) = changed.min(axis=0), changed.max(axis=0)
+    assert left < 400 * across < right
+    assert top < 200 * down < bottom < view.top
+    again = LogView([], 400, 200, 16.0, only_warnings=True)
+    assert "all lines" in again.places, "also after the last warning is gone"
+    assert LogView(rows, 150, 200, 16.0, warnings=3).filter is None, "it would cover other words"
+
+
 @pytest.mark.parametrize("told", [1e30, -1e30, float("inf"), float("nan"), 0.0])
 def test_what_is_no_time_has_no_clock(told: float) -> None:
     """Runs are read from files, which may be damaged."""

@@ -405,6 +405,12 @@ def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_
     whole = SIZE[0] - 16 * (1 + 15) - 16 * 12  # pixels of a bar of 100%
     drawn = [size for size in rows if int(size / sum(rows) * whole) > 0]
     assert bars == pytest.approx(np.array(drawn) / sum(rows) * whole, abs=1.5)
+    copied = [line.split("\t") for line in views.stage_views["bake"].table_text.splitlines()[1:]]
+    assert [float(line[2].rstrip("%")) for line in copied] == pytest.approx(
+        [100 * size / sum(rows) for size in rows], abs=0.051
+    )
+    views.choose("planes")
+    assert views.stage_views["bake"].table_text == "", "no table is shown"
 
 
 def test_a_missing_image_is_named_and_the_others_are_shown(
@@ -664,6 +670,10 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     trials = [bake.trial.results[qp] for qp in sorted(bake.trial.results)]
     assert [one.bytes_per_frame for one in trials] == sorted((one.bytes_per_frame for one in trials), reverse=True)
     assert trials[0].psnr > trials[-1].psnr + 3
+    titles, *copied = (line.split("\t") for line in bake.table_text.splitlines())
+    assert titles == ["QP", "KB per frame", "Mbit/s", "PSNR, dB"]
+    assert [int(line[0]) for line in copied] == sorted(bake.trial.results)
+    assert [float(line[3]) for line in copied] == pytest.approx([one.psnr for one in trials], abs=0.0051)
     x, y = bake.points[30]
     views.click(x + 2, y - 2)
     assert load_config(take_copy / "config.yaml").bake.qp == 30
