@@ -82,6 +82,7 @@ class TimelinePanel:
             self._trim,
             self._picture_size[1] if has_pictures(self._player) else 0,
             transport.span,
+            transport.fps,
         )
 
     @property

@@ -132,6 +132,14 @@ def plots_of(
     )
 
 
+def clock_words(seconds: float) -> str:
+    """A time of the take: in seconds, or from one minute on in minutes and seconds."""
+    hundredths = round(100 * seconds)
+    if hundredths < 6000:
+        return f"{hundredths / 100:.2f} s"
+    return f"{hundredths // 6000}:{hundredths % 6000 / 100:05.2f}"
+
+
 @dataclass(frozen=True)
 class TimelinePlots:
     """Plots above the track, on the same frame axis; clicking any of them seeks.
@@ -142,6 +150,7 @@ class TimelinePlots:
         frame_count, group_starts, first, shown, trim: as in `Timeline`.
         strip: height of the strip of pictures above the plots, pixels; 0 for none.
         span: first and last frame of the selected span; None for none.
+        fps: frame rate, for times beside the numbers of frames; 0 for none.
     """
 
     width: int
@@ -154,6 +163,7 @@ class TimelinePlots:
     trim: Trim | None = None
     strip: int = 0
     span: tuple[int, int] | None = None
+    fps: float = 0.0
 
     @property
     def left(self) -> int:
@@ -326,12 +336,18 @@ class TimelinePlots:
         return [(top + number * (each + GAP), each) for number in range(count)]
 
     def _ruler(self, canvas: Canvas, timeline: Timeline) -> None:
-        """Numbers of frames above the track."""
+        """Numbers of frames above the track, with their times where there is room for all of them."""
         size = max(round(0.64 * self.em), 8)
         y = self._track - round(RULER * self.em)
-        for frame in self.numbered:
+        labels = {frame: str(frame) for frame in self.numbered}
+        if self.fps > 0 and len(labels) > 1:
+            timed = {frame: f"{frame}, {clock_words(frame / self.fps)}" for frame in labels}
+            first, second, *_ = labels
+            apart = timeline.span(second)[0] - timeline.span(first)[0]
+            if max(text_width(words, size) for words in timed.values()) + self.em <= apart:
+                labels = timed
+        for frame, words in labels.items():
             middle = self.left + sum(timeline.span(frame)) // 2
-            words = str(frame)
             beside = text_width(words, size) / 2
             x = min(max(middle, self.left + beside), self.left + timeline.width - beside)
             canvas.text(x, y - 0.1 * size, words, size, DIM, align="middle")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gui.presenters.drawing.palette import ACCENT, BAD, FAIR, PANEL, RAISED, TEXT
-from gui.presenters.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, Waveform, plots_of
+from gui.presenters.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, Waveform, clock_words, plots_of
 from gui.presenters.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
 from studio.edits import Trim
 
@@ -64,6 +64,29 @@ def test_numbered_frames_are_apart_and_above_their_frames(count: int, first: flo
     columns = np.flatnonzero(words[:, view.left :].any(axis=0)) + view.left
     runs = np.split(columns, np.flatnonzero(np.diff(columns) > 12) + 1)
     assert [view.frame_at(run.mean()) // 1 for run in runs] == pytest.approx(numbered, abs=max(count * 0.03, 1))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(0, "0.00 s"), (0.56, "0.56 s"), (59.996, "1:00.00"), (83.5, "1:23.50")]
+)
+def test_times_in_words(seconds: float, words: str) -> None:
+    assert clock_words(seconds) == words
+
+
+def test_times_stand_beside_the_numbers_where_there_is_room() -> None:
+    def words_of(view: TimelinePlots) -> list[int]:
+        """Widths of the labels."""
+        row = slice(160 - view.track_height - round(RULER * 16.0), 160 - view.track_height)
+        words = (view.base(())[row, view.left : view.left + view.timeline.width] != PANEL).any(axis=(0, 2))
+        columns = np.flatnonzero(words)
+        return [len(run) for run in np.split(columns, np.flatnonzero(np.diff(columns) > 10) + 1)]
+
+    few = [TimelinePlots(900, 160, 16.0, 6, fps=fps) for fps in (0.0, 25.0)]
+    without, timed = (words_of(view) for view in few)
+    assert len(without) == len(timed) == 6
+    assert min(timed) > 30 > 12 > max(without)
+    many = [TimelinePlots(900, 160, 16.0, 90_000, fps=fps).base(()) for fps in (0.0, 25.0)]
+    assert (many[0] == many[1]).all(), "no room"
 
 
 def test_values_under_the_pointer() -> None:
