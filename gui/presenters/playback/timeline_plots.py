@@ -341,7 +341,7 @@ class TimelinePlots:
         y = self._track - round(RULER * self.em)
         labels = {frame: str(frame) for frame in self.numbered}
         if self.fps > 0 and len(labels) > 1:
-            timed = {frame: f"{frame}, {clock_words(frame / self.fps)}" for frame in labels}
+            timed = {frame: f"{frame} · {clock_words(frame / self.fps)}" for frame in labels}
             first, second, *_ = labels
             apart = timeline.span(second)[0] - timeline.span(first)[0]
             if max(text_width(words, size) for words in timed.values()) + self.em <= apart:
