@@ -67,4 +67,9 @@ void release_idle_buffers() {
     idle_bytes = 0;
 }
 
+std::size_t idle_buffer_bytes() {
+    std::lock_guard<std::mutex> guard(mutex);
+    return idle_bytes;
+}
+
 }  // namespace vs

@@ -13,6 +13,8 @@ void* acquire_buffer(std::size_t bytes, std::size_t* capacity);
 void release_buffer(void* pointer, std::size_t capacity);
 // Frees all idle buffers.
 void release_idle_buffers();
+// Their bytes.
+std::size_t idle_buffer_bytes();
 
 // The same template is compiled for several instruction sets. Inlining keeps the linker from picking one copy for all.
 #define VS_ALWAYS_INLINE __attribute__((always_inline))
@@ -24,7 +26,7 @@ class Buffer {
     Buffer() = default;
     VS_ALWAYS_INLINE explicit Buffer(std::size_t count)
         : data_(static_cast<T*>(acquire_buffer(count * sizeof(T), &capacity_))) {}
-    VS_ALWAYS_INLINE Buffer(Buffer&& other) noexcept : data_(other.data_), capacity_(other.capacity_) {
+    VS_ALWAYS_INLINE Buffer(Buffer&& other) noexcept : capacity_(other.capacity_), data_(other.data_) {
         other.data_ = nullptr;
     }
     VS_ALWAYS_INLINE Buffer& operator=(Buffer&& other) noexcept {
@@ -46,8 +48,8 @@ class Buffer {
         if (data_ != nullptr) release_buffer(data_, capacity_);
         data_ = nullptr;
     }
+    std::size_t capacity_ = 0;  // before data_, whose initialization writes it
     T* data_ = nullptr;
-    std::size_t capacity_ = 0;
 };
 
 }  // namespace vs

@@ -1,7 +1,8 @@
 // The motion field, a hash grid and an MLP with ReLU, forward and backward. The definition is
 // studio/training/hashgrid.py and motion.py.
 //
-// Forward:   per chunk of points: gather the corners of the grid, then one small matrix product per layer
+// Forward:   encode  per level: gather the corners of the grid
+//            block   per chunk of points: one small matrix product per layer
 // Backward:  block  per block of points: gradients of the layers, summed over the block, and of the encoding
 //            table  per level of the grid: add the gradients of the encodings to its rows, in the order of the points
 // Blocks are the same for any number of threads, so the sums are too.
@@ -91,25 +92,47 @@ static void product(const Product<T>& p, int rows, int columns) {
     for (; column < columns; column += W) product_columns<T, 1>(p, rows, column);
 }
 
-template <typename T, int FEATURES>
-VS_INLINE void encode_point(const T* table, const std::int32_t* rows, const T* weights, int features, T* out) {
-    const int f = FEATURES > 0 ? FEATURES : features;
-    T sums[FEATURES > 0 ? FEATURES : 16] = {};
-    for (int corner = 0; corner < 8; corner++) {
-        const T* row = table + std::ptrdiff_t(rows[corner]) * f;
-        for (int i = 0; i < f; i++) sums[i] += weights[corner] * row[i];
+// Four features, the usual number. Explicit vectors, since the compiler must assume that the table overlaps the weights.
+template <typename T>
+struct Four {
+    typedef T V __attribute__((vector_size(4 * sizeof(T))));
+    VS_INLINE V load(const T* p) {
+        V v;
+        __builtin_memcpy(&v, p, sizeof(v));
+        return v;
     }
-    for (int i = 0; i < f; i++) out[i] = sums[i];
+    VS_INLINE void store(T* p, V v) { __builtin_memcpy(p, &v, sizeof(v)); }
+};
+
+template <typename T>
+VS_INLINE void encode_point(const T* table, const std::int32_t* rows, const T* weights, int features, T* out) {
+    if (features == 4) {
+        typename Four<T>::V sum{};
+        for (int corner = 0; corner < 8; corner++)
+            sum += weights[corner] * Four<T>::load(table + std::ptrdiff_t(rows[corner]) * 4);
+        return Four<T>::store(out, sum);
+    }
+    T sums[16] = {};
+    for (int corner = 0; corner < 8; corner++) {
+        const T* row = table + std::ptrdiff_t(rows[corner]) * features;
+        for (int i = 0; i < features; i++) sums[i] += weights[corner] * row[i];
+    }
+    for (int i = 0; i < features; i++) out[i] = sums[i];
 }
 
-template <typename T, int FEATURES>
+template <typename T>
 VS_INLINE void spread_point(T* table, const std::int32_t* rows, const T* weights, int features, const T* gradient) {
-    const int f = FEATURES > 0 ? FEATURES : features;
-    T g[FEATURES > 0 ? FEATURES : 16];
-    for (int i = 0; i < f; i++) g[i] = gradient[i];
+    if (features == 4) {
+        const typename Four<T>::V g = Four<T>::load(gradient);
+        for (int corner = 0; corner < 8; corner++) {
+            T* row = table + std::ptrdiff_t(rows[corner]) * 4;
+            Four<T>::store(row, Four<T>::load(row) + weights[corner] * g);
+        }
+        return;
+    }
     for (int corner = 0; corner < 8; corner++) {
-        T* row = table + std::ptrdiff_t(rows[corner]) * f;
-        for (int i = 0; i < f; i++) row[i] += weights[corner] * g[i];
+        T* row = table + std::ptrdiff_t(rows[corner]) * features;
+        for (int i = 0; i < features; i++) row[i] += weights[corner] * gradient[i];
     }
 }
 
@@ -152,6 +175,24 @@ static void field_forward(const FieldJob<T>& job, Buffer<T>& activations, T* out
         for (int o = 0; o < layer.padded_outputs; o++)
             to[layer.padded_inputs * layer.padded_outputs + o] = o < layer.outputs ? job.biases[l][o] : T(0);
     }
+    // Level by level, so that the rows of one level stay in the second-level cache.
+    const std::int64_t share = (chunks + threads - 1) / threads;
+    auto encode = [&](int task) {
+        const std::int64_t begin = task * share, end = begin + share < chunks ? begin + share : chunks;
+        for (int level = 0; level < shape.levels; level++)
+            for (std::int64_t chunk = begin; chunk < end; chunk++) {
+                const std::int64_t first = chunk * FIELD_CHUNK;
+                const int points = job.count - first < FIELD_CHUNK ? int(job.count - first) : FIELD_CHUNK;
+                T* base = activations.get() + std::size_t(first) * std::size_t(per_point);
+                for (int p = 0; p < points; p++) {
+                    const std::int64_t at = 8 * (std::int64_t(level) * job.count + first + p);
+                    encode_point<T>(job.table, job.rows + at, job.corner_weights + at, shape.features,
+                                    base + p * encoded + level * shape.features);
+                }
+            }
+    };
+    parallel_for(threads, threads, encode);
+
     auto block = [&](int task) {
         const std::int64_t first_chunk = std::int64_t(task) * (FIELD_BLOCK / FIELD_CHUNK);
         for (std::int64_t chunk = first_chunk; chunk < first_chunk + FIELD_BLOCK / FIELD_CHUNK && chunk < chunks;
@@ -163,15 +204,6 @@ static void field_forward(const FieldJob<T>& job, Buffer<T>& activations, T* out
                 for (int p = 0; p < FIELD_CHUNK; p++) base[p * encoded + i] = 0;
             for (int p = points; p < FIELD_CHUNK; p++)
                 for (int i = 0; i < encoded; i++) base[p * encoded + i] = 0;
-            for (int level = 0; level < shape.levels; level++)
-                for (int p = 0; p < points; p++) {
-                    const std::int64_t at = 8 * (std::int64_t(level) * job.count + first + p);
-                    T* to = base + p * encoded + level * shape.features;
-                    if (shape.features == 4)
-                        encode_point<T, 4>(job.table, job.rows + at, job.corner_weights + at, 4, to);
-                    else
-                        encode_point<T, 0>(job.table, job.rows + at, job.corner_weights + at, shape.features, to);
-                }
             alignas(64) T last[FIELD_CHUNK * FIELD_ROUND];
             for (int l = 0; l <= shape.layers; l++) {
                 const FieldLayer<T> layer = field_layer<T>(shape, l);
@@ -307,10 +339,7 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
         for (std::int64_t p = 0; p < job.count; p++) {
             const std::int64_t at = std::int64_t(level) * job.count + p;
             const T* g = encoding_gradients.get() + at * shape.features;
-            if (shape.features == 4)
-                spread_point<T, 4>(d_table, job.rows + 8 * at, job.corner_weights + 8 * at, 4, g);
-            else
-                spread_point<T, 0>(d_table, job.rows + 8 * at, job.corner_weights + 8 * at, shape.features, g);
+            spread_point<T>(d_table, job.rows + 8 * at, job.corner_weights + 8 * at, shape.features, g);
         }
     };
     parallel_for(shape.levels, threads, table);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "coded.h"
+#include "composite.h"
 #include "dropout.h"
 #include "field.h"
 #include "isa_namespace.h"
@@ -30,6 +31,7 @@ const Kernels VS_JOIN(kernels_, VS_ISA) = {
     VS_ISA::backward<float>,
     VS_ISA::backward<double>,
     VS_ISA::photometric_loss,
+    VS_ISA::over_color,
     VS_TRAINING(float),
     VS_TRAINING(double),
 };

@@ -91,6 +91,14 @@ struct LossJob {
     double l1, ssim;  // results: means over pixels and channels
 };
 
+struct OverJob {
+    std::int64_t pixels;
+    const float* image;  // (pixels, 3)
+    const float* rest;   // (pixels,) how much of the color is added
+    const float* color;  // (3,)
+    float* out;          // (pixels, 3)
+};
+
 constexpr int MAX_FIELD_LAYERS = 8;
 
 struct FieldShape {
@@ -192,6 +200,7 @@ struct Kernels {
     void (*backward_float)(const Splats<float>&, const Gradients<float>&, const Frame<float>&, int threads);
     void (*backward_double)(const Splats<double>&, const Gradients<double>&, const Frame<double>&, int threads);
     void (*loss)(LossJob&, int threads);
+    void (*over)(const OverJob&, int threads);
     TrainingKernels<float> training_float;
     TrainingKernels<double> training_double;
 };

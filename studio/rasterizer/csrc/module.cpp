@@ -182,6 +182,16 @@ std::pair<double, double> loss(In<float> image, In<float> target, int width, int
     return {job.l1, job.ssim};
 }
 
+void over(In<float> image, In<float> rest, In<float> color, Out<float> out, int threads) {
+    const std::size_t pixels = rest.size();
+    expect(image, 3 * pixels, "image");
+    expect(color, 3, "color");
+    expect(out, 3 * pixels, "out");
+    const OverJob job{std::int64_t(pixels), image.data(), rest.data(), color.data(), out.data()};
+    nb::gil_scoped_release release;
+    kernels->over(job, checked_threads(threads));
+}
+
 template <typename T>
 const TrainingKernels<T>& training() {
     if constexpr (sizeof(T) == 4)
@@ -453,7 +463,7 @@ void add(nb::module_& m, const char* frame_name) {
 NB_MODULE(_kernels, m) {
     // An autograd graph may still hold a frame when the interpreter exits; that is not worth a leak warning.
     nb::set_leak_warnings(false);
-    m.attr("interface") = 2;  // as KERNEL_INTERFACE in cpu.py: raise both when functions or their arguments change
+    m.attr("interface") = 3;  // as KERNEL_INTERFACE in cpu.py: raise both when functions or their arguments change
     m.doc() = "C++ kernels of the CPU rasterizer and of training; use studio.rasterizer and studio.training instead.";
     vs::add<float>(m, "FrameFloat");
     vs::add<double>(m, "FrameDouble");
@@ -462,6 +472,8 @@ NB_MODULE(_kernels, m) {
     m.def("loss", &vs::loss, nb::arg("image").noconvert(), nb::arg("target").noconvert(), nb::arg("width"),
           nb::arg("height"), nb::arg("dssim_weight"), nb::arg("gradient").noconvert().none(), nb::arg("threads"),
           "Mean absolute difference and mean SSIM; writes the gradient of (1 - w) L1 + w (1 - SSIM).");
+    m.def("over", &vs::over, nb::arg("image").noconvert(), nb::arg("rest").noconvert(), nb::arg("color").noconvert(),
+          nb::arg("out").noconvert(), nb::arg("threads"), "out = image + rest * color, per pixel.");
     m.def("dequantize", &vs::dequantize_checked, nb::arg("picture").noconvert(), nb::arg("pixels").noconvert(),
           nb::arg("first").noconvert(), nb::arg("steps").noconvert(), nb::arg("offsets").noconvert(),
           nb::arg("escape_starts").noconvert(), nb::arg("escape_splats").noconvert(),
@@ -496,4 +508,5 @@ NB_MODULE(_kernels, m) {
         nb::arg("name"), "Select one of instruction_sets(); for tests and measurements.");
     m.def("release_idle_buffers", &vs::release_idle_buffers,
           "Free the working memory that is kept for the next frame.");
+    m.def("idle_buffer_bytes", &vs::idle_buffer_bytes, "Bytes of that memory.");
 }

@@ -330,6 +330,25 @@ def test_rendering_in_a_forked_child(helpers) -> None:
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
+def test_working_memory_is_used_again(helpers) -> None:
+    """Else the operating system maps and clears new pages for each picture."""
+    kernels = load_kernels()
+
+    def idle_after_a_step() -> int:
+        splats = helpers.splats(300).map(lambda tensor: tensor.float().requires_grad_())
+        rasterize(splats, helpers.camera(), backend="cpu").image.sum().backward()
+        del splats
+        return int(kernels.idle_buffer_bytes())
+
+    kernels.release_idle_buffers()
+    assert kernels.idle_buffer_bytes() == 0
+    first = idle_after_a_step()
+    assert first > 300 * 40, "at least the projected splats"
+    assert [idle_after_a_step() for _ in range(3)] == [first] * 3
+    kernels.release_idle_buffers()
+    assert kernels.idle_buffer_bytes() == 0
+
+
 def test_kernels_check_the_sizes_of_arrays() -> None:
     kernels = load_kernels()
     image = torch.zeros(4, 4, 3)

@@ -8,9 +8,10 @@ from scipy.ndimage import binary_erosion
 from studio.cameras import Camera
 from studio.capture import FootageView
 from studio.gaussians import Gaussians
+from studio.rasterizer.cpu import load_kernels
 from studio.training import TrainingView, TrainSettings
 from studio.training.step import Stepper
-from studio.training.views import interior, matte_box, surroundings
+from studio.training.views import interior, matte_box, over_color, surroundings
 from tests.support.errors import refuses
 
 SIZE = 120
@@ -54,6 +55,37 @@ def test_composite_without_plate_is_the_matte_over_the_color() -> None:
     expected = view.image * view.matte[..., None] + color * (1 - view.matte[..., None])
     assert torch.allclose(view.composited(color), expected, atol=1e-6)
     assert view.backdrop(color) is None
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 5), (131, 77), (400, 517)])
+def test_images_over_a_color(size: tuple[int, int]) -> None:
+    generator = torch.Generator().manual_seed(sum(size))
+    image, rest = torch.rand(*size, 3, generator=generator), torch.rand(*size, 1, generator=generator)
+    color = torch.tensor([0.2, 0.9, 0.4])
+    found = over_color(image, rest, color)
+    torch.testing.assert_close(found.double(), image.double() + rest.double() * color.double(), rtol=1e-6, atol=1e-7)
+    turned = over_color(image.transpose(0, 1), rest.transpose(0, 1), color)
+    assert torch.equal(turned, found.transpose(0, 1)), "also of views that are not contiguous"
+    exact = over_color(image.double(), rest.double(), color.double())
+    assert torch.equal(exact, torch.addcmul(image.double(), rest.double(), color.double()))
+
+
+def test_all_instruction_sets_and_threads_put_the_same_image_over_a_color() -> None:
+    kernels = load_kernels()
+    image, rest, color = torch.rand(301, 433, 3), torch.rand(301, 433), torch.rand(3)
+    used, results = kernels.instruction_set(), []
+    try:
+        for name in kernels.instruction_sets():
+            kernels.use_instruction_set(name)
+            for threads in (1, 3):
+                results.append(torch.empty_like(image))
+                kernels.over(image, rest, color, results[-1], threads)
+            assert torch.equal(results[-1], results[-2])
+            torch.testing.assert_close(results[-1], results[0], rtol=1e-6, atol=1e-7)
+    finally:
+        kernels.use_instruction_set(used)
+    with pytest.raises(ValueError, match="image has"):
+        kernels.over(image, rest[1:], color, results[0], 1)
 
 
 def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_matte_is_wrong() -> None:
