@@ -36,7 +36,7 @@ setup-tests: system-tests ## the same, plus requirements of tests and linters
 	@$(BUILD_WEB)
 
 demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take folder)
-	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
+	@.venv/bin/v3studio run sample_configs/demo.yaml --take "$(DEMO_TAKE)"
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
 
 cluster-demo: demo ## the same on a Ray cluster of two nodes, one of which is killed, and compare the bytes

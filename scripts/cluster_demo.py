@@ -29,7 +29,7 @@ def run(take: Path, settings: list[str]) -> None:
     killed = False
     with two_nodes(max(1, (os.cpu_count() or 2) // 2)) as cluster:
         print(f"A cluster of two nodes is running at {cluster.address}.")
-        command = [sys.executable, "-m", "pipelines.cli", "run", "sample_configs/quickstart.yaml", "--take", str(take)]
+        command = [sys.executable, "-m", "pipelines.cli", "run", "sample_configs/demo.yaml", "--take", str(take)]
         command += ["--json", "--run.executor", "ray", "--run.address", cluster.address, *settings]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, **SETTINGS})
         assert process.stdout is not None

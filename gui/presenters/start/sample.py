@@ -12,7 +12,7 @@ def sample_settings() -> Path | None:
     """Settings of the sample capture, which comes with the source; None if it is neither where this program is nor in
     the working directory."""
     for folder in (Path(__file__).parents[3], Path.cwd()):
-        settings = folder / "sample_configs" / "quickstart.yaml"
+        settings = folder / "sample_configs" / "demo.yaml"
         if settings.is_file() and (folder / "sample_captures" / "walk16").is_dir():
             return settings
     return None
