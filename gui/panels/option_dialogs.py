@@ -131,13 +131,13 @@ class Form:
 
     def add(self, key: str, label: str, widget: gui.Widget) -> None:
         """A widget with its label; `key` names it among the dialog's widgets."""
-        # the grid would break it at spaces, and within its last word, as its columns are narrower than asked for
-        words = label.replace(" ", "\u00a0") + "\u00a0" * 3
-        self.grid.add_child(lowered(self._dialogs.label(words)))
+        em = self._dialogs.em
+        words = label.replace(" ", "\u00a0")  # the grid would break it at spaces
+        room = text_width(label, round(em)) + 1.2 * em
+        self.grid.add_child(lowered(self._dialogs.label(words), room=room))
         self.grid.add_child(widget)
         self.widgets[key] = widget
         # a grid gives fields what its labels leave, and a dialog is as wide as its title by itself
-        em = self._dialogs.em
         self._labels = max(self._labels, text_width(label, round(em)))
         self.grid.preferred_width = round(self._labels + (FIELD + 2) * em)
 

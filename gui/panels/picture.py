@@ -51,15 +51,19 @@ def text_room(text: str, em: float) -> float:
     return text_width(text, 100) * em / glyph_height(100)
 
 
-def lowered(label: gui.Label, down: int = FIELD_PADDING) -> gui.Vert:
+def lowered(label: gui.Label, down: int = FIELD_PADDING, room: float = 0.0) -> gui.Vert:
     """A label of one line on the baseline of the text beside it, in a row that is no higher.
 
     Args:
         label: of one line.
         down: pixels above the text of what is beside it, a field unless given.
+        room: least width of the row, pixels. A label that gets exactly the width that it asks for is broken, since the
+            toolkit rounds that down; its row is then two lines high.
     """
     row = gui.Vert(0, gui.Margins(0, down, 0, -down))
     row.add_child(label)
+    if room:
+        row.add_child(gui.Horiz(0, gui.Margins(round(room), 0, 0, 0)))
     return row
 
 

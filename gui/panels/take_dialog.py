@@ -48,7 +48,7 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
 
         return browse
 
-    grid = gui.VGrid(3, 0.5 * em)
+    grid = gui.VGrid(2, 0.5 * em)
     now = new.found() if new.footage or new.settings else Found("Choose the footage folder.")
     found = dialogs.label(_found(now.words, em, dialogs.room))
     rate = gui.TextEdit()
@@ -71,6 +71,13 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
             fields["take"].placeholder_text = new.proposed_take() or "a new folder"
         dialogs.laid_out()
 
+    def add(label: str, edit: gui.TextEdit, beside: gui.Widget) -> None:
+        row = gui.Horiz(round(0.5 * em))
+        row.add_child(edit)
+        row.add_child(beside)
+        grid.add_child(lowered(dialogs.label(label), room=text_width(label, round(em)) + 0.6 * em))
+        grid.add_child(row)
+
     for attribute, label, title, wanted in (
         ("footage", "Footage", "Footage folder", "folder"),
         ("settings", "Settings (optional)", "Settings file (YAML)", "file"),
@@ -82,17 +89,14 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
         edit.text_value = getattr(new, attribute)
         edit.set_on_text_changed(lambda text, attribute=attribute: setattr(new, attribute, text))
         edit.set_on_value_changed(look_again)
-        grid.add_child(lowered(dialogs.label(label)))
-        grid.add_child(edit)
         browse = dialogs.button(f"browse_{attribute}", "Browse", choose(attribute, title, wanted))
-        browse.vertical_padding_em = 1 / 16  # as high as the fields: the grid lays columns out by themselves
-        grid.add_child(browse)
+        browse.vertical_padding_em = 0  # no higher than the fields: the grid lays columns out by themselves
+        add(label, edit, browse)
     rate.set_on_text_changed(lambda text: setattr(new, "fps", text))
     rate.set_on_value_changed(look_again)
     show_rate(now)
     fields["fps"] = rate
-    for part in (lowered(dialogs.label("Frame rate")), rate, lowered(dialogs.label("fps"))):
-        grid.add_child(part)
+    add("Frame rate", rate, lowered(dialogs.label("fps"), room=text_width("Browse", round(em)) + 0.84 * em))
     dialogs.widgets |= fields
     parts: list[gui.Widget] = [grid, found]
     if error:
