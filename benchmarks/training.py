@@ -160,7 +160,6 @@ class Scene:
                 step,
                 calls,
             )
-        for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
             self.pair("image over a color", lambda: view.composited(black), step, calls)
         logits = splats.logit_opacities
         for step in ("keyframe", "fine-tuning"):

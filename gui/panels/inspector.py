@@ -207,7 +207,7 @@ class InspectorPanel:
                 [fix_of(line.notice, config) for line in told],
             )  # fmt: skip
         view = self._view
-        state = (view.shown, view.back, size, view.large, view.filter)
+        state = (view.shown, view.back, size, view.large, view.warnings, view.only_warnings)
         if state == self._log_of:
             return False
         self._log_of = state

@@ -132,13 +132,13 @@ class Form:
     def add(self, key: str, label: str, widget: gui.Widget) -> None:
         """A widget with its label; `key` names it among the dialog's widgets."""
         em = self._dialogs.em
+        wide = text_width(label, round(em))
         words = label.replace(" ", "\u00a0")  # the grid would break it at spaces
-        room = text_width(label, round(em)) + 1.2 * em
-        self.grid.add_child(lowered(self._dialogs.label(words), room=room))
+        self.grid.add_child(lowered(self._dialogs.label(words), room=wide + 1.2 * em))
         self.grid.add_child(widget)
         self.widgets[key] = widget
         # a grid gives fields what its labels leave, and a dialog is as wide as its title by itself
-        self._labels = max(self._labels, text_width(label, round(em)))
+        self._labels = max(self._labels, wide)
         self.grid.preferred_width = round(self._labels + (FIELD + 2) * em)
 
     def choice(
@@ -159,12 +159,20 @@ class Form:
 
     def output(self, target: gui.TextEdit, browse: Callable[[], None]) -> None:
         """The field of the output path, with a button beside it, as the last one."""
+        self.browsed("output", "Output", target, "target", browse)
+
+    def browsed(self, key: str, label: str, field: gui.TextEdit, of: str, browse: Callable[[], None]) -> None:
+        """A field for a path, with a button `browse_{of}` beside it."""
+        button = self._dialogs.button(f"browse_{of}", "Browse", browse)
+        button.vertical_padding_em = 0  # no higher than the field: the grid lays columns out by themselves
+        self.beside(key, label, field, button)
+
+    def beside(self, key: str, label: str, field: gui.TextEdit, widget: gui.Widget) -> None:
+        """A field with another widget beside it."""
         row = gui.Horiz(round(0.4 * self._dialogs.em))
-        row.add_child(target)
-        button = self._dialogs.button("browse_target", "Browse", browse)
-        button.vertical_padding_em = 0
-        row.add_child(button)
-        self.add("output", "Output", row)
+        row.add_child(field)
+        row.add_child(widget)
+        self.add(key, label, row)
 
     def line(self, attribute: str, label: str) -> None:
         """A line of text."""

@@ -9,6 +9,7 @@ from open3d.visualization import gui
 
 from gui.panels.dialogs import Dialogs, broken, filled
 from gui.panels.folder_dialog import ask_path
+from gui.panels.option_dialogs import Form
 from gui.panels.picture import color, lowered
 from gui.presenters.drawing.canvas import text_width, wrapped
 from gui.presenters.drawing.palette import BAD
@@ -48,7 +49,7 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
 
         return browse
 
-    grid = gui.VGrid(2, 0.5 * em)
+    form = Form(dialogs, new)
     now = new.found() if new.footage or new.settings else Found("Choose the footage folder.")
     found = dialogs.label(_found(now.words, em, dialogs.room))
     rate = gui.TextEdit()
@@ -71,13 +72,6 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
             fields["take"].placeholder_text = new.proposed_take() or "a new folder"
         dialogs.laid_out()
 
-    def add(label: str, edit: gui.TextEdit, beside: gui.Widget) -> None:
-        row = gui.Horiz(round(0.5 * em))
-        row.add_child(edit)
-        row.add_child(beside)
-        grid.add_child(lowered(dialogs.label(label), room=text_width(label, round(em)) + 0.6 * em))
-        grid.add_child(row)
-
     for attribute, label, title, wanted in (
         ("footage", "Footage", "Footage folder", "folder"),
         ("settings", "Settings (optional)", "Settings file (YAML)", "file"),
@@ -89,16 +83,16 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
         edit.text_value = getattr(new, attribute)
         edit.set_on_text_changed(lambda text, attribute=attribute: setattr(new, attribute, text))
         edit.set_on_value_changed(look_again)
-        browse = dialogs.button(f"browse_{attribute}", "Browse", choose(attribute, title, wanted))
-        browse.vertical_padding_em = 0  # no higher than the fields: the grid lays columns out by themselves
-        add(label, edit, browse)
+        form.browsed(attribute, label, edit, attribute, choose(attribute, title, wanted))
     rate.set_on_text_changed(lambda text: setattr(new, "fps", text))
     rate.set_on_value_changed(look_again)
     show_rate(now)
     fields["fps"] = rate
-    add("Frame rate", rate, lowered(dialogs.label("fps"), room=text_width("Browse", round(em)) + 0.84 * em))
+    form.beside(
+        "fps", "Frame rate", rate, lowered(dialogs.label("fps"), room=text_width("Browse", round(em)) + 0.84 * em)
+    )
     dialogs.widgets |= fields
-    parts: list[gui.Widget] = [grid, found]
+    parts: list[gui.Widget] = [form.grid, found]
     if error:
         wrong = dialogs.label(broken(error))
         wrong.text_color = color(BAD)

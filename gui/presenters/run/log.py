@@ -198,9 +198,10 @@ class LogView:
 
     def on_filter(self, x: float, y: float) -> bool:
         """Whether a pixel of the picture is on the switch."""
-        if self.filter is None or y >= self.top:
+        found = self.filter if y < self.top else None
+        if found is None:
             return False
-        _, left, wide = self.filter
+        _, left, wide = found
         return left - 0.4 * self.em <= x <= left + wide + 0.4 * self.em
 
     @property

@@ -128,6 +128,7 @@ class BakeView(StageView):
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
+        self._cells = []  # no table of another mode or take, also if this one cannot be drawn
         take, config = self.workspace.take, self.workspace.config
         if take is None:
             raise StudioError("gui.no_take", "no take is open", fix="Open a take.")
@@ -157,7 +158,7 @@ class BakeView(StageView):
         canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
         y += 2 * step
         rows = shares(manifest, sound)
-        self._cells = [["", *COLUMNS]]
+        cells = [["", *COLUMNS]]
         left, right = em + 11 * em, size[0] - em - 15 * em
         columns = (size[0] - em - 9.5 * em, size[0] - em - 4.5 * em, size[0] - em)
         for words, place in zip(COLUMNS, columns, strict=True):
@@ -169,10 +170,11 @@ class BakeView(StageView):
             canvas.rect(left, y + 2, (right - left) * value / manifest.played_bytes, normal, ACCENT)
             qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
             numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.played_bytes:.1f}%", qp)
-            self._cells.append([row.name, *numbers])
+            cells.append([row.name, *numbers])
             for words, place in zip(numbers, columns, strict=True):
                 canvas.text(place, y, words, normal, TEXT, align="right")
             y += step
+        self._cells = cells
         y += 0.5 * step
         for group in manifest.groups:
             if y + step > size[1]:
@@ -191,7 +193,7 @@ class BakeView(StageView):
         assert config is not None
         chart = QpChart(size, self.em, self.trial, config.bake.qp, self._told)
         self.points = chart.points
-        self._cells = chart.cells(self.trial.results, self.trial.fps)
+        self._cells = chart.cells
         return chart.canvas.pixels
 
     def click(self, x: float, y: float) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, line_height
@@ -28,12 +26,14 @@ class QpChart:
     Attributes:
         canvas: the picture.
         points: center of each QP's point, pixels.
+        cells: the table as words: titles, then a row for each QP with results.
     """
 
     def __init__(self, size: Size, em: float, trial: QpTrial, current: int, told: str) -> None:
         self.canvas, self._em, self._current = Canvas(*size, GROUND), em, current
         self.points: dict[int, tuple[float, float]] = {}
         results, running = dict(sorted(trial.results.items())), trial.running
+        self.cells = [list(TITLES), *(_words(qp, found, trial.fps) for qp, found in results.items())]
         canvas = self.canvas
         canvas.text(em, 0.8 * em, trial.words, round(em), TEXT, width=size[0] - 2 * em)
         note = told or "Click a point to set its QP, then run Bake. Lower QPs look better and take more bytes."
@@ -41,7 +41,7 @@ class QpChart:
         table = 21 * em
         beside = size[0] > 2 * table
         top = 5.2 * em
-        self._table(size[0] - table if beside else em, top, results, trial.fps, running)
+        self._table(size[0] - table if beside else em, top, results, running)
         if not beside:
             top += (len({*TRIED_QPS, *results}) + 1.5) * self._step
         self._curve(em, top, (size[0] - table if beside else size[0]) - 2 * em, size[1] - top - em, results)
@@ -54,26 +54,12 @@ class QpChart:
     def _step(self) -> float:
         return 1.25 * line_height(round(self._em))
 
-    @staticmethod
-    def cells(results: Mapping[int, Trial], fps: float) -> list[list[str]]:
-        """The table as words: titles, then a row for each QP with results."""
-        rows = [
-            [
-                str(qp),
-                f"{found.bytes_per_frame / 1000:.1f}",
-                f"{found.bytes_per_frame * fps * 8 / 1e6:.2f}",
-                f"{found.psnr:.2f}",
-            ]
-            for qp, found in sorted(results.items())
-        ]
-        return [list(TITLES), *rows]
-
-    def _table(self, x: float, y: float, results: dict[int, Trial], fps: float, running: bool) -> None:
+    def _table(self, x: float, y: float, results: dict[int, Trial], running: bool) -> None:
         canvas, em = self.canvas, self._em
         columns = (x + 2.5 * em, x + 8.5 * em, x + 13.5 * em, x + 19 * em)
         for words, place in zip(TITLES, columns, strict=True):
             canvas.text(place, y, words, self._small, DIM, align="right")
-        shown = {row[0]: row[1:] for row in self.cells(results, fps)}
+        shown = dict(zip(results, self.cells[1:], strict=True))
         for qp in sorted({*TRIED_QPS, *results}):
             y += self._step
             if qp == self._current:
@@ -82,7 +68,7 @@ class QpChart:
             if qp not in results:
                 canvas.text(columns[1], y, "..." if running else "", round(em), DIM, align="right")
                 continue
-            for words, place in zip(shown[str(qp)], columns[1:], strict=True):
+            for words, place in zip(shown[qp][1:], columns[1:], strict=True):
                 canvas.text(place, y, words, round(em), TEXT, align="right")
 
     def _curve(self, x: float, y: float, width: float, height: float, results: dict[int, Trial]) -> None:
@@ -119,3 +105,9 @@ class QpChart:
             now = qp == self._current
             canvas.dot(across, down, 0.42 * em if now else 0.3 * em, TEXT if now else ACCENT)
             canvas.text(across + 0.5 * em, down + 0.3 * em, f"QP {qp}", small, TEXT if now else DIM)
+
+
+def _words(qp: int, found: Trial, fps: float) -> list[str]:
+    """A row of the table."""
+    per_frame = found.bytes_per_frame
+    return [str(qp), f"{per_frame / 1000:.1f}", f"{per_frame * fps * 8 / 1e6:.2f}", f"{found.psnr:.2f}"]
