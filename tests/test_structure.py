@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("v3studio", "gui", "pipelines", "v3web", "studio")  # each may import the ones after it
+PACKAGES = ("v3studio", "gui", "pipelines", "studio")  # each may import the ones after it
 HEAVY = ("torch", "open3d", "pycolmap", "pymeshlab", "cv2", "av", "matplotlib", "onnxruntime")
 
 

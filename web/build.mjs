@@ -1,4 +1,4 @@
-// Builds the player into ../v3web/player: the page, one script with the worker inside, a second script that only pages
+// Builds the player into ../v3studio/player: the page, one script with the worker inside, a second script that only pages
 // for reviews load, and the licenses.
 import { build } from "esbuild";
 import { mkdir, readFile, rm, writeFile } from "node:fs/promises";
@@ -7,7 +7,7 @@ import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
 
 const here = dirname(fileURLToPath(import.meta.url));
-const out = process.argv[2] ?? join(here, "..", "v3web", "player");
+const out = process.argv[2] ?? join(here, "..", "v3studio", "player");
 const LIMIT = 120_000;
 const REVIEW_LIMIT = 20_000;
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
 
 from studio.errors import StudioError
 
@@ -56,14 +58,24 @@ class PlayerFiles:
         return len(self.page.encode()) + len(self.script) + len(self.licenses)
 
 
+def player_folder() -> Path:
+    """Folder of the built player: package data of `v3studio`, which is located, but not imported, from here.
+
+    Raises:
+        FileNotFoundError: `v3studio` is not installed.
+    """
+    spec = find_spec("v3studio")
+    if spec is None or spec.origin is None:
+        raise FileNotFoundError("the package v3studio is not installed")
+    return Path(spec.origin).parent / "player"
+
+
 def read_player() -> PlayerFiles:
     """The player that is part of this installation.
 
     Raises:
         StudioError: `share.no_player`, a source checkout in which it was not built.
     """
-    from v3web import player_folder
-
     try:
         folder = player_folder()
         return PlayerFiles(

@@ -16,7 +16,7 @@ import support
 from driver import Page, Site
 
 ROOT = Path(__file__).parents[2]
-PLAYER = ROOT / "v3web" / "player"
+PLAYER = ROOT / "v3studio" / "player"
 CHROMIUM = "/usr/bin/chromium"
 FLAGS = [
     "--no-sandbox",

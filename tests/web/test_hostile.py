@@ -38,7 +38,7 @@ def test_mutated_streams(baked, browser):
     page = browser.new_page()
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
-    with script.hosted(ROOT / "v3web" / "player") as host:
+    with script.hosted(ROOT / "v3studio" / "player") as host:
         outcomes = list(script.attack(page, host, script.read_stream(baked()), range(COUNT)))
         used = page.evaluate("() => { gc(); return performance.memory.usedJSHeapSize; }")
     page.close()

@@ -295,7 +295,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
     def missing() -> Path:
         raise FileNotFoundError
 
-    monkeypatch.setattr("v3web.player_folder", missing)
+    monkeypatch.setattr("pipelines.share.player_files.player_folder", missing)
     with refuses("share.no_player"):
         share_folder(str(stream), tmp_path / "site")
     assert not (tmp_path / "site").exists()
