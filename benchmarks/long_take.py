@@ -185,9 +185,9 @@ def spent(*command: str) -> tuple[float, bytes]:
 OPENING = """
 import sys, time
 from pathlib import Path
-from gui.presenters.loading import load
-from gui.presenters.stages.stage_rows import assess
-from gui.presenters.evaluation import Evaluation
+from gui.models.playback.loading import load
+from gui.models.stage_rows import assess
+from gui.models.evaluation import Evaluation
 from pipelines.config import load_config
 from pipelines.stages.base import Context
 from pipelines.takes.take import Take

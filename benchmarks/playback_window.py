@@ -50,8 +50,8 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     """Open the window, play and rotate the view, and print the frame rates."""
     from open3d.visualization import gui
 
-    from gui.presenters.playback.frame_cache import FrameCache
-    from gui.presenters.playback.stream_source import StreamSource
+    from gui.models.playback.frame_cache import FrameCache
+    from gui.models.playback.stream_source import StreamSource
     from gui.window import MainWindow
 
     application = gui.Application.instance

@@ -29,7 +29,7 @@ import numpy as np
 import psutil
 
 from gui.app import check_display
-from gui.presenters.playback.frame_cache import FrameCache
+from gui.models.playback.frame_cache import FrameCache
 from studio.capture.lru_cache import ByteCache
 from studio.errors import StudioError
 

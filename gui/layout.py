@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from gui.panels.camera_menu import CameraMenu
-from gui.panels.controls import ControlsPanel
-from gui.panels.hints import Hints
-from gui.panels.inspector import InspectorPanel
-from gui.panels.modes import ModesPanel
-from gui.panels.notice_bar import NoticeBar
-from gui.panels.path_panel import PathPanel
-from gui.panels.picture import color
-from gui.panels.stages import StagesPanel
-from gui.panels.start_panel import StartPanel
-from gui.panels.timeline import STRIP, TimelinePanel
-from gui.panels.tour_bubble import TourBubble
-from gui.presenters.drawing.palette import GROUND, PANEL
-from gui.presenters.stages.stage_views import StageViews
-from gui.scene_view import SceneView
-from gui.viewport import Viewport
+from gui.drawing.palette import GROUND, PANEL
+from gui.pages.stage_views import StageViews
+from gui.pages.start.panel import StartPanel
+from gui.widgets.camera_menu import CameraMenu
+from gui.widgets.controls import ControlsPanel
+from gui.widgets.hints import Hints
+from gui.widgets.inspector import InspectorPanel
+from gui.widgets.modes import ModesPanel
+from gui.widgets.notice_bar import NoticeBar
+from gui.widgets.path_panel import PathPanel
+from gui.widgets.picture import color
+from gui.widgets.scene_view import SceneView
+from gui.widgets.stages import StagesPanel
+from gui.widgets.timeline import STRIP, TimelinePanel
+from gui.widgets.tour_bubble import TourBubble
+from gui.widgets.viewport import Viewport
 
 NARROW = 60
 """Width in em below which the right panel is hidden until the user shows it (I)."""

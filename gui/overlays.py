@@ -8,10 +8,10 @@ from open3d.visualization import gui
 
 from gui.actions.commands import Actions
 from gui.actions.search import opens_list
-from gui.panels.picture import color
-from gui.presenters.drawing.palette import ACCENT_DARK, GROUND, PANEL, TEXT
-from gui.presenters.run.title import window_title
+from gui.drawing.palette import ACCENT_DARK, GROUND, PANEL, TEXT
+from gui.models.take.title import window_title
 from gui.shell import Shell
+from gui.widgets.picture import color
 
 
 class Overlays:

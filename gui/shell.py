@@ -7,30 +7,30 @@ from typing import Protocol
 from open3d.visualization import gui
 
 from gui.layout import Layout
-from gui.panels.camera_menu import CameraMenu
-from gui.panels.controls import ControlsPanel
-from gui.panels.dialogs import Dialogs
-from gui.panels.hints import Hints
-from gui.panels.inspector import InspectorPanel
-from gui.panels.modes import ModesPanel
-from gui.panels.notice_bar import NoticeBar
-from gui.panels.path_panel import PathPanel
-from gui.panels.stages import StagesPanel
-from gui.panels.start_panel import StartPanel
-from gui.panels.timeline import TimelinePanel
-from gui.panels.tour_bubble import TourBubble
+from gui.models.evaluation import Evaluation
+from gui.models.marks import Marks
+from gui.models.notices import Notices
+from gui.models.playback.player import PlayerPresenter
+from gui.models.preferences import Preferences
+from gui.models.take.exports import Exports
+from gui.models.take.serving import Serving
+from gui.models.take.workspace import Workspace
+from gui.pages.stage_views import StageViews
+from gui.pages.start.panel import StartPanel
 from gui.platform.input_order import InputOrder
-from gui.presenters.evaluation import Evaluation
-from gui.presenters.marks import Marks
-from gui.presenters.notices import Notices
-from gui.presenters.playback.player import PlayerPresenter
-from gui.presenters.preferences import Preferences
-from gui.presenters.run.exports import Exports
-from gui.presenters.run.serving import Serving
-from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_views import StageViews
-from gui.scene_view import SceneView
-from gui.viewport import Viewport
+from gui.widgets.camera_menu import CameraMenu
+from gui.widgets.controls import ControlsPanel
+from gui.widgets.dialogs.base import Dialogs
+from gui.widgets.hints import Hints
+from gui.widgets.inspector import InspectorPanel
+from gui.widgets.modes import ModesPanel
+from gui.widgets.notice_bar import NoticeBar
+from gui.widgets.path_panel import PathPanel
+from gui.widgets.scene_view import SceneView
+from gui.widgets.stages import StagesPanel
+from gui.widgets.timeline import TimelinePanel
+from gui.widgets.tour_bubble import TourBubble
+from gui.widgets.viewport import Viewport
 
 
 class Page(Protocol):

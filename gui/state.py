@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from gui.presenters.edits.session import edits_of
+from gui.pages.review.session import edits_of
 from gui.shell import Shell
 from pipelines.takes.edit_words import describe
 

@@ -10,21 +10,25 @@ from open3d.visualization import gui, rendering
 
 from gui.actions import menus
 from gui.actions.commands import Actions
+from gui.drawing.icons import FONT
+from gui.drawing.palette import DIM, GROUND, PANEL, TEXT
 from gui.layout import Layout, Panels
+from gui.models.evaluation import Evaluation, EvaluationFile
+from gui.models.marks import Marks
+from gui.models.notices import Notices
+from gui.models.playback.loading import load
+from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.rate import Rate
+from gui.models.playback.sources import Opened
+from gui.models.playback.timeline_plots import Waveform, plots_of
+from gui.models.preferences import PICTURE_SIZES, Preferences
+from gui.models.take.exports import Exports
+from gui.models.take.serving import Serving
+from gui.models.take.workspace import Workspace
+from gui.models.worker import LatestWorker
 from gui.overlays import Overlays
-from gui.panels.camera_menu import CameraMenu
-from gui.panels.controls import ControlsPanel
-from gui.panels.dialogs import Dialogs
-from gui.panels.hints import Hints
-from gui.panels.inspector import InspectorPanel
-from gui.panels.modes import ModesPanel
-from gui.panels.notice_bar import NoticeActions, NoticeBar
-from gui.panels.path_panel import PathPanel
-from gui.panels.picture import color, holds, plain_label
-from gui.panels.stages import StagesPanel
-from gui.panels.start_panel import StartPanel
-from gui.panels.timeline import TimelinePanel
-from gui.panels.tour_bubble import TourBubble
+from gui.pages.stage_views import StageViews
+from gui.pages.start.panel import StartPanel
 from gui.platform.chords import Chords
 from gui.platform.closing import CloseRequests
 from gui.platform.drawn_frames import DrawnFrames
@@ -34,28 +38,24 @@ from gui.platform.memory import give_back
 from gui.platform.menu_bar import MenuBar
 from gui.platform.redraw import Redraws
 from gui.platform.x_window import XDisplay
-from gui.presenters.drawing.icons import FONT
-from gui.presenters.drawing.palette import DIM, GROUND, PANEL, TEXT
-from gui.presenters.evaluation import Evaluation, EvaluationFile
-from gui.presenters.loading import load
-from gui.presenters.marks import Marks
-from gui.presenters.notices import Notices
-from gui.presenters.playback.player import PlayerPresenter
-from gui.presenters.playback.rate import Rate
-from gui.presenters.playback.sources import Opened
-from gui.presenters.playback.timeline_plots import Waveform, plots_of
-from gui.presenters.preferences import PICTURE_SIZES, Preferences
-from gui.presenters.run.exports import Exports
-from gui.presenters.run.serving import Serving
-from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_views import StageViews
-from gui.presenters.swap_guard import SwapGuard
-from gui.presenters.worker import LatestWorker
-from gui.raycast import MeshPicture
-from gui.scene_view import SceneView
 from gui.shell import Page
 from gui.state import StateLog
-from gui.viewport import Viewport
+from gui.widgets.camera_menu import CameraMenu
+from gui.widgets.controls import ControlsPanel
+from gui.widgets.dialogs.base import Dialogs
+from gui.widgets.hints import Hints
+from gui.widgets.inspector import InspectorPanel
+from gui.widgets.modes import ModesPanel
+from gui.widgets.notice_bar import NoticeActions, NoticeBar
+from gui.widgets.path_panel import PathPanel
+from gui.widgets.picture import color, holds, plain_label
+from gui.widgets.raycast import MeshPicture
+from gui.widgets.scene_view import SceneView
+from gui.widgets.stages import StagesPanel
+from gui.widgets.swap_guard import SwapGuard
+from gui.widgets.timeline import TimelinePanel
+from gui.widgets.tour_bubble import TourBubble
+from gui.widgets.viewport import Viewport
 from pipelines.events import as_message
 from studio.gaussians import Gaussians
 

@@ -22,12 +22,12 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from gui.presenters.drawing.splats import draw  # noqa: E402
-from gui.presenters.playback.compare import difference, heat  # noqa: E402
-from gui.presenters.run.workspace import Workspace  # noqa: E402
-from gui.presenters.stages.calibrate import CalibrateView  # noqa: E402
-from gui.presenters.stages.initialize import InitializeView  # noqa: E402
-from gui.raycast import MeshPicture  # noqa: E402
+from gui.drawing.compare import difference, heat  # noqa: E402
+from gui.models.scene.splats import draw  # noqa: E402
+from gui.models.take.workspace import Workspace  # noqa: E402
+from gui.pages.calibrate.view import CalibrateView  # noqa: E402
+from gui.pages.initialize import InitializeView  # noqa: E402
+from gui.widgets.raycast import MeshPicture  # noqa: E402
 from pipelines.config import load_config  # noqa: E402
 from pipelines.stages.base import Context  # noqa: E402
 from pipelines.stages.footage import performer_over  # noqa: E402
@@ -87,7 +87,7 @@ def outline(take: Path) -> np.ndarray:
     """Footage with the matte's outline, cut out around the performer."""
     import cv2
 
-    from gui.presenters.drawing.palette import ACCENT
+    from gui.drawing.palette import ACCENT
 
     footage = context_of(take).footage.calibrated
     image = footage.raw_image(CAMERA, FRAME).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Makes gui/icons/icons.ttf: the icons of `gui.presenters.drawing.icons` from Lucide's font.
+"""Makes gui/icons/icons.ttf: the icons of `gui.drawing.icons` from Lucide's font.
 
     npm pack lucide-static && tar xzf lucide-static-*.tgz
     python scripts/icon_font.py package/font
@@ -21,7 +21,7 @@ from fontTools.ttLib.tables._g_l_y_f import GlyphCoordinates
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from gui.presenters.drawing.icons import CODES, FONT  # noqa: E402
+from gui.drawing.icons import CODES, FONT  # noqa: E402
 
 UNITS = 1000
 ASCENT, DESCENT = 928, -244

@@ -50,7 +50,7 @@ TESTS = {
     "studio/capture": ("tests/studio/capture",),
     "studio/playback": ("tests/studio/playback", "tests/studio/stream/test_http_source.py"),
     "pipelines": ("tests/pipelines",),
-    "gui/presenters": ("tests/gui/presenters",),
+    "gui/models": ("tests/gui/models",),
 }
 """Packages and the tests that are run for them."""
 

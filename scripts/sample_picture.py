@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.presenters.drawing.canvas import Canvas
+from gui.drawing.canvas import Canvas
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw, to_bytes
 from pipelines.stages.base import Context

@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from gui.actions.menus import MENUS  # noqa: E402
-from gui.presenters.command_list import Command  # noqa: E402
+from gui.widgets.command_list import Command  # noqa: E402
 from tests.gui.conftest import RunningWindow  # noqa: E402
 
 SECONDS = 600.0

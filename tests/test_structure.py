@@ -181,12 +181,68 @@ def test_no_modules_import_in_a_circle() -> None:
     assert not circles(edges), "\n".join(" <-> ".join(one) for one in circles(edges))
 
 
-def test_presenters_know_no_open3d() -> None:
+GUI = (
+    "app",
+    "window",
+    "overlays",
+    "state",
+    "actions",
+    "shell",
+    "layout",
+    "pages",
+    "widgets",
+    "models.take",
+    "models.playback",
+    "models.scene",
+    "models",
+    "drawing",
+    "platform",
+)
+"""Of `gui`, top down: each may import the ones after it, and nothing before it."""
+
+
+def package_of(module: str) -> str:
+    """The longest prefix of "gui.NAME" in `GUI`; KeyError if there is none."""
+    parts = module.split(".")[1:]
+    for length in range(len(parts), 0, -1):
+        if (name := ".".join(parts[:length])) in GUI:
+            return name
+    raise KeyError(module)
+
+
+def test_packages_of_gui_import_downwards() -> None:
+    wrong, seen = [], set()
+    for module, targets in module_edges().items():
+        if not module.startswith("gui."):
+            continue
+        part = package_of(module)
+        seen.add(part)
+        for target in targets:
+            if target == "gui" or (target.startswith("gui.") and GUI.index(package_of(target)) < GUI.index(part)):
+                wrong.append(f"{module} imports {target}")
+    assert seen == set(GUI)
+    assert not wrong, "\n".join(wrong)
+
+
+def test_models_and_drawing_know_no_open3d() -> None:
     wrong = [
         f"{path.relative_to(ROOT)}:{line} imports {name}"
-        for path in (ROOT / "gui" / "presenters").rglob("*.py")
+        for package in ("models", "drawing")
+        for path in (ROOT / "gui" / package).rglob("*.py")
         for line, name in imported_names(path)
-        if name.split(".")[0] == "open3d" or name.startswith(("gui.panels", "gui.viewport", "gui.window", "gui.app"))
+        if name.split(".")[0] == "open3d"
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_pages_show_no_open3d_widgets() -> None:
+    """Only the start page's panel is a widget."""
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line} imports {name}"
+        for path in (ROOT / "gui" / "pages").rglob("*.py")
+        if path.name != "panel.py"
+        for line, name in imported_names(path)
+        if name.split(".")[0] == "open3d"
     ]
     assert not wrong, "\n".join(wrong)
 

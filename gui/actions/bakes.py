@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gui.panels.bakes_dialog import NAME, BakeChoices, BakesDialog
-from gui.panels.folder_dialog import ask_path
-from gui.presenters.playback.other_source import OtherSource, open_other
-from gui.presenters.run.bakes import BakeRow, Bakes
-from gui.presenters.worker import LatestWorker
+from gui.models.playback.other_source import OtherSource, open_other
+from gui.models.take.bakes import BakeRow, Bakes
+from gui.models.worker import LatestWorker
 from gui.shell import Shell
+from gui.widgets.dialogs.bakes import NAME, BakeChoices, BakesDialog
+from gui.widgets.dialogs.folder import ask_path
 from studio.errors import StudioError
 
 Place = tuple[Path, str, Path | None, bool]

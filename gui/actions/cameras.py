@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 from statistics import fmean
 
-from gui.panels.camera_dialog import ask_cameras
-from gui.panels.camera_menu import Item
-from gui.presenters.run.cameras import CameraUses, camera_facts, change_uses, known
+from gui.models.take.cameras import CameraUses, camera_facts, change_uses, known
 from gui.shell import Shell
+from gui.widgets.camera_menu import Item
+from gui.widgets.dialogs.camera import ask_cameras
 from studio.errors import StudioError
 
 

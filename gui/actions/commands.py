@@ -24,18 +24,18 @@ from gui.actions.search import SearchActions, opens_list
 from gui.actions.shares import ShareActions
 from gui.actions.start import StartActions
 from gui.actions.tour import TourActions
-from gui.panels.folder_dialog import ask_path
-from gui.panels.option_dialogs import ask_preferences
-from gui.panels.take_dialog import ask_new_take
+from gui.models.preferences import Preferences
+from gui.models.stage_rows import TITLES
+from gui.models.take.exports import FORMATS
+from gui.models.take.new_take import NewTake
+from gui.models.take.setting_words import FOLDERS
+from gui.models.take.settings import SettingField, place_of
+from gui.models.take.shares import FORMS
 from gui.platform.clipboard import Clipboard
-from gui.presenters.preferences import Preferences
-from gui.presenters.run.exports import FORMATS
-from gui.presenters.run.new_take import NewTake
-from gui.presenters.run.setting_words import FOLDERS
-from gui.presenters.run.settings import SettingField, place_of
-from gui.presenters.run.shares import FORMS
-from gui.presenters.stages.stage_rows import TITLES
 from gui.shell import Shell
+from gui.widgets.dialogs.folder import ask_path
+from gui.widgets.dialogs.options import ask_preferences
+from gui.widgets.dialogs.take import ask_new_take
 from pipelines.takes.take import program_version
 from studio.errors import StudioError
 

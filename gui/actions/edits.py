@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from open3d.visualization import gui
 
-from gui.panels.numbers_dialog import ask_numbers
-from gui.panels.picture import holds
-from gui.presenters.edits.numbers import TITLES, brush_field, brush_of, fields_of, with_numbers
-from gui.presenters.edits.session import edits_of
+from gui.pages.review.numbers import TITLES, brush_field, brush_of, fields_of, with_numbers
+from gui.pages.review.session import edits_of
 from gui.shell import Shell
+from gui.widgets.dialogs.numbers import ask_numbers
+from gui.widgets.picture import holds
 from pipelines.takes.edit_words import describe
 from studio.edits.edit_list import EditList
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from gui.actions.keys import SHORTCUTS
-from gui.panels.help_dialog import show_shortcuts, show_stage_help, show_warnings
-from gui.presenters.run.remedies import Fix, fix_of
+from gui.models.take.remedies import Fix, fix_of
 from gui.shell import Shell
+from gui.widgets.dialogs.help import show_shortcuts, show_stage_help, show_warnings
 
 
 class HelpActions:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from gui.presenters.playback.mark_views import show_view, view_of
-from gui.presenters.run.history import Change
+from gui.models.history import Change
+from gui.models.playback.mark_views import show_view, view_of
 from gui.shell import Shell
 from pipelines.takes.marks import Mark
 from studio.errors import Message, StudioError

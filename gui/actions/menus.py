@@ -8,7 +8,7 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.panels.picture import text_room
+from gui.widgets.picture import text_room
 
 MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     (

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gui.panels.option_dialogs import ask_export
-from gui.presenters.playback.other_source import OTHER
-from gui.presenters.run.exports import LEAST_SECONDS, ExportRequest
+from gui.models.playback.other_source import OTHER
+from gui.models.take.exports import LEAST_SECONDS, ExportRequest
 from gui.shell import Shell
+from gui.widgets.dialogs.options import ask_export
 from pipelines.commands.export import DEFAULT_OF
 from pipelines.reports.pictures import write_picture
 from pipelines.takes.take import Take

@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gui.presenters.playback.orbit import OrbitCamera
-from gui.presenters.playback.sources import take_contents
-from gui.presenters.playback.thumbnails import Thumbnails
-from gui.presenters.remembered import Remembered
-from gui.presenters.run.camera_path import PathEditor, PathKey
+from gui.models.camera_path import PathEditor, PathKey
+from gui.models.playback.sources import take_contents
+from gui.models.playback.thumbnails import Thumbnails
+from gui.models.remembered import Remembered
+from gui.models.scene.orbit import OrbitCamera
 from gui.shell import Shell
 from pipelines.takes.take import Take
 from studio.errors import StudioError

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gui.panels.queue_dialog import NAME, Opening, QueueDialog
-from gui.presenters.run.take_queue import TakeQueue
+from gui.models.take.take_queue import TakeQueue
 from gui.shell import Shell
+from gui.widgets.dialogs.queue import NAME, Opening, QueueDialog
 
 
 class QueueActions:

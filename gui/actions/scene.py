@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gui.presenters.scene.native import BY_OPEN3D, BY_RASTERIZER, drawn_by_open3d
+from gui.models.preferences import BY_OPEN3D, BY_RASTERIZER, drawn_by_open3d
 from gui.shell import Shell
 from studio.errors import StudioError
 

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from open3d.visualization import gui
 
 from gui.actions.menus import MENUS, MenuStates
-from gui.panels.command_dialog import CommandDialog
-from gui.presenters.command_list import Command
 from gui.shell import Shell
+from gui.widgets.command_list import Command
+from gui.widgets.dialogs.command import CommandDialog
 
 NEEDS_OPEN = frozenset(
     (

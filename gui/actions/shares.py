@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from gui.panels.share_dialogs import ask_serve, ask_share, show_serving, show_stale
-from gui.presenters.run.shares import ShareRequest, share_words, stale_words
+from gui.models.take.shares import ShareRequest, share_words, stale_words
 from gui.shell import Shell
+from gui.widgets.dialogs.share import ask_serve, ask_share, show_serving, show_stale
 from pipelines.share import ShareSize, share_size
 from studio.errors import StudioError
 

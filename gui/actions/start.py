@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from urllib.parse import unquote
 
+from gui.models.folders import kind_of
+from gui.models.take.new_take import NewTake
+from gui.models.take.take_queue import TakeQueue
+from gui.pages.start.page import StartPage
+from gui.pages.start.sample import make_sample_take, sample_settings
 from gui.platform.clipboard import Clipboard
-from gui.presenters.folders import kind_of
-from gui.presenters.run.new_take import NewTake
-from gui.presenters.run.take_queue import TakeQueue
-from gui.presenters.start.page import StartPage
-from gui.presenters.start.sample import make_sample_take, sample_settings
 from gui.shell import Shell
 from studio.errors import StudioError
 from studio.storage import is_address

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from open3d.visualization import gui
 
-from gui.presenters.tour import Tour, TourFacts
+from gui.models.tour import Tour, TourFacts
 from gui.shell import Shell
 
 

@@ -57,7 +57,7 @@ def test_a_report_that_fails_too_is_no_end() -> None:
 
 FAILING = """
 import sys
-from gui.presenters.playback.transport import Transport
+from gui.models.playback.transport import Transport
 
 def toggle(self):
     raise RuntimeError("the space bar is stuck")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.presenters.run.cameras import CameraUses
+from gui.models.take.cameras import CameraUses
 from pipelines.config import Config, load_config
 from studio.capture import CaptureSettings
 from tests.gui.conftest import RunningWindow

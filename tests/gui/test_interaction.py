@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from gui.presenters.drawing.palette import PANEL
+from gui.drawing.palette import PANEL
 
 CLICK = ("mousedown", 1, "mouseup", 1)
 

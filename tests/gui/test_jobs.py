@@ -15,9 +15,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from gui.presenters.run.jobs import Job, is_paused
-from gui.presenters.run.run_state import CURVE_POINTS, Curve, RunState
-from gui.presenters.run.workspace import Workspace
+from gui.models.take.jobs import Job, is_paused
+from gui.models.take.run_state import CURVE_POINTS, Curve, RunState
+from gui.models.take.workspace import Workspace
 from pipelines.events import (
     GroupState,
     Log,
@@ -357,7 +357,7 @@ def test_a_run_on_another_machine_is_not_looked_for_here(
     workspace: Workspace, take_copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     take = Take.open(take_copy)
-    monkeypatch.setattr("gui.presenters.run.workspace.is_paused", lambda pid: pid == 7)
+    monkeypatch.setattr("gui.models.take.workspace.is_paused", lambda pid: pid == 7)
 
     def refuse(*_: object) -> None:
         raise PermissionError(13, "Permission denied")

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.presenters.drawing.palette import ACCENT
-from gui.presenters.evaluation import Evaluation
-from gui.presenters.marks import Marks
-from gui.presenters.playback.image_zoom import ImageZoom
-from gui.presenters.playback.mark_views import show_view, view_of
-from gui.presenters.playback.player import PlayerPresenter
-from gui.presenters.playback.timeline_plots import TimelinePlots, plots_of
-from gui.presenters.run.inspector import figures_picture, review_blocks
-from gui.presenters.run.log import LogRow, log_rows
+from gui.drawing.palette import ACCENT
+from gui.models.evaluation import Evaluation
+from gui.models.marks import Marks
+from gui.models.playback.image_zoom import ImageZoom
+from gui.models.playback.mark_views import show_view, view_of
+from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.timeline_plots import TimelinePlots, plots_of
+from gui.models.take.inspector import figures_picture, review_blocks
+from gui.models.take.log import LogRow, log_rows
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.presenters.drawing.palette import FAIR
+from gui.drawing.palette import FAIR
 from tests.support.waiting import wait_until
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from gui.models.tour import STEPS
 from gui.platform.clipboard import Clipboard
-from gui.presenters.tour import STEPS
 from tests.support.waiting import wait_until
 
 

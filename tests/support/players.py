@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gui.presenters.playback.player import PlayerPresenter
+from gui.models.playback.player import PlayerPresenter
 from tests.support.waiting import wait_until
 
 

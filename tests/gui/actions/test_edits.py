@@ -11,9 +11,9 @@ import pytest
 from open3d.visualization import gui
 
 from gui.actions.edits import EditActions
-from gui.presenters.edits.view import EditView
-from gui.presenters.playback.orbit import OrbitCamera
-from gui.presenters.run.workspace import Workspace
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.take.workspace import Workspace
+from gui.pages.review.view import EditView
 from pipelines.takes.edits import read_edits
 from pipelines.takes.take import Take
 from studio.edits import EditList, Floaters, Trim

@@ -21,9 +21,9 @@ from gui.actions.help import HelpActions
 from gui.actions.notices import NoticeKeys
 from gui.actions.path import PathActions
 from gui.actions.shares import ShareActions
-from gui.presenters.notices import Notices
-from gui.presenters.preferences import Preferences
-from gui.presenters.run.remedies import Fix
+from gui.models.notices import Notices
+from gui.models.preferences import Preferences
+from gui.models.take.remedies import Fix
 from studio.edits.edit_list import EditList
 from studio.errors import StudioError
 

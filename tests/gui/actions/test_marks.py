@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from gui.actions.marks import NO_MARKS, MarkActions
-from gui.presenters.marks import Marks
-from gui.presenters.playback.player import PlayerPresenter
-from gui.presenters.run.history import History
+from gui.models.history import History
+from gui.models.marks import Marks
+from gui.models.playback.player import PlayerPresenter
 from pipelines.takes.marks import Mark, change_mark, read_marks
 
 ANNAS = Mark(frame=0, note="foot", author="Anna")

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from gui.actions.queue import QueueActions
-from gui.panels.queue_dialog import NAME
-from gui.presenters.run.take_queue import TakeQueue
+from gui.models.take.take_queue import TakeQueue
+from gui.widgets.dialogs.queue import NAME
 from pipelines.batch.queue_file import QueueFile
 from tests.support.waiting import wait_until
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from unittest.mock import MagicMock
 
 from gui.actions.search import SearchActions
-from gui.presenters.run.history import Change, History
+from gui.models.history import Change, History
 
 
 def test_what_can_be_done_without_a_take_is_not_refused() -> None:

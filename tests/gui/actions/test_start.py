@@ -12,7 +12,7 @@ from gui.actions import start as start_module
 from gui.actions.commands import Actions
 from gui.actions.start import StartActions, path_in
 from gui.actions.tour import TourActions
-from gui.presenters.notices import Notices
+from gui.models.notices import Notices
 from studio.errors import StudioError
 
 

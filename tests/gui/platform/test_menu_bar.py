@@ -6,8 +6,8 @@ import pytest
 
 from gui.actions import menus
 from gui.actions.menus import MENUS
-from gui.panels.picture import text_room
 from gui.platform.menu_bar import _TITLE_ENDS, MenuBar
+from gui.widgets.picture import text_room
 
 EM = 16
 

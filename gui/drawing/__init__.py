@@ -1,0 +1,1 @@
+"""Images of panels and plots, in numpy."""

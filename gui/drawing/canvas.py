@@ -1,0 +1,269 @@
+"""Canvas: text, lines and images drawn into a NumPy array, for what has no widget in the toolkit."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gui.drawing.palette import BORDER, GROUND, RAISED, RGB, TEXT
+
+ROUND = 0.25
+"""Radius of the corners of buttons in font sizes, as the toolkit draws its own."""
+
+
+@lru_cache(maxsize=16)
+def _font(size: int, mono: bool) -> Any:
+    """The window's font (Roboto, which Open3D ships), else Pillow's."""
+    from PIL import ImageFont
+
+    found = importlib.util.find_spec("open3d")  # finds the folder, imports nothing
+    for folder in (found.submodule_search_locations or []) if found else []:
+        path = Path(folder) / "resources" / ("RobotoMono-Medium.ttf" if mono else "Roboto-Medium.ttf")
+        if path.is_file():
+            return ImageFont.truetype(str(path), size)
+    return ImageFont.load_default(size)
+
+
+KEPT_TEXTS = 1024
+"""Drawn lines of text that are kept: a few times as many as a window shows. Others come as long as numbers change."""
+
+
+@lru_cache(maxsize=KEPT_TEXTS)
+def _glyphs(text: str, size: int, mono: bool) -> np.ndarray:
+    """(h, w) uint8 coverage of a line of text, 255 = whole; the height depends only on the font size."""
+    from PIL import Image, ImageDraw
+
+    image = Image.new("L", (_width(text, size, mono), _line_height(size, mono)))
+    ImageDraw.Draw(image).text((0, 0), text, fill=255, font=_font(size, mono))
+    return np.asarray(image)
+
+
+@lru_cache(maxsize=4096)
+def _width(text: str, size: int, mono: bool) -> int:
+    return max(int(_font(size, mono).getlength(text) + 0.999), 1)
+
+
+def _line_height(size: int, mono: bool) -> int:
+    ascent, descent = _font(size, mono).getmetrics() if hasattr(_font(size, mono), "getmetrics") else (size, size // 4)
+    return int(ascent + descent)
+
+
+def text_width(text: str, size: int, mono: bool = False) -> int:
+    """Width of a line of text in pixels."""
+    return _width(text, size, mono) if text else 0
+
+
+def glyph_height(size: int) -> int:
+    """Height of a line of text from the top of the highest glyph to the bottom of the lowest, pixels."""
+    return _line_height(size, mono=False)
+
+
+def fitted(text: str, size: int, width: float) -> str:
+    """The text, truncated with an ellipsis if it is wider than `width` pixels."""
+    if text_width(text, size) <= width:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if text_width(text[:middle].rstrip() + "…", size) <= width:
+            low = middle
+        else:
+            high = middle - 1
+    return text[:low].rstrip() + "…" if low else ""
+
+
+def wrapped(text: str, size: int, width: float) -> list[str]:
+    """Lines no wider than `width` pixels; a word is broken only if it is wider by itself."""
+    lines: list[str] = []
+    for paragraph in text.splitlines() or [""]:
+        line = ""
+        for word in paragraph.split(" "):
+            longer = f"{line} {word}" if line else word
+            if text_width(longer, size) <= width:
+                line = longer
+                continue
+            if line:
+                lines.append(line)
+            while text_width(word, size) > width and len(word) > 1:
+                count = max(len(fitted(word, size, width)) - 1, 1)
+                lines.append(word[:count])
+                word = word[count:]
+            line = word
+        lines.append(line)
+    return lines
+
+
+class Canvas:
+    """An image to draw into. Coordinates are pixels from the upper left corner.
+
+    Attributes:
+        pixels: (height, width, 3) uint8 RGB.
+    """
+
+    def __init__(self, width: float, height: float, color: RGB = GROUND) -> None:
+        self.pixels = np.empty((max(int(height), 1), max(int(width), 1), 3), np.uint8)
+        self.pixels[:] = color
+
+    @property
+    def width(self) -> int:
+        """Pixels."""
+        return int(self.pixels.shape[1])
+
+    @property
+    def height(self) -> int:
+        """Pixels."""
+        return int(self.pixels.shape[0])
+
+    def rect(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
+        """Draw a filled rectangle."""
+        left, top = max(round(x), 0), max(round(y), 0)
+        self.pixels[top : max(round(y + height), top), left : max(round(x + width), left)] = color
+
+    def frame(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
+        """Draw a rectangle's outline, one pixel wide."""
+        self.rect(x, y, width, 1, color)
+        self.rect(x, y + height - 1, width, 1, color)
+        self.rect(x, y, 1, height, color)
+        self.rect(x + width - 1, y, 1, height, color)
+
+    def rounded(
+        self,
+        x: float,
+        y: float,
+        width: float,
+        height: float,
+        radius: float,
+        color: RGB | None,
+        border: RGB | None = None,
+        thick: float = 1.0,
+    ) -> None:
+        """Draw an antialiased rectangle with round corners.
+
+        Args:
+            x, y, width, height: the rectangle.
+            radius: of its corners.
+            color: what it is filled with; None for nothing.
+            border: color of its outline, which is inside of it; None for none.
+            thick: width of the outline.
+        """
+        left, top, wide, high = round(x), round(y), max(round(width), 1), max(round(height), 1)
+        rows, columns = np.mgrid[0:high, 0:wide] + 0.5
+        across = np.abs(columns - wide / 2) - (wide / 2 - radius)
+        down = np.abs(rows - high / 2) - (high / 2 - radius)
+        # distance from the edge, negative inside
+        away = np.hypot(np.maximum(across, 0), np.maximum(down, 0)) + np.minimum(np.maximum(across, down), 0) - radius
+        whole, inner = (255 * np.clip(0.5 - away - inset, 0, 1) for inset in (0.0, thick))
+        if color is not None:
+            self._blend(whole, left, top, color)
+        if border is not None:
+            self._blend(whole - inner, left, top, border)
+
+    def button(
+        self,
+        x: float,
+        y: float,
+        width: float,
+        height: float,
+        words: str,
+        size: int,
+        ground: RGB = RAISED,
+        color: RGB = TEXT,
+        border: RGB = BORDER,
+    ) -> None:
+        """Draw a button as the toolkit draws its own, with its words in the middle.
+
+        Args:
+            x, y, width, height: its rectangle.
+            words: what it says; shortened where there is no room.
+            size: of the words.
+            ground, color, border: of the button, the words and the outline.
+        """
+        self.rounded(x, y, width, height, ROUND * size, ground, border)
+        top = y + (height - glyph_height(size)) / 2
+        self.text(x + width / 2, top, words, size, color, "middle", width=width - 0.5 * size)
+
+    def dot(self, x: float, y: float, radius: float, color: RGB, filled: bool = True) -> None:
+        """Draw an antialiased disc or ring."""
+        import cv2
+
+        place, size = (round(x * 16), round(y * 16)), round(radius * 16)
+        cv2.circle(self.pixels, place, size, color, -1 if filled else 2, cv2.LINE_AA, 4)
+
+    def diamond(self, x: float, y: float, half: float, color: RGB) -> None:
+        """Draw a filled square that stands on a corner; `half` is the distance from its middle to a corner."""
+        import cv2
+
+        corners = np.array([(x, y - half), (x + half, y), (x, y + half), (x - half, y)])
+        cv2.fillConvexPoly(self.pixels, np.round(corners).astype(np.int32), color)
+
+    def line(self, points: Sequence[tuple[float, float]] | np.ndarray, color: RGB, thickness: int = 1) -> None:
+        """Draw an antialiased line through (N, 2) points."""
+        import cv2
+
+        fixed = np.round(np.clip(np.asarray(points, np.float64), -1e5, 1e5) * 16).astype(np.int32).reshape(-1, 1, 2)
+        if len(fixed) > 1:
+            cv2.polylines(self.pixels, [fixed], False, color, thickness, cv2.LINE_AA, 4)
+
+    def text(
+        self,
+        x: float,
+        y: float,
+        text: str,
+        size: int,
+        color: RGB = TEXT,
+        align: str = "left",
+        width: float | None = None,
+        mono: bool = False,
+    ) -> int:
+        """Draw a line of text with its upper left corner (align "left"), upper right ("right") or upper middle
+        ("middle") at (x, y), truncated if it is wider than `width`. Returns its width in pixels."""
+        if width is not None:
+            text = fitted(text, size, width)
+        if not text:
+            return 0
+        cover = _glyphs(text, size, mono)
+        left = round(x) - {"left": 0, "right": cover.shape[1], "middle": cover.shape[1] // 2}[align]
+        self._blend(cover, left, round(y), color)
+        return int(cover.shape[1])
+
+    def image(self, x: float, y: float, pixels: np.ndarray) -> None:
+        """Draw an (h, w, 3) uint8 image, clipped to the canvas."""
+        left, top = round(x), round(y)
+        first_x, first_y = max(left, 0), max(top, 0)
+        last_x, last_y = min(left + pixels.shape[1], self.width), min(top + pixels.shape[0], self.height)
+        if last_x > first_x and last_y > first_y:
+            self.pixels[first_y:last_y, first_x:last_x] = pixels[
+                first_y - top : last_y - top, first_x - left : last_x - left
+            ]
+
+    def fit_image(
+        self, x: float, y: float, width: float, height: float, pixels: np.ndarray
+    ) -> tuple[int, int, int, int]:
+        """Fit an image into a rectangle, keeping its aspect ratio; return its rectangle (x, y, width, height)."""
+        import cv2
+
+        scale = min(width / pixels.shape[1], height / pixels.shape[0])
+        size = max(int(pixels.shape[1] * scale), 1), max(int(pixels.shape[0] * scale), 1)
+        small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+        left, top = int(x + (width - size[0]) / 2), int(y + (height - size[1]) / 2)
+        self.image(left, top, small)
+        return left, top, *size
+
+    def _blend(self, cover: np.ndarray, left: int, top: int, color: RGB) -> None:
+        first_x, first_y = max(left, 0), max(top, 0)
+        last_x, last_y = min(left + cover.shape[1], self.width), min(top + cover.shape[0], self.height)
+        if last_x <= first_x or last_y <= first_y:
+            return
+        part = cover[first_y - top : last_y - top, first_x - left : last_x - left, None] / np.float32(255)
+        below = self.pixels[first_y:last_y, first_x:last_x]
+        self.pixels[first_y:last_y, first_x:last_x] = np.round(below + (np.array(color, np.float32) - below) * part)
+
+
+def line_height(size: int) -> int:
+    """Line spacing of text in pixels."""
+    return round(size * 1.45)

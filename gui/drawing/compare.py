@@ -1,0 +1,167 @@
+"""Compares pictures of the same view: side by side, wipe, difference heat map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, text_width
+from gui.drawing.palette import ACCENT, GROUND, RGB, TEXT
+
+MODES = ("single", "side by side", "wipe", "difference", "scene")
+ALONE = ("single", "scene")
+"""Modes that compare nothing."""
+
+WHATS = ("truth", "trained", "decoded", "other")
+LABELS = {"truth": "footage", "trained": "trained", "decoded": "decoded"}
+
+HEAT_TOP = 48
+"""Difference in 8-bit levels at the top of the heat map's scale."""
+
+LABEL_SIZE = 14
+"""Size of texts unless another is given, pixels."""
+
+LEAST_SIZE = 9
+"""Of texts of pictures that are enlarged to the window: smaller ones cannot be read."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """Rectangle of a picture within the viewport's picture, in pixels."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+def boxes(size: tuple[int, int], count: int, gap: int = 4) -> list[Box]:
+    """Equal boxes side by side.
+
+    Args:
+        size: (width, height) of the whole picture.
+        count: number of boxes.
+        gap: pixels between two boxes.
+    """
+    each = max((size[0] - gap * (count - 1)) // count, 1)
+    return [Box(number * (each + gap), 0, each, size[1]) for number in range(count)]
+
+
+def side_by_side(
+    size: tuple[int, int],
+    where: Sequence[Box],
+    images: Sequence[np.ndarray],
+    names: Sequence[str],
+    text: int = LABEL_SIZE,
+    corner: tuple[int, int] = (0, 0),
+) -> np.ndarray:
+    """Draw pictures side by side, each with its label.
+
+    Args:
+        size: (width, height) of the whole picture.
+        where: the boxes of the pictures.
+        images, names: a picture and its label for each box.
+        text: size of labels, pixels.
+        corner: column and row of each picture where what is filmed begins: its label is there.
+    """
+    canvas = Canvas(*size)
+    for box, image, name in zip(where, images, names, strict=True):
+        canvas.image(box.x, box.y, image)
+        x, y = _corner(box, text)
+        label(canvas, x + corner[0], y + corner[1], name, size=text)
+    return canvas.pixels
+
+
+def wipe(
+    size: tuple[int, int],
+    box: Box,
+    left: np.ndarray,
+    right: np.ndarray,
+    at: float,
+    names: tuple[str, str],
+    text: int = LABEL_SIZE,
+) -> np.ndarray:
+    """Draw one picture to the left of the line, the other to the right.
+
+    Args:
+        at: position of the line, 0 to 1 across the box.
+        names: labels of the left and the right picture.
+        text: size of labels, pixels.
+    """
+    canvas = Canvas(*size)
+    column = round(min(max(at, 0.0), 1.0) * box.width)
+    canvas.image(box.x, box.y, left[:, :column])
+    canvas.image(box.x + column, box.y, right[:, column:])
+    thick = text / LABEL_SIZE
+    canvas.rect(box.x + column - thick, box.y, 2 * thick, box.height, ACCENT)
+    canvas.rect(box.x + column - 4 * thick, box.y + box.height / 2 - 16 * thick, 8 * thick, 32 * thick, ACCENT)
+    x, y = _corner(box, text)
+    label(canvas, x, y, names[0], size=text)
+    label(canvas, 2 * box.x + box.width - x, y, names[1], align="right", size=text)
+    return canvas.pixels
+
+
+def difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(H, W) float32: absolute difference, averaged over the channels, in 8-bit levels."""
+    return np.abs(one.astype(np.int16) - other).astype(np.float32).mean(axis=2)
+
+
+def heat(levels: np.ndarray, top: float = HEAT_TOP) -> np.ndarray:
+    """(H, W, 3) uint8: black through violet and orange to pale yellow at `top` levels (Matplotlib's inferno)."""
+    import cv2
+
+    scaled = np.clip(levels * (255 / top), 0, 255).astype(np.uint8)
+    return np.ascontiguousarray(cv2.applyColorMap(scaled, cv2.COLORMAP_INFERNO)[..., ::-1])
+
+
+def heat_map(
+    size: tuple[int, int],
+    box: Box,
+    one: np.ndarray,
+    other: np.ndarray,
+    names: tuple[str, str],
+    text: int = LABEL_SIZE,
+) -> np.ndarray:
+    """Draw a heat map of the difference, with a scale and the mean difference; `text`: size of labels, pixels."""
+    levels = difference(one, other)
+    canvas = Canvas(*size)
+    canvas.image(box.x, box.y, heat(levels))
+    pair, mean = f"{names[0]} and {names[1]}", f"mean {levels.mean():.2f}"
+    for words in (f"difference between {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
+        if text_width(words, text) <= size[0] - 2 * box.x - 32:
+            break  # the longest that fits, so that the number is not truncated
+    label(canvas, *_corner(box, text), words, size=text)
+    height = min(max(box.height - 6 * text, 40), 16 * text)
+    x, y = size[0] - round(1.7 * text), (size[1] - height) // 2
+    canvas.rect(x - 3.3 * text, y - text, 4.7 * text, height + 2 * text, GROUND)
+    ramp = heat(np.linspace(HEAT_TOP, 0, height)[:, None].repeat(text, axis=1))
+    canvas.image(x, y, ramp)
+    for step in range(5):
+        value = HEAT_TOP * step / 4
+        number = f"{value:.0f}+" if step == 4 else f"{value:.0f}"
+        canvas.text(x - 6, y + height * (1 - step / 4) - 0.65 * text, number, text - 1, TEXT, align="right")
+    return canvas.pixels
+
+
+def _corner(box: Box, text: int) -> tuple[int, int]:
+    """Where the label in the upper left corner of a picture begins."""
+    margin = round(0.57 * text)
+    return box.x + margin, box.y + margin
+
+
+def label(
+    canvas: Canvas,
+    x: float,
+    y: float,
+    text: str,
+    align: str = "left",
+    color: RGB = TEXT,
+    size: int = LABEL_SIZE,
+) -> None:
+    """Draw text on a dark background, legible on any picture."""
+    width, side, above = text_width(text, size), round(0.43 * size), round(0.3 * size)
+    left = x if align == "left" else x - width - 2 * side
+    canvas.rect(left, y, width + 2 * side, size + round(0.7 * size), GROUND)
+    canvas.text(left + side, y + above, text, size, color)

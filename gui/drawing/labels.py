@@ -1,0 +1,96 @@
+"""Places names beside what they name, where they cover least of it and not each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, text_width
+from gui.drawing.palette import GROUND, RGB, TEXT
+
+GAP = 3
+"""Pixels between a name and what it names."""
+
+
+def place_labels(
+    shapes: Sequence[np.ndarray], sizes: Sequence[tuple[int, int]], room: tuple[int, int]
+) -> list[tuple[int, int] | None]:
+    """The upper left corner of each label in pixels; None where it would cover another label.
+
+    Each is below, above, to the right or to the left of its shape, wherever it covers least of all shapes. Earlier ones
+    choose first.
+
+    Args:
+        shapes: (N, 2) pixels of each, whose convex hull counts.
+        sizes: width and height of each label, pixels.
+        room: width and height of the picture, pixels.
+    """
+    import cv2
+
+    width, height = room
+    covered = np.zeros((height, width), np.uint8)
+    for shape in shapes:
+        hull = cv2.convexHull(np.clip(shape, -4 * max(room), 4 * max(room)).astype(np.int32))
+        cv2.fillConvexPoly(covered, hull, 1)
+    sums = cv2.integral(covered)
+    taken: list[tuple[int, int, int, int]] = []
+    found: list[tuple[int, int] | None] = []
+    for shape, (wide, high) in zip(shapes, sizes, strict=True):
+        (left, top), (right, bottom) = shape.min(axis=0), shape.max(axis=0)
+        middle, center = (left + right) / 2, (top + bottom) / 2
+        places = (
+            (middle - wide / 2, bottom + GAP), (middle - wide / 2, top - high - GAP),
+            (right + GAP, center - high / 2), (left - wide - GAP, center - high / 2),
+        )  # fmt: skip
+        inside = [
+            (round(x), round(y)) for x, y in places if 0 <= round(x) <= width - wide and 0 <= round(y) <= height - high
+        ]
+        free = [(x, y) for x, y in inside if not any(_overlap((x, y, wide, high), other) for other in taken)]
+        if not free:
+            found.append(None)
+            continue
+        x, y = min(
+            free,
+            key=lambda at: (
+                int(sums[at[1] + high, at[0] + wide])
+                - int(sums[at[1], at[0] + wide])
+                - int(sums[at[1] + high, at[0]])
+                + int(sums[at[1], at[0]])
+            ),
+        )
+        taken.append((x, y, wide, high))
+        found.append((x, y))
+    return found
+
+
+def draw_labels(
+    canvas: Canvas, names: Sequence[str], shapes: Sequence[np.ndarray], size: int, colors: Sequence[RGB] = ()
+) -> list[bool]:
+    """Draw names beside shapes, on dark ground; returns which of them had room.
+
+    Args:
+        names, shapes: as in `place_labels`; earlier ones choose first.
+        size: font size, pixels.
+        colors: of each name; () for that of text.
+    """
+    high = line_height(size)
+    sizes = [(text_width(name, size) + 6, high) for name in names]
+    places = place_labels(shapes, sizes, (canvas.width, canvas.height))
+    for number, (name, place, (wide, _)) in enumerate(zip(names, places, sizes, strict=True)):
+        if place is None:
+            continue
+        x, y = place
+        below = canvas.pixels[y : y + high, x : x + wide].astype(np.float32)
+        canvas.pixels[y : y + high, x : x + wide] = (0.3 * below + 0.7 * np.array(GROUND)).astype(np.uint8)
+        canvas.text(x + 3, y + (high - 1.2 * size) / 2, name, size, colors[number] if colors else TEXT)
+    return [place is not None for place in places]
+
+
+def _overlap(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -> bool:
+    return (
+        one[0] < other[0] + other[2]
+        and other[0] < one[0] + one[2]
+        and one[1] < other[1] + other[3]
+        and other[1] < one[1] + one[3]
+    )

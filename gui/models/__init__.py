@@ -1,0 +1,1 @@
+"""State and images of the window, without Open3D."""

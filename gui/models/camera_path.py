@@ -1,0 +1,230 @@
+"""PathEditor: the keys of a camera path, kept in the take, with undo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gui.models.history import Change, History
+from studio.cameras import Camera
+from studio.errors import Message, StudioError
+from studio.export import CameraPath, Key, read_path_keys, write_path_keys
+from studio.export.camera_path import EASINGS
+
+if TYPE_CHECKING:
+    from studio.stream import CapturePlace
+
+KEY_SECONDS = 2.0
+"""Seconds of the movie from the last view to one that is added."""
+
+LEAST_SECONDS = 0.1
+"""Least seconds between two views."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathKey:
+    """A view of the camera path.
+
+    Attributes:
+        camera: the view.
+        frame: the frame shown.
+        time: seconds in the movie.
+        easing: how the camera moves to the next view, one of `EASINGS`.
+    """
+
+    camera: Camera
+    frame: int
+    time: float = 0.0
+    easing: str = EASINGS[0]
+
+
+class PathEditor:
+    """See the module. Every change is written at once.
+
+    Attributes:
+        keys: the views, ordered by time; the first is at 0.
+        selected: index of the selected view; None for none.
+        error: why the take's path could not be read, in which case it is never overwritten; "" otherwise.
+    """
+
+    def __init__(self) -> None:
+        self.keys: tuple[PathKey, ...] = ()
+        self.selected: int | None = None
+        self.error = ""
+        self._file: Path | None = None
+        self._history = History()
+
+    def open(self, file: Path | None, history: History) -> None:
+        """Read the path of a take; None for a stream, whose path is lost when it is closed."""
+        self.keys, self.selected, self.error = (), None, ""
+        self._file, self._history = file, history
+        if file is None or not file.is_file():
+            return
+        try:
+            found = read_path_keys(file, KEY_SECONDS)
+        except StudioError as error:
+            self.error = str(error)
+            return
+        start = found[0].time
+        self.keys = tuple(PathKey(key.camera, int(key.frame or 0), key.time - start, key.easing) for key in found)
+
+    @property
+    def duration(self) -> float:
+        """Seconds of the movie."""
+        return self.keys[-1].time if self.keys else 0.0
+
+    def add(self, camera: Camera, frame: int) -> None:
+        """Add a view: after the selected one, in the middle of the time to the next, or at the end."""
+        at = len(self.keys) if self.selected is None else self.selected + 1
+        if at < len(self.keys):
+            time = 0.5 * (self.keys[at - 1].time + self.keys[at].time)
+        else:
+            time = self.duration + KEY_SECONDS if self.keys else 0.0
+        self._set([*self.keys[:at], PathKey(camera, frame, time), *self.keys[at:]], "a view of the camera path")
+        self.selected = at
+
+    def update(self, index: int, camera: Camera, frame: int) -> None:
+        """Give a key another view and frame."""
+        self._with(index, replace(self.keys[index], camera=camera, frame=frame), "a view of the camera path")
+
+    def remove(self, index: int) -> None:
+        """Remove a view; the movie begins with the first that is left."""
+        left = [*self.keys[:index], *self.keys[index + 1 :]]
+        start = left[0].time if left else 0.0
+        self._set([replace(key, time=key.time - start) for key in left], "a removed view of the camera path")
+        self.selected = min(index, len(left) - 1) if left else None
+
+    def clear(self) -> None:
+        """Remove all views."""
+        self._set([], "the camera path")
+        self.selected = None
+
+    def move(self, index: int, by: int) -> None:
+        """Move a view before or behind its neighbors; the times stay where they are."""
+        to = index + by
+        if not 0 <= to < len(self.keys):
+            return
+        order = list(self.keys)
+        order.insert(to, order.pop(index))
+        times = [key.time for key in self.keys]
+        self._set([replace(key, time=time) for key, time in zip(order, times, strict=True)], "the order of views")
+        self.selected = to
+
+    def set_time(self, index: int, seconds: float) -> None:
+        """Set when a view is reached; all later ones move by as much.
+
+        Raises:
+            StudioError: it is the first, or not after the view before it (`camera_path.times`).
+        """
+        least = self.keys[index - 1].time + LEAST_SECONDS if index else 0.0
+        if index == 0 or not least <= seconds <= 3600:
+            raise StudioError(
+                "camera_path.times",
+                "the first view is at 0 s"
+                if index == 0
+                else f"{seconds:g} s is not between {least:.1f} s, after the view before it, and 3600 s",
+                value=seconds,
+            )
+        by = seconds - self.keys[index].time
+        later = [replace(key, time=key.time + by) for key in self.keys[index:]]
+        self._set([*self.keys[:index], *later], "times of the camera path")
+
+    def set_frame(self, index: int, frame: int) -> None:
+        """Set the frame that a view shows."""
+        if self.keys[index].frame != frame:
+            self._with(index, replace(self.keys[index], frame=frame), "the frame of a view")
+
+    def next_easing(self, index: int) -> None:
+        """Change how the camera moves on from a view, to the next of `EASINGS`."""
+        easing = EASINGS[(EASINGS.index(self.keys[index].easing) + 1) % len(EASINGS)]
+        self._with(index, replace(self.keys[index], easing=easing), "the easing of a view")
+
+    def path(self, width: int, height: int) -> CameraPath:
+        """The path for a size of the movie.
+
+        Raises:
+            StudioError: there are no views (camera_path.no_keys).
+        """
+        return CameraPath(self.fitted_keys(width, height), width, height)
+
+    def fitted_keys(self, width: int, height: int) -> list[Key]:
+        """The keys for a size of the movie."""
+        return [Key(key.time, fitted(key.camera, width, height), float(key.frame), key.easing) for key in self.keys]
+
+    def _with(self, index: int, key: PathKey, words: str) -> None:
+        self._set([*self.keys[:index], key, *self.keys[index + 1 :]], words)
+
+    def _set(self, keys: Sequence[PathKey], words: str) -> None:
+        """Write other keys, and note the change for undo.
+
+        Raises:
+            StudioError: the take's path is damaged.
+            OSError: it cannot be written.
+        """
+        before, now = self.keys, tuple(keys)
+        self._write(now)
+
+        def put(keys: tuple[PathKey, ...]) -> Callable[[], Message | None]:
+            def action() -> Message | None:
+                try:
+                    self._write(keys)
+                except StudioError as error:
+                    return error.message
+                self.selected = None
+                return None
+
+            return action
+
+        self._history.add(Change(words, put(before), put(now)))
+
+    def _write(self, keys: tuple[PathKey, ...]) -> None:
+        if self.error:
+            raise StudioError(
+                "camera_path.damaged", self.error, fix="Repair or delete the file, then open the take again."
+            )
+        if self._file is not None:
+            if keys:
+                write_path_keys([Key(key.time, key.camera, float(key.frame), key.easing) for key in keys], self._file)
+            else:
+                self._file.unlink(missing_ok=True)
+        self.keys = keys
+
+
+def fitted(camera: Camera, width: int, height: int) -> Camera:
+    """The view at another image size: same vertical field of view, with the sides cropped or extended."""
+    scale = height / camera.height
+    K = camera.K.copy()
+    K[:2] *= scale
+    K[0, 2] += 0.5 * (width - camera.width * scale)
+    return Camera(camera.name, width, height, K, camera.world_to_camera)
+
+
+def in_export(keys: Sequence[Key], place: CapturePlace, frame_count: int) -> list[Key]:
+    """The keys, which count frames and lie as in the take, in the frames and the world of what is exported.
+
+    Args:
+        keys: with frames.
+        place: where what is exported lies in the take.
+        frame_count: its number of frames.
+
+    Raises:
+        StudioError: keys show other frames, such as those that are trimmed off (`export.frames_left_out`).
+    """
+    first, last = place.first_frame, place.first_frame + frame_count - 1
+    frames = [int(key.frame or 0) for key in keys]
+    left_out = {number: frame for number, frame in enumerate(frames, 1) if not first <= frame <= last}
+    if left_out:
+        views = ", ".join(f"view {number} (frame {frame})" for number, frame in left_out.items())
+        raise StudioError(
+            "export.frames_left_out",
+            f"the camera path shows frames that the movie cannot have: {views}; it can have {first} to {last}",
+            value=list(left_out.values()),
+            fix="Drag their diamonds on the timeline to other frames, or remove these views.",
+            expected=[first, last],
+        )
+    return [
+        replace(key, camera=place.camera(key.camera), frame=float(frame - first))
+        for key, frame in zip(keys, frames, strict=True)
+    ]

@@ -1,0 +1,120 @@
+"""The strip of pictures above the timeline: which frames it shows, and where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas
+from gui.drawing.palette import RAISED
+from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.thumbnails import Thumbnails
+from gui.models.playback.timeline import Timeline
+from studio.cameras import Camera
+from studio.stream import is_address
+
+Size = tuple[int, int]
+
+ASPECT = 1.1
+"""Width of a picture divided by its height: room for arms and what is held."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A place in the strip.
+
+    Attributes:
+        frame: what it shows.
+        x: its left edge, pixels from the strip's left edge; may begin outside.
+        width: up to the next one, pixels.
+    """
+
+    frame: int
+    x: float
+    width: float
+
+
+def slots(timeline: Timeline, width: int) -> list[Slot]:
+    """Places for pictures `width` pixels wide that do not overlap, each beginning at its frame. The frames are
+    multiples of a power of two, so that panning keeps them and zooming keeps half of them."""
+    shown = timeline.frame_count if timeline.shown is None else timeline.shown
+    each = timeline.width / max(shown, 1e-9)
+    step = 1
+    while step * each < width:
+        step *= 2
+    first = max(math.floor(timeline.first / step) * step, 0)
+    last = min(math.ceil(timeline.first + shown), timeline.frame_count)
+    found = (Slot(frame, (frame - timeline.first) * each, step * each) for frame in range(first, last, step))
+    return [slot for slot in found if -slot.width < slot.x < timeline.width]
+
+
+def draw_strip(timeline: Timeline, size: Size, pictures: Mapping[int, np.ndarray | None]) -> np.ndarray:
+    """(height, timeline.width, 3) uint8.
+
+    Args:
+        timeline: maps frames to columns.
+        size: (width, height) of a picture, pixels.
+        pictures: by frame; None or missing for those that are not drawn yet.
+    """
+    canvas = Canvas(timeline.width, size[1], RAISED)
+    for slot in slots(timeline, size[0]):
+        picture = pictures.get(slot.frame)
+        if picture is not None:
+            # the ground of the picture fills its place, so that the strip has no gaps
+            red, green, blue = (int(one) for one in picture[0, 0])
+            canvas.rect(slot.x, 0, slot.width - 1, size[1], (red, green, blue))
+            canvas.image(slot.x + (slot.width - 1 - size[0]) / 2, 0, picture)
+    timeline.shade(canvas.pixels)
+    return canvas.pixels
+
+
+def has_pictures(player: PlayerPresenter) -> bool:
+    """Whether what is open can be drawn: not a stream on the web, which would be downloaded twice."""
+    opened = player.opened
+    return opened is not None and opened.default is not None and not is_address(str(opened.path))
+
+
+class Filmstrip:
+    """Draws the pictures one by one on a thread, while nothing is played and no stage runs."""
+
+    def __init__(self) -> None:
+        self._thumbnails = Thumbnails()
+        self._camera: Camera | None = None
+        self._camera_of: object = None
+
+    def pictures(
+        self, player: PlayerPresenter, frames: list[int], size: Size, busy: bool = False
+    ) -> dict[int, np.ndarray | None]:
+        """Pictures by frame, None for those that are not drawn yet; empty if nothing that is open can be drawn.
+
+        Args:
+            player: what is open, and the view that it opens with.
+            frames: counted from 0.
+            size: (width, height) of a picture, pixels.
+            busy: whether a stage runs; it changes the take again and again, and needs the time.
+        """
+        opened = player.opened
+        if opened is None or not has_pictures(player):
+            return {}
+        camera = self._view(player, size)
+        ask = not (busy or player.transport.playing)  # would take time from the stage, or the frames that are played
+        return {frame: self._thumbnails.get(opened.path, player.contents, camera, frame, size, ask) for frame in frames}
+
+    def _view(self, player: PlayerPresenter, size: Size) -> Camera:
+        """The direction of the view that the take opens with, as near as all that moves allows."""
+        key = (id(player.points), player.home.key, size)
+        if self._camera is None or key != self._camera_of:
+            self._camera_of = key
+            self._camera = player.home.filling(player.points, *size)
+        return self._camera
+
+    def poll(self) -> bool:
+        """Call at each tick; returns whether there is a new picture."""
+        return self._thumbnails.poll()
+
+    def close(self) -> bool:
+        """End the thread. Returns whether it ended in time."""
+        return self._thumbnails.close()

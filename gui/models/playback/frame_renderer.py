@@ -1,0 +1,356 @@
+"""Renders what the viewport shows, on its worker thread: Gaussians, footage, comparisons."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gui.drawing import compare
+from gui.drawing.canvas import Canvas
+from gui.drawing.compare import Box
+from gui.models.playback.image_zoom import ImageZoom
+from gui.models.playback.other_source import OTHER, OtherSource
+from gui.models.playback.sources import FrameSource
+from gui.models.scene.contents import SceneWanted
+from gui.models.scene.native import NativeScene
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.render import Place, SceneRenderer
+from pipelines.stages.base import Context
+from pipelines.stages.footage import performer_over
+from studio.cameras import Camera, Rig
+from studio.coverage import ViewRange
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+KEPT_PICTURES = 9
+
+FAINTEST = 0.1
+"""How much of the picture is left where nothing was filmed."""
+
+Color = tuple[float, float, float]
+DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class RenderRequest:
+    """What to render.
+
+    Attributes:
+        sources: Gaussians by name ("trained", "decoded", "other").
+        frame: counted from 0.
+        mode: one of `compare.MODES`.
+        what: "truth", "trained", "decoded" or "other"; a comparison compares it with `reference`.
+        orbit: the free view.
+        camera: name of the capture camera; "" for the free view.
+        image_zoom: visible part of its image.
+        size: (width, height).
+        background: RGB in 0 to 1.
+        wipe: position of the wipe, 0 to 1.
+        context: the take, for footage; None for a bare stream.
+        rig: the capture cameras, used if the footage cannot be opened.
+        points: (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so
+            that the narrow pictures contain the performer.
+        scene: what mode "scene" shows.
+    """
+
+    sources: dict[str, FrameSource]
+    frame: int
+    mode: str
+    what: str
+    reference: str
+    orbit: OrbitCamera
+    camera: str
+    image_zoom: ImageZoom
+    size: tuple[int, int]
+    background: Color
+    wipe: float
+    context: Context | None
+    rig: Rig | None
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    home: OrbitCamera = field(default_factory=OrbitCamera)
+    scene: SceneWanted | None = None
+    em: float = 16.0
+
+    @property
+    def text(self) -> int:
+        """Size of labels, pixels of the picture."""
+        return max(round(0.88 * self.em), compare.LEAST_SIZE)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the pictures, from left to right."""
+        if self.mode in compare.ALONE:
+            return (self.what,)
+        if self.mode == "side by side":
+            order = (*(["truth"] if self.camera else []), "trained", "decoded", OTHER)
+            if OTHER in self.sources and not self.camera:
+                order = ("decoded", OTHER) if "decoded" in self.sources else ("trained", OTHER)
+            return tuple(name for name in order if name in self.sources or name == "truth")
+        return (self.reference, self.what)
+
+    @property
+    def label(self) -> tuple[object, ...]:
+        """What it is a picture of, apart from frame and view: pictures with different labels must not be confused."""
+        native = self.scene is not None and self.scene.native
+        return (self.mode, native, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
+
+    def shown(self, name: str) -> str:
+        """What a picture is called on screen."""
+        source = self.sources.get(name)
+        return source.label if isinstance(source, OtherSource) else compare.LABELS[name]
+
+    def same_as(self, other: RenderRequest) -> bool:
+        """Whether it results in the same picture."""
+        return (
+            self.orbit is other.orbit
+            and (self.scene and self.scene.key) == (other.scene and other.scene.key)
+            and self.context is other.context
+            and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded", OTHER))
+            and (self.frame, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
+                self.background, self.wipe)
+            == (other.frame, other.mode, other.what, other.reference, other.camera, other.image_zoom, other.size,
+                other.background, other.wipe)
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A rendered picture.
+
+    Attributes:
+        image: (H, W, 3) uint8 RGB.
+        frame: counted from 0.
+        source: "decoded", "trained" or "truth".
+        splats: number of Gaussians drawn; 0 for footage.
+        load_seconds, draw_seconds: total time to load and to render the Gaussians of all parts.
+        mode: one of `compare.MODES`.
+        box: rectangle of the (left) picture in the image; the wipe moves within it.
+        camera: the capture camera; "" for the free view.
+        label: `RenderRequest.label`.
+        cameras, ends: of a scene: name and (N, 2) pixels of frusta and of the ends of the view axes.
+        native: what Open3D draws over the image, which is only the background then; None if all is in the image.
+    """
+
+    image: np.ndarray
+    frame: int
+    source: str
+    splats: int
+    load_seconds: float
+    draw_seconds: float
+    mode: str = "single"
+    box: Box = field(default_factory=lambda: Box(0, 0, 1, 1))
+    camera: str = ""
+    label: tuple[object, ...] = ()
+    cameras: tuple[Place, ...] = ()
+    ends: tuple[Place, ...] = ()
+    native: NativeScene | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    image: np.ndarray
+    splats: int
+    load_seconds: float
+    draw_seconds: float
+    holder: object  # kept alive with the part, so that its id stays unique
+
+
+@dataclass
+class FrameRenderer:
+    """Renders requests; caches the last few parts, so that moving the wipe renders nothing again.
+
+    Args:
+        draw: renders Gaussians.
+        scene: renders scenes.
+    """
+
+    draw: DrawFn
+    scene: SceneRenderer = field(default_factory=SceneRenderer)
+    _kept: OrderedDict[tuple[object, ...], _Part] = field(default_factory=OrderedDict)
+    _reduced_of: tuple[object, float] = (None, 1.0)
+
+    def __call__(self, request: RenderRequest) -> Picture:
+        """Render the picture.
+
+        Raises:
+            StudioError: a missing or damaged frame or image.
+        """
+        capture = capture_camera(request)
+        if request.scene is not None:
+            return self._scene(request, request.scene, capture)
+        names = request.names
+        apart = request.mode == "side by side"
+        where = compare.boxes(request.size, len(names) if apart else 1)
+        parts = [self._part(request, name, where[0], capture) for name in names]
+        images = [part.image for part in parts]
+        shown = [request.shown(name) for name in names]
+        if request.mode == "single":
+            image = images[0]
+        elif apart:
+            corner = (0, 0)
+            if capture is not None:
+                corner = request.image_zoom.inside(capture, where[0].width, where[0].height)[:2]
+            image = compare.side_by_side(request.size, where, images, shown, request.text, corner)
+        elif request.mode == "wipe":
+            pair, box = (shown[0], shown[1]), where[0]
+            image = compare.wipe(request.size, box, images[0], images[1], request.wipe, pair, request.text)
+        else:
+            pair = (shown[0], shown[1])
+            image = compare.heat_map(request.size, where[0], images[0], images[1], pair, request.text)
+        return Picture(
+            image,
+            request.frame,
+            request.what,
+            parts[-1].splats,
+            sum(part.load_seconds for part in parts),
+            sum(part.draw_seconds for part in parts),
+            request.mode,
+            where[0],
+            request.camera,
+            request.label,
+        )
+
+    def _scene(self, request: RenderRequest, wanted: SceneWanted, capture: Camera | None) -> Picture:
+        source = request.sources.get(request.what)
+        if source is None:
+            raise StudioError("playback.no_source", f"no {request.what} frames yet", value=request.what)
+        start = time.perf_counter()
+        gaussians = source.gaussians(request.frame)
+        loaded = time.perf_counter()
+        width, height = request.size
+        if wanted.native:
+            contents = self.scene.reader.read(wanted, request.frame)
+            color = np.array([round(255 * value) for value in request.background], np.uint8)
+            return Picture(
+                np.tile(color, (height, width, 1)), request.frame, request.what, len(gaussians), loaded - start, 0.0,
+                request.mode, Box(0, 0, width, height), request.camera, request.label,
+                native=NativeScene(gaussians if "splats" in wanted.parts else None, contents),
+            )  # fmt: skip
+        view = request.orbit.camera(width, height)
+        if capture is not None:
+            view = request.image_zoom.camera(capture, width, height)
+        found = self.scene(gaussians, view, wanted, request.frame, request.background)
+        return Picture(
+            found.image, request.frame, request.what, len(gaussians), loaded - start, time.perf_counter() - loaded,
+            request.mode, Box(0, 0, width, height), request.camera, request.label, found.cameras, found.ends,
+        )  # fmt: skip
+
+    def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
+        source = request.sources.get(name)
+        seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
+        holder = request.context if name == "truth" else source
+        key = (name, id(holder), request.frame, seen_by, request.background, box.width, box.height)
+        pictures = self._kept  # `forget` replaces them, on another thread
+        kept = pictures.get(key)
+        if kept is None:
+            start = time.perf_counter()
+            if name == "truth":
+                image = ground_truth(request, box.width, box.height)
+                kept = _Part(image, 0, time.perf_counter() - start, 0.0, holder)
+            elif source is None:
+                raise StudioError("playback.no_source", f"no {name} frames yet", value=name)
+            else:
+                gaussians = source.gaussians(request.frame)
+                loaded = time.perf_counter()
+                camera = request.orbit.camera(box.width, box.height, self._reduced(request, box))
+                if capture is not None:
+                    camera = request.image_zoom.camera(capture, box.width, box.height)
+                image = self.draw(gaussians, camera, request.background)
+                if capture is not None:
+                    request.image_zoom.mask_outside(image, capture)
+                else:
+                    covered = getattr(source, "view_range", None)
+                    image = faded(image, covered, camera, request.background, request.text)
+                kept = _Part(image, len(gaussians), loaded - start, time.perf_counter() - loaded, holder)
+        pictures[key] = kept
+        pictures.move_to_end(key)
+        while len(pictures) > KEPT_PICTURES:
+            pictures.popitem(last=False)
+        return kept
+
+    def _reduced(self, request: RenderRequest, box: Box) -> float:
+        """Only the initial view decides, so that zooming in still enlarges."""
+        if request.mode != "side by side":
+            return 1.0
+        key = (id(request.points), request.home.key, box.width, box.height)
+        if key != self._reduced_of[0]:
+            self._reduced_of = key, request.home.widened(request.points, box.width, box.height)
+        return self._reduced_of[1]
+
+    def forget(self) -> None:
+        """Empty the cache: something else was opened, or files have changed."""
+        self._kept = OrderedDict()
+        self.scene.reader.forget()
+
+
+def capture_camera(request: RenderRequest) -> Camera | None:
+    """The selected capture camera, undistorted; None for the free view.
+
+    Raises:
+        StudioError: `playback.no_cameras`, or footage that cannot be opened.
+    """
+    if not request.camera:
+        return None
+    if request.context is not None:
+        try:
+            return request.context.footage.calibrated.rig[request.camera]
+        except StudioError:
+            if request.rig is None:
+                raise
+    if request.rig is None:
+        raise StudioError("playback.no_cameras", "a stream has no capture cameras", fix="Open its take.")
+    return request.rig[request.camera].undistorted()
+
+
+def faded(
+    image: np.ndarray,
+    covered: ViewRange | None,
+    camera: Camera,
+    background: Color,
+    text: int = compare.LABEL_SIZE,
+) -> np.ndarray:
+    """The (H, W, 3) uint8 picture, faded to the background where no camera filmed from near `camera`, with a word.
+
+    Args:
+        image, camera, background: as drawn.
+        covered: what the cameras filmed; None: not known.
+        text: size of the words, pixels.
+    """
+    seen = 1.0 if covered is None else covered.visibility(camera.center)
+    if seen >= 1:
+        return image
+    weight, color = FAINTEST + (1 - FAINTEST) * seen, 255 * np.asarray(background, np.float32)
+    canvas = Canvas(1, 1)
+    canvas.pixels = (color + (image - color) * weight + 0.5).astype(np.uint8)
+    if seen <= 0.5:
+        compare.label(canvas, 12, 12, "Not filmed from here", size=text)
+    return canvas.pixels
+
+
+def ground_truth(request: RenderRequest, width: int, height: int) -> np.ndarray:
+    """(height, width, 3) uint8: the performer as filmed, over the background, as in evaluation.
+
+    Raises:
+        StudioError: `playback.no_footage`, `playback.no_camera_selected`, `footage.no_such_frame`,
+            or an unreadable image.
+    """
+    if request.context is None:
+        raise StudioError("playback.no_footage", "a stream has no footage", fix="Open its take.")
+    if not request.camera:
+        raise StudioError("playback.no_camera_selected", "footage needs a capture camera", fix="Select one (C).")
+    footage = request.context.footage.calibrated
+    if request.frame >= len(footage.frames):
+        raise StudioError(
+            "footage.no_such_frame",
+            f"frame {request.frame} not found in the footage, which has frames 0 to {len(footage.frames) - 1}",
+            frame=request.frame,
+        )
+    image = performer_over(footage, request.camera, footage.frames[request.frame], request.background)
+    camera = footage.rig[request.camera]
+    pixels = request.image_zoom.picture(image, camera, width, height)
+    request.image_zoom.mask_outside(pixels, camera)
+    return pixels

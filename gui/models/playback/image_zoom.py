@@ -1,0 +1,122 @@
+"""ImageZoom: the visible part of a capture camera's image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.drawing.palette import GROUND
+from studio.cameras import Camera
+
+MOST_ZOOM = 40.0
+
+BODY_MARGIN = 0.125
+"""Room on each side of the body, as a part of its size. The body is what 99 % of the points span in each direction."""
+
+THIN_MARGIN = 0.04
+"""Room on each side of the outermost points, as a part of what they span: a splat is wider than its mean."""
+
+FARTHEST = 0.5
+"""Points farther than this from the body, as a part of its size, are ignored: they float."""
+
+
+@dataclass(frozen=True)
+class ImageZoom:
+    """A part of an image, magnified.
+
+    Attributes:
+        u, v: center of the visible part as fractions of the image's width and height.
+        zoom: 1 shows the whole image, 2 half of its width and height.
+    """
+
+    u: float = 0.5
+    v: float = 0.5
+    zoom: float = 1.0
+
+    def scale(self, camera: Camera, width: int, height: int) -> float:
+        """Picture pixels per image pixel, for a picture of this size."""
+        return min(width / camera.width, height / camera.height) * self.zoom
+
+    def offset(self, camera: Camera, width: int, height: int) -> tuple[float, float]:
+        """Position of the image's upper left corner in the picture, pixels."""
+        scale = self.scale(camera, width, height)
+        return width / 2 - self.u * camera.width * scale, height / 2 - self.v * camera.height * scale
+
+    def camera(self, camera: Camera, width: int, height: int) -> Camera:
+        """The pinhole camera of the visible part."""
+        scale = self.scale(camera, width, height)
+        x, y = self.offset(camera, width, height)
+        K = camera.K.copy()
+        K[:2] *= scale
+        K[0, 2] += x
+        K[1, 2] += y
+        return Camera(camera.name, width, height, K, camera.world_to_camera)
+
+    def picture(self, image: np.ndarray, camera: Camera, width: int, height: int) -> np.ndarray:
+        """(height, width, 3) uint8: the part of the camera's (H, W, 3) uint8 image, resampled."""
+        import cv2
+
+        scale = self.scale(camera, width, height) * camera.width / image.shape[1]
+        x, y = self.offset(camera, width, height)
+        if scale < 1:  # resampling alone would alias
+            size = max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1)
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+            scale = self.scale(camera, width, height) * camera.width / image.shape[1]
+        # OpenCV's origin is the center of the first pixel; ours is its corner
+        warp = np.array([[scale, 0, x + 0.5 * scale - 0.5], [0, scale, y + 0.5 * scale - 0.5]])
+        pixels = cv2.warpAffine(image, warp, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.ascontiguousarray(pixels)
+
+    def inside(self, camera: Camera, width: int, height: int) -> tuple[int, int, int, int]:
+        """The camera's image in a picture of this size: first column and row, and the column and row after the last,
+        pixels."""
+        scale = self.scale(camera, width, height)
+        x, y = self.offset(camera, width, height)
+        left, right = max(round(x), 0), min(round(x + camera.width * scale), width)
+        top, bottom = max(round(y), 0), min(round(y + camera.height * scale), height)
+        return left, top, right, bottom
+
+    def mask_outside(self, pixels: np.ndarray, camera: Camera) -> None:
+        """Fill everything outside the camera's image with the background, in place."""
+        left, top, right, bottom = self.inside(camera, pixels.shape[1], pixels.shape[0])
+        pixels[:top], pixels[bottom:], pixels[:, :left], pixels[:, right:] = GROUND, GROUND, GROUND, GROUND
+
+    def zoomed(self, notches: float) -> ImageZoom:
+        """This view zoomed by notches of the wheel; positive magnifies."""
+        zoom = float(np.clip(self.zoom / 0.9**notches, 1.0, MOST_ZOOM))
+        return ImageZoom(0.5, 0.5, 1.0) if zoom == 1.0 else ImageZoom(self.u, self.v, zoom)
+
+    def moved(self, dx: float, dy: float, camera: Camera, width: int, height: int) -> ImageZoom:
+        """This view moved by a drag in pixels of the picture."""
+        scale = self.scale(camera, width, height)
+        u = float(np.clip(self.u - dx / scale / camera.width, 0.0, 1.0))
+        v = float(np.clip(self.v - dy / scale / camera.height, 0.0, 1.0))
+        return ImageZoom(u, v, self.zoom)
+
+    @classmethod
+    def around(cls, points: np.ndarray, camera: Camera, width: int, height: int) -> ImageZoom:
+        """The part that contains the points, with a margin; those far from almost all others are ignored.
+
+        Args:
+            points: (N, 3) world coordinates.
+            width, height: size of the picture, pixels.
+        """
+        pixels, depth = camera.project(points)
+        pixels = pixels[depth > 1e-6]
+        if len(pixels) == 0:
+            return cls()
+        low, high = np.percentile(pixels, [0.5, 99.5], axis=0)
+        size = np.maximum(high - low, 1.0)
+        near = (np.abs(pixels - (low + high) / 2) <= (0.5 + FARTHEST) * size).all(axis=1)
+        # What is thin, such as the handle of an axe, has few points and must not be cut.
+        outer = pixels[near] if near.any() else np.stack([low, high])
+        thin = np.maximum(np.ptp(outer, axis=0), 1.0) * THIN_MARGIN
+        low = np.minimum(low - BODY_MARGIN * size, outer.min(axis=0) - thin)
+        high = np.maximum(high + BODY_MARGIN * size, outer.max(axis=0) + thin)
+        size, middle = high - low, (low + high) / 2
+        fit = min(width / camera.width, height / camera.height)
+        zoom = float(np.clip(min(width / size[0], height / size[1]) / fit, 1.0, MOST_ZOOM))
+        if zoom == 1.0:
+            return cls()
+        return cls(float(middle[0] / camera.width), float(middle[1] / camera.height), zoom)

@@ -1,0 +1,106 @@
+"""OtherSource: another bake or another take, shown at the times of what is open, to compare the two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from gui.models.evaluation import Evaluation
+from gui.models.playback.sources import FrameSource, open_path
+from gui.models.playback.stream_source import StreamSource
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+OTHER = "other"
+"""Name of this source among those of what is open."""
+
+
+class OtherSource:
+    """Frames of another source, by time: each frame of what is open shows the other's frame of the same second, and
+    after the other's end its last one.
+
+    Args:
+        source: the other frames.
+        label: what it is called on screen.
+        evaluation: its measured quality.
+    """
+
+    name = OTHER
+
+    def __init__(self, source: FrameSource, label: str, evaluation: Evaluation) -> None:
+        self._source, self.label, self._evaluation = source, label, evaluation
+        self.frame_count, self.fps = source.frame_count, source.fps
+        self.group_starts: Sequence[int] = source.group_starts
+
+    def span(self, frame_count: int, fps: float, group_starts: Sequence[int]) -> None:
+        """Set the frames of what is open."""
+        self.frame_count, self.fps, self.group_starts = frame_count, fps, group_starts
+
+    def frame_of(self, frame: int) -> int:
+        """The other's frame at a frame of what is open."""
+        return min(round(frame * self._source.fps / self.fps), self._source.frame_count - 1)
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `FrameSource`."""
+        return self._source.gaussians(self.frame_of(frame))
+
+    def load_ms(self, frame: int) -> float | None:
+        """See `FrameSource`."""
+        return self._source.load_ms(self.frame_of(frame))
+
+    def series(self, name: str, camera: str = "") -> list[float | None]:
+        """A metric, or "bytes", for every frame of what is open; None where it was not measured.
+
+        Args:
+            name: the metric.
+            camera: a camera; the mean if it was not evaluated there.
+        """
+        count = self._source.frame_count
+        found = self._evaluation.series(name, count, camera if camera in self._evaluation.cameras else "")
+        if name == "bytes" and not self._evaluation.frames:
+            found = self._sizes()
+        return [found[self.frame_of(frame)] for frame in range(self.frame_count)]
+
+    def _sizes(self) -> list[float | None]:
+        if not isinstance(self._source, StreamSource):
+            return [None] * self._source.frame_count
+        groups = self._source.manifest.groups
+        sizes = [group.bytes / group.frame_count for group in groups for _ in range(group.frame_count)]
+        return [*[None] * self._source.first, *sizes]
+
+    def close(self) -> None:
+        """See `FrameSource`."""
+        self._source.close()
+
+
+def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_take: bool = True) -> OtherSource:
+    """Open the folder of a stream or of a take to compare with.
+
+    Args:
+        place: the folder.
+        label: what it is called; "" for its name.
+        evaluation: its evaluation.json; None for that of a take.
+        in_take: whether a stream has the frames and the world of the take that it was baked from, as what is open has
+            if that is a take.
+
+    Raises:
+        StudioError: it is neither, it is damaged, or nothing in it can be shown (`gui.nothing_to_compare`).
+    """
+    opened = open_path(place, in_take)
+    if opened.default is None:
+        raise StudioError(
+            "gui.nothing_to_compare",
+            "nothing is trained or baked in this take",
+            file=place,
+            fix="Choose another one, or run its stages.",
+        )
+    source = opened.default
+    for other in opened.sources.values():
+        if other is not source:
+            other.close()
+    if isinstance(source, StreamSource):
+        source.fades = False  # both sides of a comparison show everything
+    if evaluation is None and opened.take is not None:
+        evaluation = opened.take.evaluation
+    found = Evaluation.read(evaluation) if evaluation is not None else Evaluation()
+    return OtherSource(source, label or opened.title, found)

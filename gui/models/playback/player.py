@@ -1,0 +1,500 @@
+"""PlayerPresenter: the state of the playback view. The window polls it at each tick."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.compare import ALONE, LABELS, MODES, WHATS
+from gui.models.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
+from gui.models.playback.image_zoom import ImageZoom
+from gui.models.playback.loading import first_whole, load
+from gui.models.playback.other_source import OTHER, OtherSource
+from gui.models.playback.rate import Rate
+from gui.models.playback.sources import Opened, body_of, open_path, reach_of, take_contents, thinned
+from gui.models.playback.stream_audio import StreamAudio
+from gui.models.playback.stream_source import LeftOut, StreamSource
+from gui.models.playback.transport import Transport
+from gui.models.playback.viewpoint import BACKGROUNDS, Viewpoint
+from gui.models.scene.contents import SceneWanted, Surface
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.places import frusta_places
+from gui.models.scene.render import Place, SceneRenderer, no_mesh
+from gui.models.scene.rest import Rest
+from gui.models.scene.splats import draw
+from gui.models.worker import Done, LatestWorker
+from pipelines.takes.videos import FALLBACK_FPS
+from studio.counts import counted
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.playback import Output, SoundDevice
+
+NOTHING_TO_SHOW = "Nothing trained or baked yet. Run the stages on the left."
+
+LONGEST_SHARP = 1.0
+"""Seconds that a picture at full resolution may take to draw; the next change waits for it."""
+
+
+class PlayerPresenter(Viewpoint):
+    """What is open, the transport, the view, the comparison, and the newest picture.
+
+    Args:
+        draw_function: renders Gaussians; tests replace it.
+        now: a clock in seconds that never runs backwards.
+        output: makes the device that sound is played on.
+        read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
+
+    Attributes:
+        filmed: frame numbers in the footage's files; empty if unknown.
+        filmed_groups: first frame of each group of the footage; empty if unknown.
+        audio: the sound of the open stream; None if it has none.
+        on_screen: whether the viewport shows the player.
+        still: whether the scene rests.
+        em: the window's font size, pixels.
+        native: whether Open3D draws the scene.
+    """
+
+    def __init__(
+        self,
+        draw_function: DrawFn = draw,
+        now: Callable[[], float] = time.monotonic,
+        output: Callable[[], Output] = SoundDevice,
+        read_mesh: Callable[[Path], Surface] = no_mesh,
+    ) -> None:
+        super().__init__()
+        self._now = now
+        self._output = output
+        self._renderer = FrameRenderer(draw_function, SceneRenderer(read_mesh))
+        self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._renderer, "v3studio viewport")
+        self._asked: RenderRequest | None = None
+        self._wanted = "decoded"  # what was chosen, also while there is no such source, as during a bake
+        self._shown = Rate(now)
+        self._contents: tuple[object, ...] = ()
+        self.filmed: Sequence[int] = ()
+        self.filmed_groups: Sequence[int] = ()
+        self.wipe = 0.5
+        self.transport = Transport(1, FALLBACK_FPS, now=now)
+        self.picture: Picture | None = None
+        self.notice = ""
+        self.on_screen = True
+        self.audio: StreamAudio | None = None
+        self._left_out: tuple[int, str] | None = None
+        self._rest = Rest(now)
+        self.still = False
+        self._sharp: bool | None = None
+        self.em = 16.0
+        self.native = False
+        self._read_mesh, self._draw_function = read_mesh, draw_function
+
+    # What is open
+
+    def open(self, path: str | Path) -> bool:
+        """Open a take or a stream. On bad input returns False and sets `message`."""
+        found = load(path)
+        if isinstance(found, str):
+            self.message = found
+            return False
+        self.adopt(*found)
+        return True
+
+    def adopt(self, opened: Opened, first: Gaussians | None) -> None:
+        """Show the result of `load`."""
+        self._close_sources()
+        self._renderer.forget()
+        self.opened, self.context = opened, None
+        self._load_sound()
+        self._contents = take_contents(opened.take) if opened.take else ()
+        self.mode, self.camera = "single", ""
+        self.what = self._wanted = opened.default.name if opened.default is not None else "decoded"
+        self.transport = Transport(1, FALLBACK_FPS, now=self._now)
+        self._fit_transport()
+        self._look_home(first)
+        self.picture = None
+        self._asked = self._left_out = None
+        self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, 3) world: where splats are in any frame, which pictures should contain."""
+        return self._points
+
+    @property
+    def contents(self) -> tuple[object, ...]:
+        """Changes when frames of the open take are trained or baked."""
+        return self._contents
+
+    @property
+    def other(self) -> OtherSource | None:
+        """The other bake or take that comparisons are against; None if there is none."""
+        found = self.opened.sources.get(OTHER) if self.opened is not None else None
+        return found if isinstance(found, OtherSource) else None
+
+    def compare_with(self, other: OtherSource | None) -> None:
+        """Compare with another bake or take, in a wipe unless another comparison is on screen; None to stop."""
+        opened, before = self.opened, self.other
+        if opened is None or opened.default is None:
+            if other is not None:
+                other.close()
+            return
+        sources = {name: source for name, source in opened.sources.items() if name != OTHER}
+        if other is not None:
+            base = opened.default
+            other.span(base.frame_count, base.fps, base.group_starts)
+            sources[OTHER] = other
+        opened.sources = sources
+        self._renderer.forget()
+        self._asked = None
+        if self.what not in (*sources, "truth"):
+            self.what = self._wanted = opened.default.name
+        if other is None and self.mode not in ALONE and len(sources) < 2 and not self.camera:
+            self.mode = "single"
+        if before is not None:
+            before.close()
+        self._fit_transport()
+        if other is not None and self.mode in ALONE:
+            self.choose_mode("wipe")
+
+    def refresh(self) -> bool:
+        """Load frames trained and streams baked since opening; True if there were any."""
+        if self.opened is None or self.opened.take is None:
+            return False
+        contents = take_contents(self.opened.take)
+        if contents == self._contents:
+            return False
+        try:
+            opened = open_path(self.opened.path)
+            first = first_whole(opened.default) if opened.default is not None and not self.opened.sources else None
+        except StudioError as error:  # being written; the next refresh will succeed
+            self.message = str(error)
+            return False
+        self._contents = contents
+        was_empty = not self.opened.sources
+        opened.reach = reach_of(opened) if was_empty else self.opened.reach
+        other = self.opened.sources.pop(OTHER, None)
+        if isinstance(other, OtherSource) and opened.default is not None:
+            other.span(opened.default.frame_count, opened.default.fps, opened.default.group_starts)
+            opened.sources[OTHER] = other
+        self._close_sources()
+        self.opened = opened
+        self._load_sound()
+        self._renderer.forget()
+        self._asked = None
+        if self._wanted in (*opened.sources, "truth"):
+            self.what = self._wanted
+        elif self.what not in (*opened.sources, "truth") and opened.default is not None:
+            self.what = opened.default.name
+        self._fit_transport()
+        if was_empty and first is not None:
+            self._look_home(first)
+        self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
+        return True
+
+    def _look_home(self, first: Gaussians | None) -> None:
+        assert self.opened is not None
+        self.transport.seek(max(self.transport.frame, self.transport.group_starts[0]))  # the first that there is
+        self.home = OrbitCamera(up=self.opened.up)
+        self._points = np.zeros((0, 3))
+        if first is not None:
+            points = body_of(first)
+            self._points = np.concatenate([thinned(points), self.opened.reach])
+            self.home = OrbitCamera.around(points, self.opened.up)
+            if self.opened.view is not None:
+                self.home = OrbitCamera.looking_through(self.opened.view, self.home.target, self.opened.up)
+        self.orbit = self.home
+
+    def _load_sound(self) -> None:
+        """Begin to load the sound of the stream that was opened."""
+        volume = self.audio.volume if self.audio is not None else 1.0
+        self.audio = None
+        decoded = self.opened.sources.get("decoded") if self.opened is not None else None
+        if isinstance(decoded, StreamSource) and decoded.has_sound:
+            self.audio = StreamAudio(decoded, self._output())
+            self.audio.volume = volume
+
+    def _follow_sound(self) -> None:
+        """Let the frames follow the sound where they are those of the stream."""
+        audio, transport = self.audio, self.transport
+        fits = audio is not None and (audio.frame_count, audio.fps) == (transport.frame_count, transport.fps)
+        transport.follow(audio.player if audio is not None and fits else None)
+
+    def _fit_transport(self) -> None:
+        source = self.source
+        if source is not None:
+            self.span(source.frame_count, source.group_starts, source.fps)
+
+    def span(self, frame_count: int, group_starts: Sequence[int], fps: float) -> bool:
+        """Set the transport's range; returns whether it changed."""
+        now = self.transport
+        if (now.frame_count, now.group_starts, now.fps) == (frame_count, tuple(group_starts), fps):
+            return False
+        now.resize(frame_count, group_starts, fps)
+        return True
+
+    def span_source(self) -> bool:
+        """Set the transport's range to the current source; returns whether it changed."""
+        source = self.source
+        return source is not None and self.span(source.frame_count, source.group_starts, source.fps)
+
+    def choose(self, what: str) -> bool:
+        """Show one of `WHATS` at the same frame; False, with `message` set, if it is unavailable."""
+        assert what in WHATS
+        why = self.why_not(what)
+        if why:
+            self.message = why
+            return False
+        if what == "truth" and not self.camera:
+            self.look_through(self._first_camera())
+        self.what = self._wanted = what
+        self.message = ""
+        self._fit_transport()
+        return True
+
+    def choose_mode(self, mode: str) -> bool:
+        """Set the comparison mode; False, with `message` set, if there is nothing to compare."""
+        assert mode in MODES
+        if mode == "single":
+            self.mode = mode
+            self._fit_zoom()
+            return True
+        if self.opened is None or not self.opened.sources:
+            self.message = NOTHING_TO_SHOW
+            return False
+        if mode != "scene" and len(self.opened.sources) < 2 and not self.camera:
+            why = self.why_not("truth")
+            if why:
+                self.message = f"Nothing to compare with. {why}"
+                return False
+            self.look_through(self._first_camera())
+        if self.what == "truth" and self.opened.default is not None:
+            self.what = self._wanted = self.opened.default.name
+        self.mode = mode
+        self._zoom_follows |= mode != "scene" and self.camera != "" and self.image_zoom == ImageZoom()
+        self._fit_zoom()
+        return True
+
+    def wipe_at(self, x: float) -> bool:
+        """Whether a column of the picture is on the wipe's line, within 14 pixels."""
+        if self.mode != "wipe" or self.picture is None or self.picture.mode != "wipe":
+            return False
+        return abs(x - (self.picture.box.x + self.wipe * self.picture.box.width)) < 14
+
+    def move_wipe(self, x: float) -> None:
+        """Move the wipe's line to a column of the picture."""
+        if self.picture is not None:
+            self.wipe = min(max((x - self.picture.box.x) / max(self.picture.box.width, 1), 0.0), 1.0)
+
+    def toggle_sound(self) -> None:
+        """Turn the sound off or on."""
+        if self.audio is None:
+            self.message = "What is open has no sound."
+        else:
+            self.audio.volume = 0.0 if self.audio.volume else 1.0
+
+    # Pictures
+
+    def poll(self) -> Picture | None:
+        """Request the current frame and return a new picture if there is one. Call at each tick; never blocks."""
+        self._follow_sound()
+        if self.opened is not None and self.source is not None:
+            request = self._request()
+            assert request is not None
+            if self._asked is None or not request.same_as(self._asked):
+                self._asked = request
+                self._worker.ask(request)
+        done = self._worker.take()
+        picture = self._received(done) if done is not None else None
+        if self._left_out is not None and (self.picture is None or not self.transport.playing):
+            self.message = f"Frame {self._left_out[0]}: {self._left_out[1]}"
+        return picture
+
+    def _request(self) -> RenderRequest | None:
+        """What is wanted now; None if there is nothing to show."""
+        if self.opened is None or self.source is None:
+            return None
+        scene = self._scene()
+        orbit, zoom = self.orbit, self.image_zoom
+        if scene is not None and scene.native:  # the view is Open3D's own
+            orbit, zoom = self.home, ImageZoom()
+        return RenderRequest(
+            self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, orbit,
+            self.camera, zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
+            self.opened.rig, self._points, self.home, scene, self.em,
+        )  # fmt: skip
+
+    def _scene(self) -> SceneWanted | None:
+        """What the scene shows; None if it is not on screen."""
+        opened = self.opened
+        if self.mode != "scene" or opened is None:
+            return None
+        group = opened.group(self.transport.frame, self.filmed_groups)
+        return SceneWanted(
+            opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self._points,
+            self.still, self.em, self.native, self.held_out,
+        )  # fmt: skip
+
+    @property
+    def scene_places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+        """Name and (N, 2) pixels of the frusta in the picture of the scene, and of the ends of the view axes, those in
+        front last. Where Open3D draws the scene, there are no view axes."""
+        picture = self.picture
+        if picture is None:
+            return (), ()
+        if picture.native is None:
+            return picture.cameras, picture.ends
+        view = self.view()
+        if view is None:
+            return (), ()
+        return tuple(frusta_places(picture.native.contents.seen_from(view.center), view)), ()
+
+    def composed(self) -> np.ndarray:
+        """(H, W, 3) uint8: what is shown, drawn by our rasterizer now. What is open must have frames.
+
+        Raises:
+            StudioError: a missing or damaged file.
+        """
+        native, self.native = self.native, False
+        request = self._request()
+        self.native = native
+        assert request is not None
+        return FrameRenderer(self._draw_function, SceneRenderer(self._read_mesh))(request).image
+
+    def rests(self, full: tuple[int, int]) -> bool:
+        """Whether the view has rested long enough for a picture at full resolution. Call at each tick.
+
+        That a picture takes long must not keep the next change waiting: from the time that the present one took, it is
+        decided once per rest whether there will be one. A scene always gets one.
+
+        Args:
+            full: (width, height) of such a picture.
+        """
+        view = (
+            self.mode, self.orbit.key, self.camera, self.image_zoom, self.what, self.reference, self.wipe,
+            self.background, self.scene_parts, self.frame,
+        )  # fmt: skip
+        rests = self._rest.rests(view, self.transport.playing)
+        self.still = rests and self.mode == "scene"
+        if not rests:
+            self._sharp = None
+        elif self._sharp is None and self.picture is not None and self.current and self.settled:
+            height, width = self.picture.image.shape[:2]
+            larger = full[0] * full[1] / (width * height)
+            self._sharp = self.picture.draw_seconds * larger < LONGEST_SHARP
+        return self.still or bool(self._sharp)
+
+    @property
+    def label(self) -> object:
+        """What the wanted picture is a picture of, apart from frame and view; None if there is nothing to show."""
+        request = self._request()
+        return request.label if request is not None else None
+
+    @property
+    def current(self) -> bool:
+        """Whether the newest picture is one of what is wanted: the same sources, comparison and camera, and when
+        paused the same frame."""
+        request = self._request()
+        if self.picture is None or request is None or self.picture.label != request.label:
+            return False
+        return self.transport.playing or self.picture.frame == request.frame
+
+    @property
+    def frame(self) -> int:
+        """The frame that the window's numbers and plots refer to: during playback that of the newest picture."""
+        if self.on_screen and self.transport.playing and self.picture is not None and self.current:
+            return min(self.picture.frame, self.transport.last)
+        return self.transport.frame
+
+    @property
+    def left_out(self) -> list[str]:
+        """Messages about damaged groups that playback skipped."""
+        sources = self.opened.sources.values() if self.opened is not None else ()
+        return [str(group) for source in sources if isinstance(source, StreamSource) for group in source.skipped]
+
+    def show_again(self) -> None:
+        """Request the picture again at the next poll, because the viewport has shown something else."""
+        self._asked = None
+
+    def _received(self, done: Done[RenderRequest, Picture]) -> Picture | None:
+        if self.opened is None or done.request.sources is not self.opened.sources:
+            return None  # from a source that has been closed
+        if isinstance(done.error, LeftOut):
+            # as in video players, the last picture stays on screen and playback continues
+            self._left_out = (done.request.frame, str(done.error))
+            return None
+        if done.error is not None:
+            what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
+            self.message = f"Frame {done.request.frame}: {what}"
+            self.transport.pause()
+            return None
+        wanted = self._request()
+        if wanted is not None and done.request.label != wanted.label:
+            return None  # the user has chosen something else meanwhile
+        self.picture, self._left_out = done.result, None
+        if self.message.startswith("Frame "):
+            self.message = ""
+        self._shown.hit()
+        return self.picture
+
+    @property
+    def settled(self) -> bool:
+        """Whether the newest picture shows what was last requested."""
+        return self._worker.idle
+
+    @property
+    def rate(self) -> float:
+        """Pictures per second over the last two seconds."""
+        return self._shown.value
+
+    @property
+    def behind(self) -> bool:
+        """Whether playback renders fewer frames per second than it should."""
+        transport = self.transport
+        return transport.playing and self.rate < 0.95 * transport.fps * transport.speed
+
+    @property
+    def status(self) -> str:
+        """Status line for the newest picture."""
+        if self.picture is None or self.source is None:
+            return ""
+        picture = self.picture
+        frame, current = self.frame, self.current
+        parts = [
+            self._shown_label() if self.mode == "single" else self.mode,
+            f"frame {frame} (0 to {self.transport.last})",
+            f"{frame / self.transport.fps:.2f} s",
+            self.camera or "free view",
+        ]
+        if not current:
+            parts.append("drawing")
+        elif picture.splats:
+            parts.append(counted(picture.splats, "splat"))
+        count = len(self.left_out)
+        if count:
+            parts.append(f"{count} damaged group{'s' * (count != 1)} skipped")
+        if self.audio is not None and self.audio.message:
+            parts.append(self.audio.message)
+        if self.notice:
+            parts.append(self.notice)
+        return "   ".join(parts)
+
+    def _shown_label(self) -> str:
+        other = self.other
+        return other.label if self.what == OTHER and other is not None else LABELS[self.what]
+
+    def close(self) -> bool:
+        """End the thread and close files. Returns whether the thread ended in time."""
+        ended = self._worker.close()
+        self._close_sources()
+        self._renderer.forget()
+        self.picture = self._asked = None
+        return ended
+
+    def _close_sources(self) -> None:
+        if self.audio is not None:
+            self.transport.follow(None)
+            self.audio.close()
+        if self.opened is not None:
+            for source in self.opened.sources.values():
+                source.close()

@@ -1,0 +1,270 @@
+"""Where the Gaussians of a frame come from: a baked stream, or a take's trained frames."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from gui.models.playback.frame_cache import FrameCache
+from gui.models.playback.stream_source import StreamSource
+from pipelines.takes.edited import EditedGroup
+from pipelines.takes.edits import read_edits
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from pipelines.takes.videos import FALLBACK_FPS
+from studio.cameras import Camera, Rig
+from studio.edits.edit_list import Trim
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+REACH_FRAMES = 6
+"""Number of trained frames from which `TrainedSource.reach` is known."""
+
+
+class FrameSource(Protocol):
+    """Frames of Gaussians, counted from 0. `gaussians` is called on one thread at a time and may be slow."""
+
+    name: str
+    frame_count: int
+    fps: float
+    group_starts: Sequence[int]
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """The splats of a frame. Raises StudioError if the file is missing or damaged."""
+        ...
+
+    def load_ms(self, frame: int) -> float | None:
+        """Milliseconds that the last read or decode of the frame took; None before the first."""
+        ...
+
+    def close(self) -> None:
+        """Release files and memory."""
+        ...
+
+
+@dataclass
+class Opened:
+    """An open take or stream.
+
+    Attributes:
+        title: the folder's name.
+        path: the folder, or the URL.
+        sources: "decoded", "trained", in order of preference. A new take has none.
+        take: None for a bare stream.
+        message: errors about parts that could not be opened; "" if there are none.
+        rig: the capture cameras; None if unknown.
+        view: the initial camera; None if unknown.
+        up: (3,) world up direction; z if no camera is known.
+        trim: the frames that the take's edits keep; None for all.
+        reach: (N, 3) points of the performer in frames spread over the take, world coordinates; none for a bare stream.
+    """
+
+    title: str
+    path: Path | str
+    sources: dict[str, FrameSource]
+    rig: Rig | None = None
+    view: Camera | None = None
+    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    take: Take | None = None
+    message: str = ""
+    trim: Trim | None = None
+    reach: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def default(self) -> FrameSource | None:
+        """The source to show first; None if there is none yet."""
+        return next(iter(self.sources.values()), None)
+
+    def group(self, frame: int, starts: Sequence[int] = ()) -> int:
+        """The number of a frame's group in the take's folders. The groups of its stream can be others: a trim drops
+        some, and `bake.first_group_size` divides one.
+
+        Args:
+            frame: counted from 0 in the take.
+            starts: first frame of each group of the footage; if empty, the groups that are trained are used.
+        """
+        trained = self.sources.get("trained")
+        known = starts or (trained.group_starts if trained is not None else ())
+        return max(bisect_right(known, frame) - 1, 0)
+
+
+class TrainedSource:
+    """A take's trained frames, from frame 0 up to the first gap, without the splats that its edits remove.
+
+    Raises:
+        StudioError: `take.not_trained`, or the edits cannot be read (`take.edits_*`).
+    """
+
+    name = "trained"
+
+    def __init__(self, take: Take, fps: float) -> None:
+        self.fps = fps
+        self._files, starts = take.trained_files()
+        self.group_starts: Sequence[int] = starts
+        if not self._files:
+            raise StudioError("take.not_trained", "no trained frames yet", file=take.root / "train", fix="Run Train.")
+        self.frame_count = len(self._files)
+        edits, ends = read_edits(take.edits), (*starts[1:], self.frame_count)
+        self._groups = [
+            EditedGroup(take, number, range(start, end), edits)
+            for number, (start, end) in enumerate(zip(starts, ends, strict=True))
+        ]
+        self._cache = FrameCache()
+        self._load_ms: dict[int, float] = {}
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `FrameSource`."""
+        if frame >= self.frame_count:
+            raise StudioError(
+                "take.frame_not_trained",
+                f"frame {frame} is not trained yet; trained frames are 0 to {self.frame_count - 1}",
+                frame=frame,
+            )
+        held = self._cache.get(frame)
+        if held is None:
+            start = time.perf_counter()
+            held = self._groups[bisect_right(self.group_starts, frame) - 1].cut(read_frame(self._files[frame]))
+            self._load_ms[frame] = 1000 * (time.perf_counter() - start)
+            self._cache.put(frame, held)
+        return held
+
+    def load_ms(self, frame: int) -> float | None:
+        """See `FrameSource`."""
+        return self._load_ms.get(frame)
+
+    def reach(self) -> np.ndarray:
+        """(N, 3): where the performer is in frames spread over the take, world coordinates; damaged ones are left
+        out."""
+        found = [np.zeros((0, 3))]
+        for frame in sorted({round(x) for x in np.linspace(0, self.frame_count - 1, REACH_FRAMES)}):
+            with contextlib.suppress(StudioError):
+                found.append(thinned(body_of(read_frame(self._files[frame]))))
+        return np.concatenate(found)
+
+    def close(self) -> None:
+        """See `FrameSource`."""
+        self._cache.clear()
+
+
+def reach_of(opened: Opened) -> np.ndarray:
+    """`Opened.reach`, from the trained frames. Reads files."""
+    trained = opened.sources.get("trained")
+    return trained.reach() if isinstance(trained, TrainedSource) else np.zeros((0, 3))
+
+
+def body_of(gaussians: Gaussians) -> np.ndarray:
+    """(N, 3): means of all splats that are not almost transparent; of all if there are none."""
+    visible = gaussians.means[gaussians.opacities > 0.1]
+    return np.asarray((visible if len(visible) else gaussians.means).detach().cpu().numpy())
+
+
+def thinned(points: np.ndarray, most: int = 4000) -> np.ndarray:
+    """(M, 3) float64: every n-th of (N, 3) points, so that about `most` are left."""
+    return points[:: max(len(points) // most, 1)].astype(np.float64)
+
+
+def open_path(place: Path | str, in_take: bool = False) -> Opened:
+    """Open the folder of a take or a stream, or the URL of a stream.
+
+    Args:
+        place: the folder, or the URL.
+        in_take: how a stream is opened, see `StreamSource`.
+
+    Raises:
+        StudioError: `gui.no_such_folder`, `gui.not_take_or_stream`, or a damaged take or stream.
+    """
+    from studio.stream import is_address
+
+    if isinstance(place, str) and is_address(place):
+        return _open_stream(place, place.rstrip("/").rsplit("/", 1)[-1] or place, in_take)
+    path = Path(place).expanduser().absolute()
+    if path.is_file() and path.name in ("manifest.json", "take.json"):
+        path = path.parent
+    if (path / "take.json").exists():
+        return _open_take(path)
+    if (path / "manifest.json").exists() or path.suffix.lower() == ".v3s":
+        return _open_stream(path, path.name, in_take)
+    if not path.exists():
+        raise StudioError(
+            "gui.no_such_folder", "no such folder", file=path, fix="Choose the folder of a take or of a stream."
+        )
+    raise StudioError(
+        "gui.not_take_or_stream",
+        "neither a take (no take.json) nor a stream (no manifest.json)",
+        file=path,
+        fix="Choose another folder.",
+    )
+
+
+def _open_stream(place: Path | str, title: str, in_take: bool) -> Opened:
+    stream = StreamSource(place, in_take)
+    stream.fades = True  # a viewer sees what viewers elsewhere see; who works on a take sees everything
+    opened = Opened(title, place, {stream.name: stream}, view=stream.suggested_camera)
+    if opened.view is not None:
+        opened.up = -opened.view.rotation[1]
+    return opened
+
+
+def _open_take(path: Path) -> Opened:
+    take = Take.open(path)
+    opened = Opened(path.name, path, {}, take=take)
+    problems = []
+    try:
+        _open_rig(take, opened)
+    except StudioError as error:
+        problems.append(str(error))
+    try:
+        opened.trim = read_edits(take.edits).trim
+    except StudioError as error:
+        problems.append(str(error))
+    if (take.stream / "manifest.json").exists():
+        try:
+            decoded = StreamSource(take.stream, in_take=True)
+            opened.sources[decoded.name] = decoded
+        except StudioError as error:  # trained frames can still be shown
+            problems.append(str(error))
+    if take.trained_files()[0]:
+        try:
+            trained = TrainedSource(take, _fps(take, opened))
+            opened.sources[trained.name] = trained
+        except StudioError as error:
+            problems.append(str(error))
+    opened.message = "\n".join(dict.fromkeys(problems))  # each once: trained frames need the edits, too
+    return opened
+
+
+def _open_rig(take: Take, opened: Opened) -> None:
+    if not take.rig.exists():
+        return
+    from studio.camera_files import read_rig
+
+    opened.rig = read_rig(take.rig)
+    opened.up = opened.rig.up
+    opened.view = next(iter(opened.rig), None)
+
+
+def _fps(take: Take, opened: Opened) -> float:
+    """Frame rate of the stream, else of the settings, else `FALLBACK_FPS`."""
+    if opened.default is not None:
+        return opened.default.fps
+    from pipelines.config import load_config
+
+    try:
+        capture = load_config(take.config).capture
+        return (capture.fps or FALLBACK_FPS) / capture.step
+    except StudioError:
+        return FALLBACK_FPS
+
+
+def take_contents(take: Take) -> tuple[object, ...]:
+    """A cheap fingerprint that changes when frames are trained or a stream is baked."""
+    files, _ = take.trained_files()
+    paths = [take.stream / "manifest.json", take.rig, take.edits, *files[:1], *files[-1:]]
+    return len(files), *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)

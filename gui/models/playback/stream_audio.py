@@ -1,0 +1,110 @@
+"""The sound of the open stream: fetched and measured on a thread of its own, then played."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+
+import numpy as np
+
+from gui.drawing.palette import SECOND
+from gui.models.playback.stream_source import StreamSource
+from gui.models.playback.timeline_plots import Waveform
+from studio.audio import Pcm
+from studio.audio.pcm import part_of
+from studio.errors import StudioError
+from studio.playback import Output, SoundPlayer
+
+PEAKS = 4096
+"""Parts of a waveform, more than a timeline has columns."""
+
+
+class StreamAudio:
+    """See the module. Attributes are set by its thread, in one piece each.
+
+    Args:
+        source: the stream.
+        output: the device.
+
+    Attributes:
+        frame_count, fps: of the source: with the frames before a take's in point, which are silent.
+        player: plays the sound; None until it is loaded.
+        waveform: for the timeline; None until it is known.
+    """
+
+    def __init__(self, source: StreamSource, output: Output) -> None:
+        self.frame_count, self.fps = source.frame_count, source.fps
+        self.player: SoundPlayer | None = None
+        self.waveform: Waveform | None = None
+        self._source, self._output = source, output
+        self._error = ""
+        self._volume = 1.0
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._load, name="v3studio sound", daemon=True)
+        self._thread.start()
+
+    @property
+    def message(self) -> str:
+        """Why nothing is heard; "" if it works, as far as known."""
+        return self._error or (self.player.message if self.player is not None else "")
+
+    @property
+    def volume(self) -> float:
+        """0 (off) to 1."""
+        return self._volume
+
+    @volume.setter
+    def volume(self, value: float) -> None:
+        self._volume = value
+        if self.player is not None:
+            self.player.volume = value
+
+    def close(self) -> None:
+        """Stop, and release the device. Call it before closing the source."""
+        self._closed.set()
+        if self.player is not None:
+            self.player.close()
+
+    def _load(self) -> None:
+        try:
+            with contextlib.ExitStack() as stack:
+                sound = self._source.sound()
+                if sound is None:
+                    return
+                stack.callback(sound.close)
+                seconds, early = self.frame_count / self.fps, self._source.first / self.fps
+                player = SoundPlayer(part_of(sound, -early, seconds), seconds, self._output)
+                stack.callback(player.close)
+                player.volume = self._volume
+                if self._closed.is_set():
+                    return
+                self.player = player
+                measured = sound.copy()  # so that playing and measuring do not seek in turn
+                stack.callback(measured.close)
+                peaks = peaks_of(part_of(measured, -early, seconds), seconds, self._closed)
+                if peaks is not None:
+                    self.waveform = Waveform("Sound", (), SECOND, "", peaks=peaks)
+                self._closed.wait()
+        except StudioError as error:
+            self._error = f"{error} Playing without sound."
+
+
+def peaks_of(sound: Pcm, seconds: float, stop: threading.Event, parts: int = PEAKS) -> np.ndarray | None:
+    """The lowest and highest sample, over all channels, in equal parts of `seconds`; None if stopped.
+
+    Returns:
+        (N, 2) float32; N is `parts`, or fewer if there are fewer samples.
+    """
+    total = max(round(seconds * sound.sample_rate), 1)
+    edges = np.linspace(0, total, min(parts, total) + 1).astype(int)
+    found = np.zeros((len(edges) - 1, 2), np.float32)
+    step = max(sound.sample_rate * len(found) // total, 1)  # about a second at once
+    for start in range(0, len(found), step):
+        if stop.is_set():
+            return None
+        end = min(start + step, len(found))
+        block = sound.read(int(edges[start]), int(edges[end] - edges[start]))
+        starts = edges[start:end] - edges[start]
+        found[start:end, 0] = np.minimum.reduceat(block.min(axis=1), starts)
+        found[start:end, 1] = np.maximum.reduceat(block.max(axis=1), starts)
+    return found

@@ -1,0 +1,247 @@
+"""StreamSource: the frames of a baked stream for the window, decoded a little ahead.
+
+It shares the fetched files, the open decoder and the record of damaged groups with the players of `studio.playback`,
+but not their clock: the window's transport also runs over footage and trained frames.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gui.models.playback.frame_cache import AHEAD, FrameCache
+from pipelines.takes.videos import capture_place
+from studio.cameras import Camera
+from studio.coverage import ViewRange
+from studio.edits.moving import moved
+from studio.errors import Message, StudioError
+from studio.gaussians import Gaussians
+from studio.similarity import Similarity
+
+if TYPE_CHECKING:
+    from studio.playback import SkippedGroup
+    from studio.stream import GroupEntry, Manifest, StreamSound
+
+RETRY_SECONDS = 10.0
+"""Seconds before a damaged frame is tried again: it may have been fixed or uploaded."""
+
+
+class LeftOut(StudioError):
+    """A frame that playback passes over: its group is damaged or missing (`playback.group_skipped`), or the take is
+    trimmed (`playback.trimmed`). Others can be played."""
+
+
+class StreamSource:
+    """See the module. One thread decodes the requested frame and then a few after it, so that the next frames are
+    decoded while one is drawn.
+
+    Args:
+        place: the stream's folder or URL.
+        in_take: whether frames are counted, and splats placed, as in the take that the stream was baked from, whose
+            edits may have trimmed and moved it.
+
+    Attributes:
+        first: the first frame that there is; above 0 only with `in_take`, in a take that is trimmed at its start.
+        frame_count: frames up to the last one, with those before `first`.
+
+    Raises:
+        StudioError: not a stream, or a damaged manifest.
+    """
+
+    name = "decoded"
+    fades = False
+    """Whether views from where nothing was filmed are faded, as in other players."""
+
+    def __init__(self, place: Path | str, in_take: bool = False) -> None:
+        from studio.playback import Shared
+        from studio.stream import StreamReader
+
+        self._reader = StreamReader.open(place)
+        self._shared = Shared(self._reader)
+        self.fps = float(self._reader.fps)
+        self._count = self._reader.frame_count
+        self.first, self._back = 0, Similarity()
+        if in_take:
+            found = capture_place(self._reader)
+            self.first, self._back = found.first_frame, found.world.inverse
+        self.frame_count = self.first + self._count
+        self.group_starts: Sequence[int] = [self.first + start for start in self._reader.group_starts]
+        self._cache = FrameCache()
+        self._changed = threading.Condition()
+        self._wanted: int | None = None
+        self._failed: dict[int, tuple[Exception, float]] = {}
+        self._unavailable = 0  # consecutive groups that the server did not deliver
+        self._load_ms: dict[int, float] = {}
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="v3studio decode ahead", daemon=True)
+        self._thread.start()
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `FrameSource`.
+
+        Raises:
+            LeftOut: the frame's group is damaged; other groups can be played.
+            StudioError: `playback.nothing_playable`, `playback.closed`, or the server does not respond.
+        """
+        if frame < self.first:
+            raise LeftOut("playback.trimmed", f"the stream begins with frame {self.first} of the take", frame=frame)
+        frame -= self.first
+        with self._changed:
+            self._wanted = frame
+            self._changed.notify_all()
+            while True:
+                held = self._cache.get(frame)
+                if held is not None:
+                    return held
+                error = self._error(frame)
+                if error is not None:
+                    raise error
+                if self._closed:
+                    raise StudioError("playback.closed", "the stream has been closed", file=self._reader.source.name)
+                self._changed.wait()
+
+    @property
+    def skipped(self) -> tuple[SkippedGroup, ...]:
+        """Damaged groups found so far."""
+        return self._shared.skipped
+
+    def _error(self, frame: int) -> Exception | None:
+        found = self._failed.get(frame)
+        if found is None:
+            return None
+        if time.monotonic() - found[1] > RETRY_SECONDS:
+            del self._failed[frame]
+            return None
+        return found[0]
+
+    def _next_missing(self) -> int | None:
+        """The frame to decode next: the wanted one, or the first missing one after it (playback loops)."""
+        if self._wanted is None:
+            return None
+        for ahead in range(AHEAD + 1):
+            frame = (self._wanted + ahead) % self._count
+            if not self._cache.has(frame) and self._error(frame) is None:
+                return frame
+        return None
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                while not self._closed and (frame := self._next_missing()) is None:
+                    self._changed.wait()
+                if self._closed:
+                    return
+                assert frame is not None
+            start = time.perf_counter()
+            try:
+                decoded = moved(self._decoded(frame), self._back)
+            except Exception as error:  # raised when the frame is requested
+                with self._changed:
+                    self._note(frame, error)
+                    self._changed.notify_all()
+            else:
+                with self._changed:
+                    self._load_ms[frame] = 1000 * (time.perf_counter() - start)
+                    self._cache.put(frame, decoded)
+                    self._changed.notify_all()
+
+    def _decoded(self, frame: int) -> Gaussians:
+        shared, group = self._shared, self._reader.manifest.group_of(frame)
+        files = shared.files(group)
+        self._unavailable = 0
+        shared.note_intact(group)
+        with shared.decode_lock:
+            decoder = shared.decoder
+            if decoder is None or decoder.group is not group or decoder.next_frame > frame:
+                shared.close_decoder()
+                decoder = shared.decoder = self._reader.open_group(group, files)
+            try:
+                while True:
+                    decoded = decoder.read()
+                    if decoder.next_frame > frame:
+                        return decoded.gaussians()
+            except BaseException:
+                shared.close_decoder()
+                raise
+
+    def _note(self, frame: int, error: Exception) -> None:
+        """Record the frames from this one to the end of its group as unplayable."""
+        from studio.playback.pipeline import nothing_playable
+        from studio.stream import SourceUnavailable
+
+        group = self._reader.manifest.group_of(frame)
+        self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
+        first = self._first_bad(group, frame)
+        self._shared.note_damage(group, first, group.end_frame, _message(error))
+        lost = sum(one.frame_count for one in self._shared.skipped)
+        failure: Exception
+        if self._unavailable > 1:
+            failure = error  # twice in a row: the problem is the server, not the group
+        elif lost >= self._count:
+            failure = nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
+        else:
+            skipped = next(one for one in self._shared.skipped if one.group == group.index)
+            failure = LeftOut("playback.group_skipped", str(skipped), group=group.index)
+        for lost_frame in range(first, group.end_frame):
+            self._failed[lost_frame] = (failure, time.monotonic())
+
+    def _first_bad(self, group: GroupEntry, frame: int) -> int:
+        """The first unplayable frame of the group: earlier frames are unplayable too, unless they were decoded."""
+        first = frame
+        while first > group.first_frame and first - 1 not in self._load_ms:
+            first -= 1
+        return first
+
+    def load_ms(self, frame: int) -> float | None:
+        """See `FrameSource`."""
+        return self._load_ms.get(frame - self.first)
+
+    def sound(self) -> StreamSound | None:
+        """The stream's sound, fetched now, which begins with frame `first`; the caller closes it. None for a silent
+        stream. Raises StudioError."""
+        return self._reader.sound()
+
+    @property
+    def has_sound(self) -> bool:
+        """Whether the stream has sound."""
+        return self._reader.audio is not None
+
+    @property
+    def manifest(self) -> Manifest:
+        """The stream's manifest."""
+        return self._reader.manifest
+
+    @property
+    def view_range(self) -> ViewRange | None:
+        """From where the stream can be looked at, if views from elsewhere are to be faded."""
+        from studio.stream import StreamMetadata
+
+        return StreamMetadata.from_json(self._reader.manifest.metadata).view_range if self.fades else None
+
+    @property
+    def suggested_camera(self) -> Camera | None:
+        """The initial view from the stream's metadata; None if there is none."""
+        from studio.stream import StreamMetadata
+
+        return StreamMetadata.from_json(self._reader.manifest.metadata).suggested_camera
+
+    def close(self) -> None:
+        """See `FrameSource`."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._reader.end_reads()
+        self._thread.join()
+        with self._shared.decode_lock:
+            self._shared.close_decoder()
+        self._cache.clear()
+        self._reader.close()
+
+
+def _message(error: Exception) -> Message:
+    if isinstance(error, StudioError):
+        return error.message
+    return Message("playback.failed", str(error) or type(error).__name__)

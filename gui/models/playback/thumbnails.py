@@ -1,0 +1,112 @@
+"""Thumbnails: small pictures of frames from given views, drawn one by one on a thread with sources of its own."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gui.models.camera_path import fitted
+from gui.models.playback.sources import FrameSource, open_path
+from gui.models.playback.viewpoint import BACKGROUNDS
+from gui.models.scene.splats import draw
+from gui.models.worker import LatestWorker
+from studio.cameras import Camera
+
+KEPT = 200
+"""Pictures that are kept."""
+
+
+@dataclass(frozen=True)
+class _Request:
+    place: Path | str
+    contents: object
+    camera: Camera
+    frame: int
+    size: tuple[int, int]
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What it is a picture of, apart from `contents`."""
+        camera = self.camera
+        view = (camera.K.tobytes(), camera.world_to_camera.tobytes(), camera.width, camera.height)
+        return (str(self.place), *view, self.frame, self.size)
+
+
+class Thumbnails:
+    """See the module. Trained frames are used where there are any: each is read by itself."""
+
+    def __init__(self) -> None:
+        self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._draw, "v3studio thumbnails")
+        self._pictures: OrderedDict[tuple[object, ...], tuple[object, np.ndarray | None]] = OrderedDict()
+        self._source: FrameSource | None = None
+        self._source_of: object = None
+        self._asked = False
+
+    def get(
+        self,
+        place: Path | str,
+        contents: object,
+        camera: Camera,
+        frame: int,
+        size: tuple[int, int],
+        ask: bool = True,
+    ) -> np.ndarray | None:
+        """A picture if it is there; else it is asked for, unless another one is being drawn. Until the new one is
+        there, the last one with other contents is returned.
+
+        Args:
+            place: what is open.
+            contents: changes when its frames do.
+            camera: the view.
+            frame: counted from 0.
+            size: (width, height) of the picture, pixels.
+            ask: whether one that is not there, or has other contents, is drawn.
+        """
+        request = _Request(place, contents, camera, frame, size)
+        held = self._pictures.get(request.key)
+        if held is not None:
+            self._pictures.move_to_end(request.key)
+        if ask and not self._asked and (held is None or held[0] != contents):
+            self._asked = True
+            self._worker.ask(request)
+        return held[1] if held is not None else None
+
+    def poll(self) -> bool:
+        """Call at each tick; returns whether there is a new picture. One that failed is not asked for again."""
+        done = self._worker.take()
+        if done is None:
+            return False
+        self._asked = False
+        self._pictures[done.request.key] = done.request.contents, done.result
+        while len(self._pictures) > KEPT:
+            self._pictures.popitem(last=False)
+        return True
+
+    def _draw(self, request: _Request) -> np.ndarray:
+        if self._source_of != (request.place, request.contents):
+            self._close_source()
+            opened = open_path(request.place)
+            source = opened.sources.get("trained") or opened.default
+            for other in opened.sources.values():
+                if other is not source:
+                    other.close()
+            self._source, self._source_of = source, (request.place, request.contents)
+        if self._source is None:
+            raise LookupError("nothing to draw")
+        frame = min(request.frame, self._source.frame_count - 1)
+        return draw(self._source.gaussians(frame), fitted(request.camera, *request.size), BACKGROUNDS["dark"])
+
+    def _close_source(self) -> None:
+        if self._source is not None:
+            self._source.close()
+        self._source = self._source_of = None
+
+    def close(self) -> bool:
+        """End the thread and close files. Returns whether the thread ended in time."""
+        ended = self._worker.close()
+        if ended:
+            self._close_source()
+        return ended

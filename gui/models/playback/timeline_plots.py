@@ -1,0 +1,457 @@
+"""The plots above the timeline: PSNR trained, PSNR decoded, KB per frame, flicker, and the waveform of the sound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, text_width
+from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
+from gui.models.playback.timeline import Timeline
+from studio.edits.edit_list import Trim
+
+_STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]
+"""Distances of numbered frames."""
+
+LEAST_SPAN = 2.0
+"""Least range of an axis that does not begin at zero, dB: smaller differences must not look large."""
+
+MARK_HEIGHT = 7
+KEY_SIZE = 0.4
+"""Half of a diamond of the camera path, em."""
+
+GAP = 3
+
+RULER = 0.9
+"""Height of the row of frame numbers above the track, em."""
+
+APART = 3.5
+"""Least room from one frame number to the next, em."""
+
+
+@dataclass(frozen=True)
+class Plot:
+    """One row.
+
+    Attributes:
+        title: shown to its left.
+        values: one per frame; None if not measured.
+        color: color of the curve.
+        unit: shown after the numbers.
+        bars: whether values are bars that begin at zero; else a line on an axis with its own limits.
+        other: values of the bake or take that it is compared with, a line; none if there is none.
+        short: the title where there is less room.
+    """
+
+    title: str
+    values: Sequence[float | None]
+    color: RGB
+    unit: str
+    bars: bool = False
+    other: Sequence[float | None] = ()
+    short: str = ""
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """Values at the lower and the upper end of the row; None if there are none."""
+        known = [value for value in (*self.values, *self.other) if value is not None]
+        if not known:
+            return None
+        low, high = min(known), max(known)
+        if self.bars:
+            return 0.0, max(high, 1e-9) * 1.05
+        pad = max(0.1 * (high - low), 0.5 * (LEAST_SPAN - (high - low)))
+        return low - pad, high + pad
+
+
+@dataclass(frozen=True, eq=False)
+class Waveform(Plot):
+    """The sound: a row without values.
+
+    Attributes:
+        peaks: (N, 2) lowest and highest sample, -1 to 1, of N equal parts of the frames' duration.
+    """
+
+    peaks: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+
+    def columns(self, width: int, start: float = 0.0, end: float = 1.0) -> np.ndarray:
+        """(width, 2) lowest and highest sample under each column, of the part from `start` to `end`, 0 to 1."""
+        edges = np.linspace(start * len(self.peaks), end * len(self.peaks), width + 1)
+        first = np.minimum(edges[:-1].astype(int), len(self.peaks) - 1)
+        after = np.maximum(np.ceil(edges[1:]).astype(int), first + 1)
+        low = [self.peaks[a:b, 0].min() for a, b in zip(first, after, strict=True)]
+        high = [self.peaks[a:b, 1].max() for a, b in zip(first, after, strict=True)]
+        return np.column_stack([low, high])
+
+
+Series = dict[str, list[float | None]]
+
+
+def plots_of(
+    evaluation_series: Series, whose: str = "mean", other: Series | None = None, short: str = ""
+) -> tuple[Plot, ...]:
+    """The three plots of a take, and flicker if it was measured; plots without values stay empty, so that the layout
+    does not change.
+
+    Args:
+        evaluation_series: values by metric.
+        whose: the camera of PSNR, or the cameras that it is the mean of, for the title.
+        other: values of the bake or take that it is compared with.
+        short: `whose` in fewer words, where the other does not fit.
+    """
+    short = short or whose
+    other = other or {}
+    kilobytes, others = (
+        [None if value is None else value / 1000 for value in found.get("bytes", [])]
+        for found in (evaluation_series, other)
+    )
+    flicker = Plot(
+        "flicker", evaluation_series.get("flicker", []), ACCENT, "/255", bars=True, other=other.get("flicker", [])
+    )
+    return (
+        Plot(
+            f"PSNR trained, {whose}",
+            evaluation_series.get("psnr_trained", []),
+            SECOND,
+            "dB",
+            other=other.get("psnr_trained", []),
+            short=f"PSNR trained, {short}",
+        ),
+        Plot(
+            f"PSNR decoded, {whose}",
+            evaluation_series.get("psnr_decoded", []),
+            ACCENT,
+            "dB",
+            other=other.get("psnr_decoded", []),
+            short=f"PSNR decoded, {short}",
+        ),
+        Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True, other=others),
+        *([flicker] if flicker.range is not None else []),
+    )
+
+
+def clock_words(seconds: float) -> str:
+    """A time of the take: in seconds, or from one minute on in minutes and seconds."""
+    hundredths = round(100 * seconds)
+    if hundredths < 6000:
+        return f"{hundredths / 100:.2f} s"
+    return f"{hundredths // 6000}:{hundredths % 6000 / 100:05.2f}"
+
+
+@dataclass(frozen=True)
+class TimelinePlots:
+    """Plots above the track, on the same frame axis; clicking any of them seeks.
+
+    Attributes:
+        width, height: pixels.
+        em: font size, pixels.
+        frame_count, group_starts, first, shown, trim: as in `Timeline`.
+        strip: height of the strip of pictures above the plots, pixels; 0 for none.
+        span: first and last frame of the selected span; None for none.
+        fps: frame rate, for times beside the numbers of frames; 0 for none.
+    """
+
+    width: int
+    height: int
+    em: float
+    frame_count: int
+    group_starts: Sequence[int] = (0,)
+    first: float = 0.0
+    shown: float | None = None
+    trim: Trim | None = None
+    strip: int = 0
+    span: tuple[int, int] | None = None
+    fps: float = 0.0
+
+    @property
+    def left(self) -> int:
+        """Column where frame 0 begins; the titles are to the left of it."""
+        return min(round(18.5 * self.em), self.width // 3)
+
+    @property
+    def right(self) -> int:
+        """Columns to the right of the last frame, for the ends of the axes."""
+        return min(round(4.4 * self.em), self.width // 8)
+
+    @property
+    def track_height(self) -> int:
+        """Height of the timeline's track at the bottom, in pixels."""
+        return max(round(1.5 * self.em), 10)
+
+    @property
+    def timeline(self) -> Timeline:
+        """Mapping of columns, counted from `left`, to frames."""
+        width = max(self.width - self.left - self.right, 1)
+        return Timeline(
+            width, self.track_height, self.frame_count, self.group_starts, self.first, self.shown, self.trim
+        )
+
+    def frame_at(self, x: float) -> int:
+        """The frame under a column of the picture."""
+        return self.timeline.frame_at(x - self.left)
+
+    def picture(self, frame: int | None, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
+        """(height, width, 3) uint8: plots, and the track with playhead and marks."""
+        return self.with_head(self.base(plots, marks), frame, plots)
+
+    def base(
+        self,
+        plots: Sequence[Plot],
+        marks: Iterable[int] = (),
+        keys: Iterable[int] = (),
+        strip: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(height, width, 3) uint8: everything that does not depend on the frame. Cache it: playback draws it often.
+
+        Args:
+            plots: the rows.
+            marks: marked frames.
+            keys: frames of the views of the camera path.
+            strip: from `draw_strip`; None for none.
+        """
+        canvas = Canvas(self.width, self.height, PANEL)
+        timeline = self.timeline
+        for number, plot in enumerate(plots):
+            self._plot(canvas, timeline, plot, *self._rows(len(plots))[number])
+        self._ruler(canvas, timeline)
+        timeline.shade(canvas.pixels[: self._track, self.left : self.left + timeline.width])
+        if strip is not None:
+            canvas.image(self.left, GAP, strip)
+            words = "Frames; drag to select some"
+            canvas.text(
+                0, GAP + strip.shape[0] / 2 - self._size(99) * 0.62, words, self._size(99), DIM, width=self.left
+            )
+        self._span_marks(canvas, timeline)
+        words = "Frame"
+        if self.shown is not None:
+            words = f"Frame, {timeline.frame_at(0)} to {timeline.frame_at(timeline.width - 1)} in view"
+        canvas.text(0, self._track + self.track_height / 2 - self._size(99) * 0.62, words, self._size(99), DIM)
+        for mark in marks:
+            if mark < self.frame_count and timeline.shows(mark):
+                middle = self.left + sum(timeline.span(mark)) / 2
+                canvas.rect(middle - 2, self._track - GAP, 4, MARK_HEIGHT, BAD)
+        for x, y in filter(None, self._diamonds(keys)):
+            canvas.diamond(x, y, KEY_SIZE * self.em, FAIR)
+        return canvas.pixels
+
+    def with_head(
+        self, base: np.ndarray, frame: int | None, plots: Sequence[Plot], hover: int | None = None
+    ) -> np.ndarray:
+        """A copy of `base` with the track, the playhead and the frame's values.
+
+        Args:
+            base: from `base`.
+            frame: the current frame; None for none.
+            plots: as for `base`.
+            hover: the frame under the pointer, whose values are shown beside it; None for none.
+        """
+        canvas = Canvas(1, 1)
+        canvas.pixels = base.copy()
+        timeline = self.timeline
+        track = timeline.picture(frame)
+        marks = base[self._track :, self.left :]
+        canvas.image(self.left, self._track, track)
+        for one in self.numbered:
+            middle = self.left + sum(timeline.span(one)) // 2
+            canvas.rect(middle, self._track, max(round(self.em / 16), 1), self.track_height // 4, DIM)
+        shown = (marks == BAD).all(axis=2) | (marks == FAIR).all(axis=2)
+        canvas.pixels[self._track :, self.left :][shown] = marks[shown]
+        if frame is None:
+            return canvas.pixels
+        size = self._size(99)
+        right = self.left - 8
+        canvas.text(right, self._track + self.track_height / 2 - size * 0.62, str(frame), size, TEXT, align="right")
+        for plot, (y, height) in zip(plots, self._rows(len(plots)), strict=True):
+            value = plot.values[frame] if frame < len(plot.values) else None
+            if value is None:
+                continue
+            size = self._size(height)
+            words = self._words(plot, frame)
+            canvas.text(right, y + height / 2 - size * 0.62, words, size, TEXT, align="right")
+            self._value(canvas, timeline, plot, frame, value, y, height, plot.color)
+        if not timeline.shows(frame):
+            return canvas.pixels
+        first, last = timeline.span(frame)
+        head = self.left + (first + last - 1) // 2
+        below = canvas.pixels[GAP : self._track - GAP, head].astype(np.float32)
+        canvas.pixels[GAP : self._track - GAP, head] = (below * 0.4 + np.array(ACCENT) * 0.6).astype(np.uint8)
+        if hover is not None:
+            self._hover(canvas, hover, plots)
+        return canvas.pixels
+
+    def key_at(self, x: float, y: float, keys: Sequence[int]) -> int | None:
+        """Index of the view of the camera path at a position, the topmost; None if there is none."""
+        reach = 1.6 * KEY_SIZE * self.em
+        near = [
+            index
+            for index, place in enumerate(self._diamonds(keys))
+            if place is not None and abs(place[0] - x) <= reach and abs(place[1] - y) <= reach
+        ]
+        return near[-1] if near else None
+
+    def _diamonds(self, keys: Iterable[int]) -> list[tuple[float, float] | None]:
+        """The middle of each view's diamond, pixels; None if it is not in view."""
+        timeline = self.timeline
+        middle = self._track + self.track_height - (KEY_SIZE + 0.1) * self.em
+        frames = [min(key, self.frame_count - 1) for key in keys]
+        return [(self.left + sum(timeline.span(one)) / 2, middle) if timeline.shows(one) else None for one in frames]
+
+    def _hover(self, canvas: Canvas, frame: int, plots: Sequence[Plot]) -> None:
+        """A line at the frame under the pointer, with its number and values beside it."""
+        first, last = self.timeline.span(frame)
+        column = self.left + (first + last - 1) // 2
+        canvas.rect(column, GAP, 1, self.height - GAP, TEXT)
+        rows = [(self._words(plot, frame), y + height / 2) for plot, (y, height) in self._placed(plots)]
+        rows.append((f"frame {frame}", self._track + self.track_height / 2))
+        size, end = self._size(99), self.left + self.timeline.width  # right of it are the ends of the axes
+        widest = max(text_width(words, size) for words, _ in rows) + 10
+        for words, middle in rows:
+            if not words:
+                continue
+            width = text_width(words, size) + 10
+            left = column + 6 if column + 6 + widest <= end else max(column - 6 - width, self.left)
+            canvas.rect(left, middle - 0.7 * size, width, 1.4 * size, GROUND)
+            canvas.text(left + 5, middle - 0.62 * size, words, size, TEXT)
+
+    def _placed(self, plots: Sequence[Plot]) -> list[tuple[Plot, tuple[int, int]]]:
+        return list(zip(plots, self._rows(len(plots)), strict=True))
+
+    @staticmethod
+    def _words(plot: Plot, frame: int) -> str:
+        value = plot.values[frame] if frame < len(plot.values) else None
+        other = plot.other[frame] if frame < len(plot.other) else None
+        against = "" if other is None else f" ({other:.2f})"
+        return "" if value is None else f"{value:.2f}{against} {plot.unit}"
+
+    @property
+    def _track(self) -> int:
+        return self.height - self.track_height
+
+    def _rows(self, count: int) -> list[tuple[int, int]]:
+        """(top, height) of each plot."""
+        top = GAP + (self.strip + GAP if self.strip else 0)
+        each = (self._track - round(RULER * self.em) - top) // max(count, 1) - GAP
+        return [(top + number * (each + GAP), each) for number in range(count)]
+
+    def _ruler(self, canvas: Canvas, timeline: Timeline) -> None:
+        """Numbers of frames above the track, with their times where there is room for all of them."""
+        size = max(round(0.64 * self.em), 8)
+        y = self._track - round(RULER * self.em)
+        labels = {frame: str(frame) for frame in self.numbered}
+        if self.fps > 0 and len(labels) > 1:
+            timed = {frame: f"{frame} · {clock_words(frame / self.fps)}" for frame in labels}
+            first, second, *_ = labels
+            apart = timeline.span(second)[0] - timeline.span(first)[0]
+            if max(text_width(words, size) for words in timed.values()) + self.em <= apart:
+                labels = timed
+        for frame, words in labels.items():
+            middle = self.left + sum(timeline.span(frame)) // 2
+            beside = text_width(words, size) / 2
+            x = min(max(middle, self.left + beside), self.left + timeline.width - beside)
+            canvas.text(x, y - 0.1 * size, words, size, DIM, align="middle")
+
+    @property
+    def numbered(self) -> list[int]:
+        """The frames whose numbers are above the track: every 1, 2, 5, 10, 20, 50, ... in view."""
+        timeline = self.timeline
+        shown = self.shown or self.frame_count
+        each = timeline.width / shown
+        step = next(step for step in _STEPS if step * each >= APART * self.em or step >= self.frame_count)
+        return [frame for frame in range(0, self.frame_count, step) if timeline.shows(frame)]
+
+    def in_strip(self, y: float) -> bool:
+        """Whether a row of the picture is in the strip of pictures."""
+        return self.strip > 0 and y < GAP + self.strip
+
+    def _span_marks(self, canvas: Canvas, timeline: Timeline) -> None:
+        """Darken what is outside of the selected span, and draw its edges."""
+        if self.span is None:
+            return
+        left, right = timeline.span(self.span[0])[0], timeline.span(self.span[1])[1]
+        above = canvas.pixels[: self._track - 1, self.left : self.left + timeline.width]
+        for columns in (slice(0, left), slice(right, None)):
+            above[:, columns] = (0.55 * above[:, columns] + 0.45 * np.array(PANEL)).astype(np.uint8)
+        for frame, column in ((self.span[0], left), (self.span[1], right - 2)):
+            if timeline.shows(frame):
+                canvas.rect(self.left + column, 0, 2, self._track - 1, FAIR)
+        if right > left:
+            canvas.rect(self.left + left, 0, right - left, 2, FAIR)
+
+    def _size(self, height: int) -> int:
+        return max(min(round(0.78 * self.em), height - 1), 8)
+
+    def _value(
+        self,
+        canvas: Canvas,
+        timeline: Timeline,
+        plot: Plot,
+        frame: int,
+        value: float,
+        y: int,
+        height: int,
+        color: RGB,
+        limits: tuple[float, float] | None = None,
+    ) -> None:
+        limits = limits or plot.range
+        assert limits is not None
+        low, high = limits
+        if not timeline.shows(frame):
+            return
+        bar = max(round((value - low) / (high - low) * (height - 2)), 1)
+        first, last = timeline.span(frame)
+        thick = bar if plot.bars else min(max(round(self.em / 8), 2), bar)  # as thick on a dense screen
+        canvas.rect(self.left + first, y + height - 1 - bar, max(last - first - (last - first > 3), 1), thick, color)
+
+    def _plot(self, canvas: Canvas, timeline: Timeline, plot: Plot, y: int, height: int) -> None:
+        size = self._size(height)
+        against = " (00.00)" if any(value is not None for value in plot.other) else ""
+        room = self.left - 16 - text_width(f"00.00{against} {plot.unit}", size)
+        title = plot.short if plot.short and text_width(plot.title, size) > room else plot.title
+        canvas.text(0, y + height / 2 - size * 0.62, title, size, DIM, width=room)
+        canvas.rect(self.left, y, timeline.width, height, RAISED)
+        for start in self.group_starts:
+            if 0 < start < self.frame_count and timeline.shows(start):
+                canvas.rect(self.left + timeline.span(start)[0], y, 1, height, LINE)
+        if isinstance(plot, Waveform):
+            self._waveform(canvas, plot, y, height)
+            return
+        if plot.range is None:
+            canvas.text(self.left + 8, y + height / 2 - size * 0.62, "not evaluated yet", size, DIM)
+            return
+        for index, value in enumerate(plot.values[: self.frame_count]):
+            if value is not None:
+                self._value(canvas, timeline, plot, index, value, y, height, _dimmed(plot.color))
+        for index, value in enumerate(plot.other[: self.frame_count]):
+            if value is not None:
+                line = replace(plot, bars=False)
+                self._value(canvas, timeline, line, index, value, y, height, FAIR, plot.range)
+        self._axis(canvas, plot.range, y, height)
+
+    def _axis(self, canvas: Canvas, limits: tuple[float, float], y: float, height: float) -> None:
+        """The values at the lower and the upper end of a row, to the right of it: above each other, or side by side
+        where there is no room for that."""
+        size = max(round(0.68 * self.em), 8)
+        low, high = (f"{value:.{1 if abs(value) < 100 else 0}f}" if value else "0" for value in limits)
+        left, room = self.left + self.timeline.width + 0.3 * self.em, self.right - 0.3 * self.em
+        if height >= 2.4 * size:
+            canvas.text(left, y - 0.1 * size, high, size, DIM, width=room)
+            canvas.text(left, y + height - 1.1 * size, low, size, DIM, width=room)
+        else:
+            canvas.text(left, y + height / 2 - 0.62 * size, f"{low} – {high}", size, DIM, width=room)
+
+    def _waveform(self, canvas: Canvas, plot: Waveform, y: int, height: int) -> None:
+        if not len(plot.peaks):
+            return
+        middle, half = y + height / 2, (height - 2) / 2
+        start = self.first / self.frame_count
+        end = 1.0 if self.shown is None else start + self.shown / self.frame_count
+        loudest = max(float(np.abs(plot.peaks).max()), 1e-3)  # fills the row, so that a quiet take is seen too
+        for column, (low, high) in enumerate(plot.columns(self.timeline.width, start, end) / loudest):
+            top, bottom = middle - high * half, middle - low * half
+            canvas.rect(self.left + column, top, 1, max(bottom - top, 1), _dimmed(plot.color))
+
+
+def _dimmed(color: RGB) -> RGB:
+    return tuple(round(0.5 * one + 0.5 * other) for one, other in zip(color, RAISED, strict=True))  # type: ignore[return-value]

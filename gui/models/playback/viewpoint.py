@@ -1,0 +1,213 @@
+"""Viewpoint: what is open, which part of it is on screen, and from which camera."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gui.drawing.compare import ALONE
+from gui.models.held_out import HeldOut
+from gui.models.playback.image_zoom import ImageZoom
+from gui.models.playback.other_source import OTHER
+from gui.models.playback.sources import FrameSource, Opened
+from gui.models.scene.contents import SHOWN_AT_FIRST
+from gui.models.scene.orbit import OrbitCamera
+from pipelines.stages.base import Context
+from studio.cameras import Camera
+
+BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
+NOTHING_OPEN = "Open a take or a stream, or create a new take from footage (File menu)."
+
+_SAME_SHAPE = 0.01
+"""Relative difference between the shapes of two pictures below which they show the same."""
+
+
+class Viewpoint:
+    """See the module.
+
+    Attributes:
+        opened: the take or stream; None if none is open.
+        context: the take with its footage; None for a bare stream.
+        what: "truth", "trained", "decoded" or "other".
+        mode: one of `compare.MODES`.
+        camera: the capture camera; "" for the free view.
+        image_zoom: the visible part of its image.
+        orbit, home: the current and the initial free view.
+        size: (width, height) of the picture.
+        background: one of `BACKGROUNDS`.
+        message: text over the picture.
+        scene_parts: what the scene shows, of `gui.models.scene.contents.PARTS`.
+    """
+
+    def __init__(self) -> None:
+        self.opened: Opened | None = None
+        self.context: Context | None = None
+        self._held_out = HeldOut()
+        self.what = "decoded"
+        self.mode = "single"
+        self.camera = ""
+        self.image_zoom = ImageZoom()
+        self._zoom_follows = False
+        self._points = np.zeros((0, 3))
+        self.orbit = OrbitCamera()
+        self.home = self.orbit
+        self.size = self._fitted_size = (960, 540)
+        self.background = "dark"
+        self.message = NOTHING_OPEN
+        self.scene_parts = SHOWN_AT_FIRST
+
+    @property
+    def title(self) -> str:
+        """Title of the window."""
+        return f"{self.opened.title} - V3 Studio" if self.opened else "V3 Studio"
+
+    @property
+    def source(self) -> FrameSource | None:
+        """Source of the Gaussians on screen; for footage, the source it is compared with."""
+        if self.opened is None:
+            return None
+        return self.opened.sources.get(self.what) or self.opened.default
+
+    @property
+    def source_names(self) -> list[str]:
+        """Names of the available sources."""
+        return list(self.opened.sources) if self.opened else []
+
+    @property
+    def camera_names(self) -> list[str]:
+        """Names of the capture cameras."""
+        return [camera.name for camera in self.opened.rig] if self.opened and self.opened.rig else []
+
+    def why_not(self, what: str) -> str:
+        """Why a source cannot be shown; "" if it can."""
+        if self.opened is None:
+            return NOTHING_OPEN
+        if what == "truth":
+            if self.context is None:
+                return "A stream has no footage; open its take instead."
+            return "" if self.camera_names else "Footage needs cameras. Run Calibrate."
+        if what in self.opened.sources:
+            return ""
+        if what == OTHER:
+            return "No other bake or take to compare with is open. Choose one with View > Bakes."
+        return f"Nothing {what} yet. Run {'Train' if what == 'trained' else 'Bake'}."
+
+    @property
+    def reference(self) -> str:
+        """What a comparison compares with: the other bake or take if one is open, else footage in a capture camera's
+        view, else the other source."""
+        if self.opened is not None and OTHER in self.opened.sources:
+            default = self.opened.default
+            return OTHER if self.what != OTHER or default is None else default.name
+        if self.camera and not self.why_not("truth"):
+            return "truth"
+        return "trained" if self.what == "decoded" else "decoded"
+
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        """The cameras that are not trained on."""
+        return self._held_out.of(self.context)
+
+    def _first_camera(self) -> str:
+        names = self.camera_names
+        return next((name for name in names if name in self.held_out), names[0])
+
+    def zoom_to_performer(self) -> None:
+        """Zoom to the performer in the capture camera's image, or back to the whole image."""
+        self._zoom_follows = self.camera != "" and self.image_zoom == ImageZoom()
+        self.image_zoom = ImageZoom()
+        self._fit_zoom()
+
+    def _fit_zoom(self) -> None:
+        """Keep the performer in view at the current size, until the user zooms or pans."""
+        if self._zoom_follows and self.camera and self.opened is not None and self.opened.rig is not None:
+            camera, self._fitted_size = self.opened.rig[self.camera].undistorted(), self.size
+            self.image_zoom = ImageZoom.around(self._points, camera, *self._box_size)
+
+    @property
+    def _box_size(self) -> tuple[int, int]:
+        """Size of one picture: the whole viewport, or a part of a side-by-side view."""
+        count = 1 if self.mode != "side by side" else len(self.source_names) + 1
+        return self.size[0] // count, self.size[1]
+
+    def resize(self, width: int, height: int) -> None:
+        """Set the size of the viewport in pixels."""
+        size = (max(int(width), 16), max(int(height), 16))
+        if size != self.size:
+            self.size, fitted = size, self._fitted_size
+            # a picture of the same view in another resolution, whose sides are rounded, keeps its zoom
+            if abs(size[0] * fitted[1] / (size[1] * fitted[0]) - 1) > _SAME_SHAPE:
+                self._fit_zoom()
+
+    def look_through(self, camera: str) -> None:
+        """Look through a capture camera; "" returns to the free view, from the same position."""
+        self.message = ""
+        if camera and self.opened is not None and self.opened.rig is not None:
+            self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
+        if not camera and self.what == "truth" and self.opened is not None and self.opened.default is not None:
+            self.what = self.opened.default.name
+        self.camera, self.image_zoom = camera, ImageZoom()
+        self._zoom_follows = camera != "" and self.mode not in ALONE
+        self._fit_zoom()
+        if not camera and self.mode not in ALONE and len(self.source_names) < 2:
+            self.mode = "single"
+
+    def next_camera(self, direction: int = 1) -> None:
+        """Switch to the next or previous capture camera."""
+        names = self.camera_names
+        if not names:
+            self.message = "No capture cameras."
+        elif not self.camera:
+            self.look_through(self._first_camera())
+        else:
+            self.look_through(names[(names.index(self.camera) + direction) % len(names)])
+
+    def drag_orbit(self, dx: float, dy: float) -> None:
+        """Orbit by a drag in pixels; leaves a capture camera."""
+        self._leave_camera()
+        self.orbit = self.orbit.orbit(dx, dy)
+
+    def drag_pan(self, dx: float, dy: float) -> None:
+        """Pan by a drag in pixels; within the image in a capture camera's view."""
+        if self.camera and self.opened is not None and self.opened.rig is not None:
+            self._zoom_follows = False
+            self.image_zoom = self.image_zoom.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
+            return
+        self.orbit = self.orbit.pan(dx, dy, self.size[1])
+
+    def wheel(self, notches: float) -> None:
+        """Zoom; within the image in a capture camera's view."""
+        if self.camera:
+            self._zoom_follows = False
+            self.image_zoom = self.image_zoom.zoomed(notches)
+            return
+        self.orbit = self.orbit.zoom(notches)
+
+    def _leave_camera(self) -> None:
+        if self.camera:
+            self.look_through("")
+
+    def view(self, size: tuple[int, int] | None = None) -> Camera | None:
+        """The pinhole camera of the current view; None if nothing is open.
+
+        Args:
+            size: (width, height) of the picture; `self.size` if None.
+        """
+        if self.opened is None:
+            return None
+        width, height = size or self.size
+        if self.camera and self.opened.rig is not None:
+            return self.image_zoom.camera(self.opened.rig[self.camera].undistorted(), width, height)
+        return self.orbit.camera(width, height)
+
+    def reset_view(self) -> None:
+        """Reset the free view, or show the whole image in a capture camera's view."""
+        if self.camera:
+            self.image_zoom, self._zoom_follows = ImageZoom(), False
+        else:
+            self.orbit = self.home
+
+    def next_background(self) -> str:
+        """Switch to the next background: dark, black, white, and again."""
+        names = list(BACKGROUNDS)
+        self.background = names[(names.index(self.background) + 1) % len(names)]
+        return self.background

@@ -1,0 +1,119 @@
+"""Preferences and recent takes, saved in the user's configuration folder."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+
+from pipelines.takes.atomic_files import write_text
+from studio.bounded_text import parse_json
+
+RECENT, SHARES = 10, 30
+"""Most entries that are kept: of opened takes, of shares."""
+
+PICTURE_SIZES = {
+    "640 x 360": 640 * 360,
+    "960 x 540": 960 * 540,
+    "1280 x 720": 1280 * 720,
+    "viewport size": 1 << 30,
+}
+BACKGROUND_NAMES = ("dark", "black", "white")
+
+AUTOMATIC, BY_OPEN3D, BY_RASTERIZER = "automatic", "Open3D", "rasterizer"
+DRAWN_BY = (AUTOMATIC, BY_OPEN3D, BY_RASTERIZER)
+"""Who draws the scene; automatic: Open3D where a graphics card draws the window."""
+
+
+def preferences_path() -> Path:
+    """Following the XDG base directory rules."""
+    base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+    return Path(base) / "v3studio" / "window.json"
+
+
+@dataclass
+class Preferences:
+    """See the module.
+
+    Attributes:
+        picture_size: maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`.
+        background: initial background, one of `BACKGROUND_NAMES`.
+        scene_drawn_by: who draws the scene, one of `DRAWN_BY`.
+        play_on_opening: whether playback starts when a take or stream is opened.
+        panel_width: width of the left panel, em.
+        recent: folders, files and URLs, newest first.
+        tour_shown: whether the tour has been shown.
+        folder: where a file or a folder was chosen last; "" if none was.
+        shares: what was last chosen in the dialog of a share, newest last, by its form and source.
+    """
+
+    picture_size: str = "960 x 540"
+    background: str = "dark"
+    scene_drawn_by: str = BY_RASTERIZER
+    play_on_opening: bool = True
+    panel_width: float = 18.0
+    recent: list[str] = field(default_factory=list)
+    tour_shown: bool = False
+    folder: str = ""
+    shares: dict[str, dict[str, str]] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, path: Path | None = None) -> Preferences:
+        """Read saved preferences; defaults for anything missing or invalid."""
+        found = cls()
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            values = parse_json((path or preferences_path()).read_bytes())
+            for one in fields(cls):
+                if isinstance(values.get(one.name), type(getattr(found, one.name))):
+                    setattr(found, one.name, values[one.name])
+        if found.picture_size not in PICTURE_SIZES:
+            found.picture_size = cls.picture_size
+        if found.background not in BACKGROUND_NAMES:
+            found.background = cls.background
+        if found.scene_drawn_by not in DRAWN_BY:
+            found.scene_drawn_by = cls.scene_drawn_by
+        found.recent = [str(name) for name in found.recent][:RECENT]
+        return found
+
+    def save(self, path: Path | None = None) -> bool:
+        """Save the preferences; False if the folder is not writable."""
+        try:
+            write_text(path or preferences_path(), json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n")
+        except OSError:
+            return False
+        return True
+
+    def opened(self, name: str) -> None:
+        """Move a folder or URL to the front of the recent list."""
+        self.recent = [name, *(other for other in self.recent if other != name)][:RECENT]
+
+    def shared(self, form: str, source: str, chosen: dict[str, str]) -> None:
+        """Keep what was chosen in the dialog of a share."""
+        name = f"{form} {source}"
+        kept = [(one, values) for one, values in self.shares.items() if one != name]
+        self.shares = dict([*kept, (name, chosen)][-SHARES:])
+
+    def last_share(self, form: str, source: str) -> dict[str, str]:
+        """What was chosen last for a form of share of a source; empty if there was none."""
+        found = self.shares.get(f"{form} {source}")
+        return {str(name): str(value) for name, value in found.items()} if isinstance(found, dict) else {}
+
+    def recent_there(self) -> list[str]:
+        """Recent folders and files that still exist, and all URLs."""
+        return [name for name in self.recent if "://" in name or Path(name).exists()]
+
+    def forget(self, name: str) -> None:
+        """Remove an entry from the recent list."""
+        self.recent = [other for other in self.recent if other != name]
+
+
+def drawn_by_open3d(preference: str, software: bool) -> bool:
+    """Whether Open3D draws the scene.
+
+    Args:
+        preference: one of `DRAWN_BY`.
+        software: whether the CPU draws the window.
+    """
+    return preference == BY_OPEN3D or (preference == AUTOMATIC and not software)

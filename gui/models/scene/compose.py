@@ -1,0 +1,110 @@
+"""Composes splats with opaque surfaces, lines and points by depth.
+
+The splats come from the rasterizer with their opacity and depth, so that what is behind them shines through where they
+are transparent, as it would if everything were rendered together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.models.scene.fragments import Fragments, Patch
+
+MOST_PER_PIXEL = 8
+"""Fragments that are blended in a pixel: the nearest ones."""
+
+SLACK = 1.002
+"""Relative depth by which lines may lie behind a surface and still be drawn: edges of a surface lie on it."""
+
+FAINT = 0.02
+"""Opacity of splats below which their depth does not count."""
+
+Color = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class SplatLayer:
+    """Rendered splats.
+
+    Attributes:
+        image: (H, W, 3) float32 RGB over black.
+        alpha: (H, W) float32, 0 to 1.
+        depth: (H, W) float32, world units along the viewing axis.
+    """
+
+    image: np.ndarray
+    alpha: np.ndarray
+    depth: np.ndarray
+
+
+class Surfaces:
+    """Opaque surfaces: the nearest one in each pixel.
+
+    Args:
+        width, height: pixels.
+
+    Attributes:
+        pixels: (H, W, 3) uint8.
+        depth: (H, W) float32; infinite where there is none.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.pixels = np.zeros((height, width, 3), np.uint8)
+        self.depth = np.full((height, width), np.inf, np.float32)
+
+    def add(self, patch: Patch) -> None:
+        """Add a surface."""
+        depth, pixels = self.depth[patch.rows, patch.columns], self.pixels[patch.rows, patch.columns]
+        nearer = patch.where & (patch.depth < depth)
+        pixels[nearer], depth[nearer] = patch.pixels[nearer], patch.depth[nearer]
+
+
+def compose(background: Color, splats: SplatLayer | None, surfaces: Surfaces, fragments: Fragments) -> np.ndarray:
+    """The picture, (H, W, 3) uint8.
+
+    Args:
+        background: RGB in 0 to 1.
+        splats: None to leave them out.
+        surfaces: opaque ones.
+        fragments: of lines and points.
+    """
+    height, width = surfaces.depth.shape
+    solid_depth = surfaces.depth.reshape(-1)
+    solid = surfaces.pixels.reshape(-1, 3).astype(np.float32) / 255
+    splat_depth = np.full(height * width, np.inf, np.float32)
+    if splats is not None:
+        flat = splats.depth.reshape(-1)
+        splat_depth = np.where(splats.alpha.reshape(-1) > FAINT, flat, np.inf).astype(np.float32)
+    image = np.tile(np.array(background, np.float32), (height * width, 1))
+    there = np.isfinite(solid_depth)
+    image[there] = solid[there]
+    fragments = fragments[fragments.depth <= solid_depth[fragments.pixels] * SLACK]
+    behind = fragments.depth >= splat_depth[fragments.pixels]
+    if splats is None:
+        blend(image, fragments)
+    else:
+        blend(image, fragments[behind])
+        image = splats.image.reshape(-1, 3) + (1 - splats.alpha.reshape(-1, 1)) * image
+        front = solid_depth < splat_depth
+        image[front & there] = solid[front & there]
+        # lines on a surface in front of the splats were covered by it
+        on_front = behind & (front & there)[fragments.pixels]
+        blend(image, fragments[~behind | on_front])
+    out: np.ndarray = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return out.reshape(height, width, 3)
+
+
+def blend(image: np.ndarray, fragments: Fragments) -> None:
+    """Blend over an (H * W, 3) float32 image in 0 to 1, in place, far ones first."""
+    if not len(fragments):
+        return
+    order = np.lexsort((fragments.depth, fragments.pixels))
+    pixels = fragments.pixels[order]
+    starts = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
+    rank = np.arange(len(pixels)) - np.repeat(starts, np.diff(np.r_[starts, len(pixels)]))
+    for number in range(min(int(rank.max()), MOST_PER_PIXEL - 1), -1, -1):  # in a round, each pixel occurs once
+        which = order[rank == number]
+        at, cover = fragments.pixels[which], fragments.cover[which, None].astype(np.float32)
+        image[at] += (fragments.colors[which].astype(np.float32) / 255 - image[at]) * cover

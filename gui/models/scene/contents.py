@@ -1,0 +1,207 @@
+"""What the scene shows besides splats: cameras, points, mesh, grid, axes, and the box around the visual hull."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from gui.drawing.palette import AXES, FAIR, HELD_OUT, LINE, RGB
+from pipelines.stages.base import Context
+from pipelines.takes.take import Take
+from studio.cameras import Camera, Rig
+
+PARTS = ("splats", "cameras", "points", "mesh", "grid", "axes", "volume")
+SHOWN_AT_FIRST = frozenset({"splats", "cameras", "grid", "axes", "volume"})
+
+FRUSTUM = 0.16
+"""Length of the frusta, relative to the median distance of the cameras from the performer."""
+
+GRID_CELLS = 5
+"""Cells of the grid on each side of its middle."""
+
+BOX_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+
+
+class Surface(Protocol):
+    """A triangle mesh."""
+
+    def seen(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+        """(H, W, 3) uint8 RGB and (H, W) float32 depth, infinite beside the mesh."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SceneWanted:
+    """What to show.
+
+    Attributes:
+        take: the take; None for a bare stream.
+        context: for footage; None if there is none.
+        rig: the capture cameras; None if unknown.
+        camera: the capture camera that one looks through; "" for the free view.
+        group: the frame's group.
+        parts: of `PARTS`.
+        up: (3,) world up direction.
+        points: (N, 3) points of the performer, world.
+        still: whether the view rests: time for full resolution, and for the frame's images on the frusta.
+        em: font size, pixels.
+        native: whether Open3D draws it.
+        not_trained_on: names of the held-out cameras.
+    """
+
+    take: Take | None
+    context: Context | None
+    rig: Rig | None
+    camera: str
+    group: int
+    parts: frozenset[str]
+    up: np.ndarray
+    points: np.ndarray
+    still: bool
+    em: float
+    native: bool = False
+    not_trained_on: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Equal keys mean equal pictures, if the frame and the view are equal."""
+        return (
+            id(self.rig),
+            id(self.context),
+            self.camera,
+            self.group,
+            self.parts,
+            id(self.points),
+            self.still,
+            self.em,
+            self.native,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SceneCamera:
+    """A capture camera.
+
+    Attributes:
+        camera: without distortion.
+        color: of its frustum.
+        image: (h, w, 3) uint8 of its frame, small; None if it is not known.
+    """
+
+    camera: Camera
+    color: RGB
+    image: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Straight lines in the world.
+
+    Attributes:
+        ends: (M, 2, 3).
+        colors: (M, 3) uint8.
+        width: pixels.
+    """
+
+    ends: np.ndarray
+    colors: np.ndarray
+    width: float = 1.0
+
+    @classmethod
+    def of(cls, ends: Sequence[Sequence[np.ndarray]] | np.ndarray, color: RGB, width: float = 1.0) -> Lines:
+        """Lines of one color."""
+        array = np.asarray(ends, np.float64).reshape(-1, 2, 3)
+        return cls(array, np.tile(np.array(color, np.uint8), (len(array), 1)), width)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneContents:
+    """See the module. World coordinates.
+
+    Attributes:
+        cameras: the capture cameras.
+        length: of their frusta.
+        points: (N, 3), with `colors` (N, 3) uint8.
+        mesh: None for none.
+        lines: grid, axes, box.
+        words: what is shown, in words.
+    """
+
+    cameras: tuple[SceneCamera, ...] = ()
+    length: float = 1.0
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    colors: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
+    mesh: Surface | None = None
+    lines: tuple[Lines, ...] = ()
+    words: str = ""
+
+    def seen_from(self, eye: np.ndarray) -> SceneContents:
+        """Without cameras so near to a point (3,) that their images would cover the view."""
+        far = [one for one in self.cameras if np.linalg.norm(one.camera.center - eye) > 1.2 * self.length]
+        return replace(self, cameras=tuple(far))
+
+
+def frustum_length(rig: Rig, target: np.ndarray) -> float:
+    """Length of the frusta for cameras around a point (3,)."""
+    distances = np.linalg.norm(rig.centers - target, axis=1)
+    return FRUSTUM * float(np.median(distances)) if len(distances) else 1.0
+
+
+def round_step(length: float) -> float:
+    """The greatest of 1, 2 and 5 times a power of ten that is at most `length`, which is above 0."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9))
+
+
+def grid_lines(middle: np.ndarray, up: np.ndarray, height: float, reach: float) -> tuple[Lines, float]:
+    """A grid on the ground.
+
+    Args:
+        middle: (3,) the point above or below its middle.
+        up: (3,) unit normal.
+        height: of the plane along `up`.
+        reach: size of the performer; the grid is about twice as wide.
+
+    Returns:
+        the lines, and the size of a cell.
+    """
+    step = round_step(max(2 * reach / (2 * GRID_CELLS), 1e-9))
+    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    first /= np.linalg.norm(first)
+    second = np.cross(up, first)
+    # on multiples of the step, so that it stays where it is while the performer moves
+    start = np.round(np.array([middle @ first, middle @ second]) / step) * step
+    ends = []
+    half = GRID_CELLS * step
+    for cell in range(-GRID_CELLS, GRID_CELLS + 1):
+        for one, other, at in ((first, second, start), (second, first, start[::-1])):
+            along = height * up + (at[0] + cell * step) * one
+            ends.append((along + (at[1] - half) * other, along + (at[1] + half) * other))
+    return Lines.of(ends, LINE), step
+
+
+def axis_lines(origin: np.ndarray, directions: np.ndarray, length: float) -> Lines:
+    """Three axes: x red, y green, z blue.
+
+    Args:
+        origin: (3,).
+        directions: (3, 3) unit vectors, one per row.
+        length: of an axis.
+    """
+    ends = np.stack([np.tile(origin, (3, 1)), origin + length * directions], axis=1)
+    return Lines(ends, np.array(AXES, np.uint8), 3.0)
+
+
+def box_lines(low: np.ndarray, high: np.ndarray) -> Lines:
+    """The edges of a box with edges along the axes of the world, from corner `low` (3,) to `high` (3,)."""
+    corners = np.array([[(high if at >> axis & 1 else low)[axis] for axis in range(3)] for at in range(8)])
+    return Lines.of([(corners[a], corners[b]) for a, b in BOX_EDGES], FAIR, 1.5)
+
+
+def camera_color(name: str, looks_through: str, held_out: Sequence[str]) -> RGB:
+    """Color of a camera's frustum: the one that one looks through, held-out ones, all others."""
+    return (255, 255, 255) if name == looks_through else HELD_OUT if name in held_out else (150, 156, 166)

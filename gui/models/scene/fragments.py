@@ -1,0 +1,186 @@
+"""Lines, points and images as pixels with depths, for `gui.models.scene.compose`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.drawing.painter import NEAR
+from gui.models.scene.contents import Lines
+from studio.cameras import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Fragments:
+    """What covers pixels, in any order; a pixel may have several.
+
+    Attributes:
+        pixels: (F,) row * width + column.
+        depth: (F,) along the viewing axis, world units.
+        cover: (F,) 0 to 1.
+        colors: (F, 3) uint8.
+    """
+
+    pixels: np.ndarray
+    depth: np.ndarray
+    cover: np.ndarray
+    colors: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def __getitem__(self, which: np.ndarray) -> Fragments:
+        return Fragments(self.pixels[which], self.depth[which], self.cover[which], self.colors[which])
+
+    @classmethod
+    def join(cls, parts: list[Fragments]) -> Fragments:
+        """All of them."""
+        if not parts:
+            return cls(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3), np.uint8))
+        return cls(
+            np.concatenate([part.pixels for part in parts]),
+            np.concatenate([part.depth for part in parts]),
+            np.concatenate([part.cover for part in parts]),
+            np.concatenate([part.colors for part in parts]),
+        )
+
+
+def point_fragments(camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int = 1) -> Fragments:
+    """Squares of 2 * radius - 1 pixels around points (N, 3) with colors (N, 3) uint8."""
+    pixels, depth = camera.project(points)
+    good = (depth > NEAR) & (np.abs(pixels) < 1e6).all(axis=1)
+    place, depth, colors = np.floor(pixels[good]).astype(np.int64), depth[good], colors[good]
+    found = []
+    for dy in range(1 - radius, radius):
+        for dx in range(1 - radius, radius):
+            x, y = place[:, 0] + dx, place[:, 1] + dy
+            inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
+            cover = np.ones(int(inside.sum()))
+            found.append(Fragments((y * camera.width + x)[inside], depth[inside], cover, colors[inside]))
+    return Fragments.join(found)
+
+
+def line_fragments(camera: Camera, lines: Lines) -> Fragments:
+    """Antialiased lines, seen by a pinhole camera."""
+    ends = lines.ends @ camera.rotation.T + camera.translation
+    ends, kept = _in_front(ends)
+    colors = lines.colors[kept]
+    focal, middle = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    pixels = ends[..., :2] / ends[..., 2:] * focal + middle
+    inverse = 1 / ends[..., 2]  # changes linearly along a line in the picture
+    margin = lines.width + 1
+    pixels, inverse, kept = _in_picture(pixels, inverse, camera.width, camera.height, margin)
+    colors = colors[kept]
+    steep = np.abs(np.subtract(pixels[:, 1, 1], pixels[:, 0, 1])) > np.abs(pixels[:, 1, 0] - pixels[:, 0, 0])
+    found = []
+    for one in (False, True):
+        which = steep == one
+        found.append(_spans(camera, pixels[which], inverse[which], colors[which], lines.width, one))
+    return Fragments.join(found)
+
+
+def _in_front(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lines (M, 2, 3) cut at the near plane, and which of them are left."""
+    depth = ends[..., 2]
+    kept = np.asarray((depth > NEAR).any(axis=1))
+    ends, depth = ends[kept].copy(), depth[kept]
+    for one, other in ((0, 1), (1, 0)):
+        behind = depth[:, one] <= NEAR
+        share = (2 * NEAR - depth[behind, one]) / (depth[behind, other] - depth[behind, one])
+        ends[behind, one] += share[:, None] * (ends[behind, other] - ends[behind, one])
+    return ends, kept
+
+
+def _in_picture(
+    pixels: np.ndarray, inverse: np.ndarray, width: int, height: int, margin: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lines (M, 2, 2) cut at the edges of the picture (Liang and Barsky 1984), and which of them are left."""
+    start, along = pixels[:, 0], pixels[:, 1] - pixels[:, 0]
+    low, high = np.zeros(len(pixels)), np.ones(len(pixels))
+    for axis, size in ((0, width), (1, height)):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bounds = np.stack([(-margin - start[:, axis]), (size + margin - start[:, axis])]) / along[:, axis]
+        flat = along[:, axis] == 0
+        outside = flat & ((start[:, axis] < -margin) | (start[:, axis] > size + margin))
+        bounds[0, flat], bounds[1, flat] = -np.inf, np.inf
+        low = np.where(outside, 2.0, np.maximum(low, bounds.min(axis=0)))
+        high = np.minimum(high, bounds.max(axis=0))
+    kept = low < high
+    share = np.stack([low, high], axis=1)[kept]
+    cut = start[kept, None] + share[..., None] * along[kept, None]
+    slope = (inverse[kept, 1] - inverse[kept, 0])[:, None]
+    return cut, inverse[kept, :1] + share * slope, kept
+
+
+def _spans(
+    camera: Camera, pixels: np.ndarray, inverse: np.ndarray, colors: np.ndarray, width: float, steep: bool
+) -> Fragments:
+    """The pixels of lines that go along x, or along y (`steep`)."""
+    along, across = (1, 0) if steep else (0, 1)
+    backwards = pixels[:, 0, along] > pixels[:, 1, along]
+    pixels[backwards], inverse[backwards] = pixels[backwards, ::-1], inverse[backwards, ::-1]
+    first = np.ceil(pixels[:, 0, along] - 0.5).astype(np.int64)
+    count = np.maximum(np.floor(pixels[:, 1, along] - 0.5).astype(np.int64) - first + 1, 0)
+    line = np.repeat(np.arange(len(pixels)), count)
+    at = first[line] + np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count)
+    length = np.maximum(pixels[:, 1, along] - pixels[:, 0, along], 1e-9)
+    slope = (pixels[:, 1, across] - pixels[:, 0, across]) / length
+    share = (at + 0.5 - pixels[line, 0, along]) / length[line]
+    minor = pixels[line, 0, across] + slope[line] * (at + 0.5 - pixels[line, 0, along])
+    depth = 1 / (inverse[line, 0] + share * (inverse[line, 1] - inverse[line, 0]))
+    tilt = 1 / np.sqrt(1 + slope**2)
+    reach = int(np.ceil(width))
+    found = []
+    limits = (camera.height, camera.width) if steep else (camera.width, camera.height)
+    for step in range(-reach, reach + 1):
+        side = np.floor(minor).astype(np.int64) + step
+        cover = np.clip(0.5 * width + 0.5 - np.abs(side + 0.5 - minor) * tilt[line], 0, 1)
+        good = (cover > 0) & (at >= 0) & (side >= 0) & (at < limits[0]) & (side < limits[1])
+        row, column = (at, side) if steep else (side, at)
+        found.append(Fragments((row * camera.width + column)[good], depth[good], cover[good], colors[line[good]]))
+    return Fragments.join(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A surface in a rectangle of the picture.
+
+    Attributes:
+        rows, columns: the rectangle.
+        where: (h, w) bool.
+        pixels: (h, w, 3) uint8.
+        depth: (h, w) float32 along the viewing axis.
+    """
+
+    rows: slice
+    columns: slice
+    where: np.ndarray
+    pixels: np.ndarray
+    depth: np.ndarray
+
+
+def image_on_quad(camera: Camera, corners: np.ndarray, image: np.ndarray) -> Patch | None:
+    """An image (h, w, 3) on four world points in a plane (upper left, upper right, lower right, lower left); None if
+    nothing can be seen of it."""
+    import cv2
+
+    pixels, depth = camera.project(corners)
+    if (depth <= NEAR).any() or np.abs(pixels).max() > 20 * max(camera.width, camera.height):
+        return None
+    left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
+    right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int), (camera.width, camera.height))
+    if right <= left or bottom <= top:
+        return None
+    height, width = image.shape[:2]
+    size = (int(right - left), int(bottom - top))
+    flat = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    warp = cv2.getPerspectiveTransform(flat, (pixels - (left, top)).astype(np.float32))
+    where = cv2.warpPerspective(np.full((height, width), 255, np.uint8), warp, size) > 127
+    warped = cv2.warpPerspective(image, warp, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    # the inverse of the depth is an affine function of the pixel on a plane
+    plane = np.linalg.lstsq(np.column_stack([pixels, np.ones(4)]), 1 / depth, rcond=None)[0]
+    y, x = np.mgrid[top:bottom, left:right] + 0.5
+    inverse = plane[0] * x + plane[1] * y + plane[2]
+    found = (1 / np.maximum(inverse, 1e-9)).astype(np.float32)
+    return Patch(slice(top, bottom), slice(left, right), where, warped, found)

@@ -1,0 +1,163 @@
+"""Reads what the scene shows from the take, and keeps it until a file changes. Runs on the viewport's thread."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar, cast
+
+import numpy as np
+
+from gui.models.scene import contents as scene
+from gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneWanted, Surface
+from gui.models.scene.handles import up_of
+from pipelines.takes.edits import read_edits
+from pipelines.takes.point_files import read_points
+from studio.cameras import Camera, Rig
+from studio.counts import counted
+from studio.edits.edit_list import EditList
+from studio.errors import StudioError
+
+THUMBNAIL = 160
+"""Longer side of the images on the frusta, pixels."""
+
+MOST_THUMBNAILS = 200
+
+Points = tuple[np.ndarray, np.ndarray]
+Content = TypeVar("Content")
+
+
+class SceneReader:
+    """See the module.
+
+    Args:
+        read_mesh: reads a mesh file.
+    """
+
+    def __init__(self, read_mesh: Callable[[Path], Surface]) -> None:
+        self._read_mesh = read_mesh
+        self._files: dict[Path, tuple[Hashable, object]] = {}
+        self._undistorted: tuple[Rig | None, list[Camera]] = (None, [])
+        self._images: dict[tuple[str, int], np.ndarray | None] = {}
+        self._last: dict[str, np.ndarray] = {}
+        self._context: object = None
+
+    def read(self, wanted: SceneWanted, frame: int) -> SceneContents:
+        """What to show beside the splats.
+
+        Raises:
+            StudioError: a damaged file.
+        """
+        edits = EditList()
+        points: Points = np.zeros((0, 3)), np.zeros((0, 3))
+        sparse, words = points, list[str]()
+        mesh: Surface | None = None
+        if wanted.take is not None:
+            folder = wanted.take.initialize_group(wanted.group)
+            edits = self._file(wanted.take.edits, read_edits, edits)
+            points = self._file(folder / "points.ply", read_points, points)
+            if "points" in wanted.parts:
+                sparse = self._file(wanted.take.calibration_points, read_points, points)
+                words.append(counted(len(sparse[0]), "initial point" if sparse is points else "sparse point"))
+            if "mesh" in wanted.parts:
+                mesh = self._file(folder / "mesh.ply", self._maybe_mesh, None)
+        body = points[0] if len(points[0]) else wanted.points
+        lines: list[Lines] = []
+        if len(body):
+            up = up_of(edits, wanted.up)
+            low, high = body.min(axis=0), body.max(axis=0)
+            middle, reach = (low + high) / 2, float(np.linalg.norm(high - low)) or 1.0
+            if "grid" in wanted.parts:
+                # from all frames where they are known, so that it does not change from group to group
+                around = wanted.points if len(wanted.points) else body
+                height = edits.ground.height if edits.ground is not None else float(np.quantile(around @ up, 0.002))
+                normal = edits.ground.unit if edits.ground is not None else up
+                ends = np.quantile(around, (0.01, 0.99), axis=0)  # without strays
+                grid, step = scene.grid_lines(
+                    (ends[0] + ends[1]) / 2, normal, height, float(np.linalg.norm(ends[1] - ends[0])) or 1.0
+                )
+                lines.append(grid)
+                words.append(f"grid {step * edits.similarity.scale:g}")
+            if "axes" in wanted.parts:
+                back = edits.similarity.inverse
+                lines.append(
+                    scene.axis_lines(back.points(np.zeros(3)), _unit(back.directions(np.eye(3))), 0.25 * reach)
+                )
+            if "volume" in wanted.parts and len(points[0]):
+                lines.append(scene.box_lines(low, high))
+                size = " x ".join(f"{side:.3g}" for side in (high - low) * edits.similarity.scale)
+                words.append(f"visual hull {size}")
+        else:
+            middle = np.zeros(3)
+        cameras: tuple[SceneCamera, ...] = ()
+        length = 1.0
+        if wanted.rig is not None and "cameras" in wanted.parts:
+            cameras, length = self._cameras(wanted, frame), scene.frustum_length(wanted.rig, middle)
+        found = SceneContents(cameras=cameras, length=length, mesh=mesh, lines=tuple(lines), words="   ".join(words))
+        if "points" in wanted.parts:
+            colors = (np.clip(sparse[1], 0, 1) * 255).astype(np.uint8)
+            found = replace(found, points=sparse[0], colors=colors)
+        return found
+
+    def _file(self, path: Path, read: Callable[[Path], Content], missing: Content) -> Content:
+        """The content of a file, `missing` if it does not exist."""
+        if not path.is_file():
+            return missing
+        stamp = path.stat().st_mtime_ns
+        if path not in self._files or self._files[path][0] != stamp:
+            while len(self._files) > 8:
+                self._files.pop(next(iter(self._files)))
+            self._files[path] = (stamp, read(path))
+        return cast(Content, self._files[path][1])
+
+    def _maybe_mesh(self, path: Path) -> Surface | None:
+        return self._read_mesh(path)
+
+    def _cameras(self, wanted: SceneWanted, frame: int) -> tuple[SceneCamera, ...]:
+        assert wanted.rig is not None
+        if self._undistorted[0] is not wanted.rig:
+            self._undistorted = (wanted.rig, [camera.undistorted() for camera in wanted.rig])
+        if self._context is not wanted.context:
+            self._context = wanted.context
+            self._images.clear()
+            self._last.clear()
+        found = []
+        for camera in self._undistorted[1]:
+            if camera.name == wanted.camera:
+                continue  # one looks through it
+            color = scene.camera_color(camera.name, wanted.camera, wanted.not_trained_on)
+            found.append(SceneCamera(camera, color, self._image(wanted, camera.name, frame)))
+        return tuple(found)
+
+    def _image(self, wanted: SceneWanted, name: str, frame: int) -> np.ndarray | None:
+        """The camera's image of the frame; until the view rests, the last one that was read."""
+        import cv2
+
+        key = (name, frame)
+        if key not in self._images and wanted.still and wanted.context is not None:
+            while len(self._images) >= MOST_THUMBNAILS:
+                self._images.pop(next(iter(self._images)))
+            self._images[key] = None  # the Capture view says why it cannot be read
+            with contextlib.suppress(StudioError):
+                footage = wanted.context.footage.raw
+                whole = footage.raw_image(name, footage.frames[min(frame, len(footage.frames) - 1)])
+                scale = THUMBNAIL / max(whole.shape[:2])
+                self._images[key] = cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        image = self._images.get(key)
+        if image is not None:
+            self._last[name] = image
+        return self._last.get(name) if key not in self._images else image
+
+    def forget(self) -> None:
+        """Drop what was read."""
+        self._files.clear()
+        self._images.clear()
+        self._last.clear()
+        self._undistorted = (None, [])
+
+
+def _unit(directions: np.ndarray) -> np.ndarray:
+    found: np.ndarray = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return found

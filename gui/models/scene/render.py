@@ -1,0 +1,132 @@
+"""SceneRenderer: the scene's picture, composed from the rasterizer's splats and everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing import compare
+from gui.drawing.canvas import Canvas
+from gui.drawing.painter import NEAR, frustum
+from gui.drawing.palette import TEXT
+from gui.models.scene.compose import Color, SplatLayer, Surfaces, compose
+from gui.models.scene.contents import Lines, SceneContents, SceneWanted, Surface
+from gui.models.scene.fragments import Fragments, Patch, image_on_quad, line_fragments, point_fragments
+from gui.models.scene.gizmo import draw_gizmo
+from gui.models.scene.places import frusta_places
+from gui.models.scene.reader import SceneReader
+from gui.models.scene.splats import draw_layer
+from studio.cameras import Camera
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+Place = tuple[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePicture:
+    """A picture of the scene.
+
+    Attributes:
+        image: (H, W, 3) uint8.
+        cameras: name and (N, 2) pixels of the frusta, those in front last.
+        ends: name and corners of the ends of the view axes, those in front last.
+    """
+
+    image: np.ndarray
+    cameras: tuple[Place, ...]
+    ends: tuple[Place, ...]
+
+
+def no_mesh(path: Path) -> Surface:
+    """Where meshes cannot be rendered. Raises StudioError."""
+    raise StudioError("mesh.unreadable", "meshes cannot be shown here", file=path)
+
+
+class SceneRenderer:
+    """See the module.
+
+    Args:
+        read_mesh: reads a mesh file.
+        draw: renders splats.
+    """
+
+    def __init__(
+        self,
+        read_mesh: Callable[[Path], Surface] = no_mesh,
+        draw: Callable[[Gaussians, Camera], SplatLayer] = draw_layer,
+    ) -> None:
+        self.reader = SceneReader(read_mesh)
+        self._draw = draw
+
+    def __call__(
+        self, gaussians: Gaussians, view: Camera, wanted: SceneWanted, frame: int, background: Color
+    ) -> ScenePicture:
+        """Render a frame of the scene.
+
+        Args:
+            gaussians: the frame's splats.
+            view: pinhole camera.
+            wanted: what to show.
+            frame: counted from 0.
+            background: RGB in 0 to 1.
+
+        Raises:
+            StudioError: a damaged file.
+        """
+        contents = self.reader.read(wanted, frame).seen_from(view.center)
+        splats = self._draw(gaussians, view) if "splats" in wanted.parts else None
+        surfaces = Surfaces(view.width, view.height)
+        if contents.mesh is not None:
+            pixels, depth = contents.mesh.seen(view)
+            surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth))
+        self._images(view, contents, surfaces)
+        found = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
+        found.append(point_fragments(view, contents.points, contents.colors, 2))
+        canvas = Canvas(1, 1)
+        canvas.pixels = compose(background, splats, surfaces, Fragments.join(found))
+        self._names(canvas, view, contents, splats, wanted.em)
+        ends = draw_gizmo(canvas, view, wanted.em)
+        if contents.words:
+            compare.label(canvas, 0.6 * wanted.em, 0.6 * wanted.em, contents.words, size=round(0.85 * wanted.em))
+        return ScenePicture(canvas.pixels, tuple(frusta_places(contents, view)), tuple(ends))
+
+    def _images(self, view: Camera, contents: SceneContents, surfaces: Surfaces) -> None:
+        """Put the cameras' images on their frusta."""
+        for one in contents.cameras:
+            found = (
+                image_on_quad(view, frustum(one.camera, contents.length)[1], one.image)
+                if one.image is not None
+                else None
+            )
+            if found is not None:
+                surfaces.add(found)
+
+    def _names(
+        self, canvas: Canvas, view: Camera, contents: SceneContents, splats: SplatLayer | None, em: float
+    ) -> None:
+        """Write the cameras' names, except behind the splats."""
+        if not contents.cameras:
+            return
+        pixels, depth = view.project(np.array([one.camera.center for one in contents.cameras]))
+        for one, (x, y), away in zip(contents.cameras, pixels, depth, strict=True):
+            if away <= NEAR or not (0 <= x < view.width and 0 <= y < view.height):
+                continue
+            row, column = int(y), int(x)
+            hidden = splats is not None and splats.alpha[row, column] > 0.5 and splats.depth[row, column] < away
+            if not hidden:
+                canvas.text(float(x), float(y) + 4, one.camera.name, round(0.8 * em), TEXT, align="middle")
+
+
+def frusta_lines(contents: SceneContents) -> Lines:
+    """The edges of the cameras' frusta."""
+    ends, colors = [], []
+    for one in contents.cameras:
+        center, corners = frustum(one.camera, contents.length)
+        for number in range(4):
+            ends += [(center, corners[number]), (corners[number], corners[(number + 1) % 4])]
+            colors += [one.color] * 2
+    return Lines(np.array(ends, np.float64).reshape(-1, 2, 3), np.array(colors, np.uint8).reshape(-1, 3), 1.6)

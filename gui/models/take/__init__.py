@@ -1,0 +1,1 @@
+"""The open take: its runs, settings, exports and shares."""

@@ -1,0 +1,146 @@
+"""Minutes and bytes of the presets for the open take on this machine, as `v3studio estimate` measures them."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from gui.models.take.jobs import ChildProcess, v3studio_command
+from pipelines.config import Config
+from pipelines.config.presets import PRESETS
+from pipelines.reports.terminal import duration
+from pipelines.takes.atomic_files import remove, write_text
+from pipelines.takes.take import Take, program_version
+from studio.bounded_text import parse_json
+
+Figures = Mapping[str, tuple[float, int | None]]
+"""Seconds, and bytes of the stream (None: not estimated), by preset."""
+
+
+def cache_folder() -> Path:
+    """Following the XDG base directory rules: estimates hold for this machine, so they are not kept in the take."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "v3studio" / "estimates"
+
+
+class Estimates:
+    """See the module. One measurement at a time, in a child process that ends with the window.
+
+    Args:
+        command: program to run; tests replace it.
+
+    Attributes:
+        figures: of the presets; empty if unknown.
+        failure: why the last measurement failed, to be shown once.
+    """
+
+    def __init__(self, command: Callable[[], Sequence[str]] = v3studio_command) -> None:
+        self._command = command
+        self.figures: Figures = {}
+        self.failure = ""
+        self._process: ChildProcess | None = None
+        self._output = ""
+        self._of: tuple[Path | None, Config | None] = (None, None)
+        self._path: Path | None = None
+        self._measures: Path | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether a measurement is in progress."""
+        return self._process is not None
+
+    def words(self, preset: str) -> str:
+        """ "preview: about 4 min, 1.2 MB"; only the name if nothing is known."""
+        found = self.figures.get(preset)
+        if found is None:
+            return preset
+        seconds, size = found
+        words = f"{preset}: about {duration(seconds)}"
+        return words if size is None else f"{words}, {size / 1e6:.1f} MB"
+
+    def start(self, take: Take) -> None:
+        """Measure, unless a measurement is in progress. It takes about a minute and all cores."""
+        if self.running or self._path is None:
+            return
+        scratch = Path(tempfile.mkdtemp(prefix="v3studio-estimate-"))
+        command = [*self._command(), "estimate", str(take.root), "--presets", "--json"]
+        self._output, self.failure, self._measures = "", "", self._path
+        self._process = ChildProcess(command, scratch / "errors.txt", scratch)
+
+    def poll(self, take: Take | None, config: Config | None) -> bool:
+        """Note what is open and take in the measurement; returns whether something changed. Call at each tick."""
+        changed = self._look(take, config)
+        process = self._process
+        if process is None:
+            return changed
+        self._output += "".join(process.take_lines())
+        status = process.status
+        if status is None:
+            return changed
+        if status == 0 and self._measures is not None:
+            found = _read(self._output)
+            if not found:
+                self.failure = "The estimate cannot be read."
+            with contextlib.suppress(OSError):  # without a cache it is measured again next time
+                self._measures.parent.mkdir(parents=True, exist_ok=True)
+                write_text(self._measures, self._output)
+            if self._measures == self._path:
+                self.figures = found
+        elif status != 0:
+            self.failure = process.last_line().removeprefix("error: ")
+        self._forget()
+        return True
+
+    def _look(self, take: Take | None, config: Config | None) -> bool:
+        """Read the cached figures of another take, or of other settings of the footage."""
+        of = (take.root if take is not None else None, config)
+        if of == self._of:
+            return False
+        self._of = of
+        path = _cache_file(take, config) if take is not None and config is not None else None
+        if path == self._path:
+            return False
+        self._path, self.figures = path, {}
+        if path is not None:
+            with contextlib.suppress(OSError):
+                self.figures = _read(path.read_text(encoding="utf-8"))
+        return True
+
+    def stop(self) -> None:
+        """End the measurement, if there is one."""
+        if self._process is not None:
+            self._process.cancel()
+            self._forget()
+
+    def _forget(self) -> None:
+        assert self._process is not None
+        remove(self._process.errors.parent)
+        self._process = None
+
+
+def _cache_file(take: Take, config: Config) -> Path:
+    """Its name has everything that the figures depend on, apart from the load of the machine."""
+    rig = take.rig.stat().st_mtime_ns if take.rig.is_file() else 0
+    unset = {name.partition(".")[2] for name in PRESETS["standard"]}  # set by the presets
+    depends = [
+        str(take.root.resolve()), rig, os.cpu_count(), program_version(), PRESETS,
+        config.capture.model_dump(mode="json"), config.initialize.model_dump(mode="json", exclude=unset),
+        config.train.model_dump(mode="json", exclude=unset), config.bake.model_dump(mode="json", exclude=unset),
+        config.evaluate.model_dump(mode="json"), config.run.model_dump(mode="json"),
+    ]  # fmt: skip
+    return cache_folder() / f"{hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:32]}.json"
+
+
+def _read(text: str) -> Figures:
+    """Figures of the command's output; empty if it is damaged."""
+    found: dict[str, tuple[float, int | None]] = {}
+    with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
+        for name, one in parse_json(text.encode())["presets"].items():
+            stream = next((stage["bytes"] for stage in one["stages"] if stage["stage"] == "bake"), None)
+            found[str(name)] = (float(one["seconds"]), None if stream is None else int(stream))
+    return found

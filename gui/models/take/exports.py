@@ -1,0 +1,250 @@
+"""Exports and shares: `v3studio export` and `v3studio share` as child processes, and the views of a camera path."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gui.models.camera_path import PathEditor, in_export
+from gui.models.playback.viewpoint import BACKGROUNDS
+from gui.models.take.jobs import ChildProcess, v3studio_command
+from gui.models.take.shares import ShareRequest
+from gui.models.take.target import NamedTarget
+from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.reports.summary_words import size_words
+from pipelines.takes.atomic_files import remove
+from studio.counts import counted
+from studio.errors import StudioError
+from studio.export import Key
+
+if TYPE_CHECKING:
+    from studio.stream import CapturePlace
+
+FORMATS: dict[str, tuple[str, str]] = {
+    "ply": ("PLY, one file per frame", ""),
+    "spz": ("SPZ, one file per frame", ""),
+    "glb": ("GLB, one file per frame", ""),
+    "v3": ("Stream in one file", ".v3s"),
+    "videogs": ("VideoGS layout", ""),
+    "turntable": ("Movie: turntable", ".mp4"),
+    "camera-path": ("Movie: camera path", ".mp4"),
+}
+"""Export formats: label, and the file extension (none for folders)."""
+
+MOVIES = ("turntable", "camera-path")
+MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
+MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
+"""Background of the movie by label; None is the capture's own."""
+
+LEAST_SECONDS = 6.0
+"""Minimum default duration of a turntable in seconds; faster ones are dizzying."""
+
+
+@dataclass
+class ExportRequest(NamedTarget):
+    """An export as specified in the dialog; text as typed.
+
+    Attributes:
+        kind: a key of `FORMATS`.
+        source: take, stream or URL.
+        title: name of the source; the default file name begins with it.
+        folder: default output folder.
+        of: "decoded" or "trained"; "" for a bare stream.
+        seconds, size, background: options of a movie; the last two from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
+    """
+
+    kind: str
+    source: str
+    title: str
+    folder: Path
+    of: str = ""
+    seconds: str = f"{LEAST_SECONDS:g}"
+    size: str = MOVIE_SIZES[0]
+    background: str = "as captured"
+    _target: str = ""
+
+    @property
+    def usual_name(self) -> str:
+        """Named after the source and the options."""
+        return f"{self.title}-{self.of or 'stream'}-{self.kind}{FORMATS[self.kind][1]}"
+
+    def arguments(self) -> list[str]:
+        """Arguments of `v3studio export`, without the camera path.
+
+        Raises:
+            StudioError: `export.bad_seconds`, not a number above 0 and at most 3600.
+        """
+        found = [self.source, "--format", self.kind, "--out", str(self.path), "--json"]
+        if self.of:
+            found += ["--of", self.of]
+        if self.kind not in MOVIES:
+            return found
+        found += ["--size", self.size]
+        color = MOVIE_BACKGROUNDS[self.background]
+        if color is not None:
+            found += ["--background", ",".join(f"{value:g}" for value in color)]
+        if self.kind == "turntable":
+            try:
+                seconds = float(self.seconds)
+            except ValueError:
+                seconds = 0.0
+            if not 0 < seconds <= 3600:
+                raise StudioError(
+                    "export.bad_seconds",
+                    f"movie length '{self.seconds}' is not a number of seconds above 0 and at most 3600",
+                    value=self.seconds,
+                    fix="Example: 6.",
+                )
+            found += ["--seconds", f"{seconds:g}"]
+        return found
+
+
+@dataclass
+class Exports:
+    """Runs one export or share at a time.
+
+    Attributes:
+        path: views of the camera path.
+        request: the last one that was started; None before the first.
+        words: progress; "" if none is running.
+        result: outcome of the last one, shown once.
+        failed: whether the last one failed.
+        written: what the last one wrote; None if it failed or was stopped.
+    """
+
+    path: PathEditor = field(default_factory=PathEditor)
+    request: NamedTarget | None = None
+    words: str = ""
+    result: str = ""
+    failed: bool = False
+    written: Path | None = None
+    _process: ChildProcess | None = None
+    _target: Path | None = None
+    _stopping: bool = False
+    _told: str = ""
+
+    @property
+    def running(self) -> bool:
+        """Whether an export is running."""
+        return self._process is not None
+
+    def start(self, request: ExportRequest) -> None:
+        """Start an export.
+
+        Raises:
+            StudioError: `export.running`, `export.target_exists`, `export.too_few_views`, `export.bad_seconds`, views
+                show frames that what is exported does not have (`export.frames_left_out`), or it cannot be read.
+        """
+        self._check_idle()
+        if request.path.exists():
+            raise StudioError(
+                "export.target_exists", "already exists; existing files are never overwritten", file=request.path,
+                fix="Choose another name.",
+            )  # fmt: skip
+        arguments = ["export", *request.arguments()]
+        keys = self._keys(request) if request.kind == "camera-path" else []
+        scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
+        if keys:
+            arguments += ["--path", str(self._write_path(scratch, keys))]
+        self._run(request, arguments, scratch)
+
+    def share(self, request: ShareRequest) -> None:
+        """Begin to share.
+
+        Raises:
+            StudioError: `export.running`.
+        """
+        self._check_idle()
+        scratch = Path(tempfile.mkdtemp(prefix="v3studio-share-"))
+        self._run(request, ["share", *request.arguments()], scratch)
+
+    def _check_idle(self) -> None:
+        if self._process is not None:
+            raise StudioError(
+                "export.running",
+                "another export is running",
+                fix="Wait for it to finish, or stop it from the Export menu.",
+            )
+
+    def _run(self, request: NamedTarget, arguments: list[str], scratch: Path) -> None:
+        self._process = ChildProcess([*v3studio_command(), *arguments], scratch / "errors.txt", scratch)
+        self.request, self._target, self._stopping, self._told = request, request.path, False, ""
+        self.words, self.result = f"{request.does.lower()}: starting", ""
+
+    def _keys(self, request: ExportRequest) -> list[Key]:
+        """The path in the frames and the world of what is exported."""
+        if len(self.path.keys) < 2:
+            raise StudioError(
+                "export.too_few_views",
+                "a camera path needs at least two views",
+                value=len(self.path.keys),
+                fix="Add views with K, then export again.",
+            )
+        width, height = map(int, request.size.split("x"))
+        keys = self.path.fitted_keys(width, height)
+        return keys if not request.of else in_export(keys, *_place_of(request))
+
+    @staticmethod
+    def _write_path(folder: Path, keys: list[Key]) -> Path:
+        from studio.export import write_path_keys
+
+        path = folder / "path.json"
+        write_path_keys(keys, path)
+        return path
+
+    def poll(self) -> bool:
+        """Process the output of the export; return whether anything changed."""
+        process, request = self._process, self.request
+        if process is None or request is None:
+            return False
+        before = self.words
+        for line in process.take_lines():
+            with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+                event = json.loads(line)
+                if event["kind"] == "progress":
+                    self.words = f"{event['what']}: {event['done']} of {event['total']}"
+                elif event["kind"] == "shared":
+                    self._told += f"\n{size_words(event['total_bytes'])} in {counted(event['files'], 'file')}"
+                elif event["kind"] == "note":
+                    self._told += f"\n{event['text']}"
+        status = process.status
+        if status is None:
+            return self.words != before
+        self._process, self.words = None, ""
+        self.failed = status not in (0, EXIT_CANCELLED)
+        self.written = self._target if status == 0 else None
+        last = process.last_line()
+        remove(process.errors.parent)
+        if status == 0:
+            self.result = f"{request.done}: {self._target}{self._told}"
+        elif self._stopping or status == EXIT_CANCELLED:
+            self.result, self.failed = f"{request.does} stopped. No files were left behind.", False
+        else:
+            self.result = f"{request.does} failed: {last.removeprefix('error: ')}"
+        return True
+
+    def stop(self) -> None:
+        """Stop the export; partial output is removed."""
+        if self._process is not None:
+            self._stopping = True
+            self._process.cancel()
+
+
+def _place_of(request: ExportRequest) -> tuple[CapturePlace, int]:
+    """Where what `v3studio export` reads of a take lies in the take, and its number of frames."""
+    from pipelines.takes.edits import read_edits
+    from pipelines.takes.take import Take
+    from pipelines.takes.videos import capture_place, open_reader, trained_video
+    from studio.stream import CapturePlace
+
+    if request.of == "decoded":
+        with open_reader(request.source) as reader:
+            return capture_place(reader), reader.frame_count
+    root = Path(request.source)
+    edits = read_edits(Take.open(root).edits)
+    first = edits.trim.first if edits.trim is not None else 0
+    return CapturePlace(first, edits.similarity), trained_video(root).frame_count

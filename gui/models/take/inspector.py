@@ -1,0 +1,224 @@
+"""The inspector, drawn as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, wrapped
+from gui.drawing.palette import DIM, LINE, PANEL, TEXT
+from gui.models.evaluation import Evaluation
+from gui.models.marks import Marks
+from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.span import span_figures, span_rows
+from gui.models.take.workspace import Workspace
+from pipelines.reports.terminal import duration
+from studio.errors import StudioError
+
+Row = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Figures under a heading.
+
+    Attributes:
+        title: the heading.
+        rows: (name, value).
+        note: a sentence below the rows; "" for none.
+    """
+
+    title: str
+    rows: Sequence[Row]
+    note: str = ""
+
+
+def review_blocks(
+    player: PlayerPresenter, evaluation: Evaluation, marks: Marks, drawn_rate: float, camera: str = ""
+) -> list[Block]:
+    """Figures of the current frame; quality is that in evaluation.json, of a camera or, by default, the mean."""
+    transport, picture = player.transport, player.picture
+    if player.opened is None:
+        return []
+    frame = player.frame
+    group = max(sum(1 for start in transport.group_starts if start <= frame) - 1, 0)
+    blocks = [
+        Block(
+            "Frame",
+            [
+                ("frame", f"{frame} (0 to {transport.last})"),
+                ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} fps"),
+                *([("footage frame", str(player.filmed[frame]))] if filmed_otherwise(player) else []),
+                ("group", f"{group} (0 to {len(transport.group_starts) - 1})"
+                 + (", keyframe" if frame in transport.group_starts else "")),
+                *camera_rows(player),
+            ],
+            f"Mark: {marks.notes[frame] or '(no note)'}" if frame in marks.notes else "",
+        ),
+    ]  # fmt: skip
+    figures, whose = evaluation.figures(frame, camera)
+    rows: list[Row] = []
+    for name in ("psnr", "ssim", "lpips"):
+        for what in ("trained", "decoded"):
+            value = figures.get(f"{name}_{what}")
+            if value is not None:
+                rows.append((f"{name.upper()} {what}", f"{value:.2f} dB" if name == "psnr" else f"{value:.4f}"))
+    row = evaluation.frames.get(frame)
+    if row is not None:
+        rows.append(("size", f"{row.bytes / 1000:.1f} KB"))
+    blocks.append(
+        Block(
+            f"Quality, {whose}" if whose else "Quality",
+            rows,
+            evaluation.error or ("" if rows else why_no_figures(player)),
+        )
+    )
+    if transport.span is not None:
+        blocks.append(span_block(player, evaluation, camera, *transport.span))
+    rows = []
+    if picture is not None and player.current:
+        if picture.splats:
+            rows.append(("splats", f"{picture.splats:,}"))
+        source = player.source
+        load = source.load_ms(picture.frame) if source is not None and picture.source != "truth" else None
+        if load is not None:
+            rows.append(("decode" if picture.source == "decoded" else "read", f"{load:.1f} ms"))
+        if picture.draw_seconds:
+            rows.append(("render", f"{1000 * picture.draw_seconds:.1f} ms"))
+    plays = transport.playing  # otherwise the rates are those of single draws
+    rows.append(("playback", f"{player.rate:.1f} fps" if plays else "paused"))
+    rows.append(("window redraws", f"{drawn_rate:.1f} fps" if plays else "as needed"))
+    blocks.append(Block("Speed", rows))
+    if player.left_out:
+        blocks.insert(1, Block("Damaged, skipped", [], "\n".join(player.left_out)))
+    return blocks
+
+
+def why_no_figures(player: PlayerPresenter) -> str:
+    """Why there are no figures of the current frame."""
+    try:
+        trim = player.context.edits.trim if player.context is not None else None
+    except StudioError:  # told where the edits are shown
+        trim = None
+    return "Trimmed off." if trim is not None and player.frame not in trim.range else "Not evaluated yet."
+
+
+def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, first: int, last: int) -> Block:
+    """Figures of the selected span, of both bakes if another one is open."""
+    frames, other = player.transport.frame_count, player.other
+    own_camera = camera if camera in evaluation.cameras else ""
+    names = ("psnr_decoded", "bytes", "flicker")
+    own = span_figures({name: evaluation.series(name, frames, own_camera) for name in names}, first, last)
+    against = None
+    if other is not None:
+        against = span_figures({name: other.series(name, camera) for name in names}, first, last)
+    rows = span_rows(own, against)
+    count = last - first + 1
+    note = "" if other is None else f"After the slash: {other.label}."
+    return Block(
+        f"Frames {first} to {last}",
+        [("length", f"{count} frame{'s' * (count != 1)}, {count / player.transport.fps:.2f} s"), *rows],
+        note if rows else "Not evaluated yet.",
+    )
+
+
+def filmed_otherwise(player: PlayerPresenter) -> bool:
+    """Whether the footage's frame number differs from the take's."""
+    frame = player.frame
+    return frame < len(player.filmed) and player.filmed[frame] != frame
+
+
+def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
+    """Progress of the run and status of the selected stage."""
+    row = workspace.row(stage)
+    blocks = []
+    progress = workspace.run.progress
+    if workspace.busy and progress is not None:
+        words = "paused" if workspace.paused else workspace.run.stage_words()
+        rows = [("stage", progress.stage), ("done", words)]
+        if not workspace.paused:
+            total = progress.total_seconds_left
+            rows.append(("entire run", f"{duration(total)} left" if total is not None else "estimating time left"))
+        for name in ("loss", "psnr", "splats"):
+            value = progress.figures.get(name)
+            if isinstance(value, float):
+                rows.append((name, f"{value:.4g}"))
+            elif isinstance(value, int):
+                rows.append((name, f"{value:,}"))
+                most = workspace.config.train.max_splats if workspace.config is not None else value
+                if name == "splats" and progress.stage == "train" and value > most:
+                    rows.append(("after pruning", f"{most:,} at most"))
+        blocks.append(Block("Running", rows, progress.label))
+    if stage != "review":
+        status = workspace.assessment.stages.get(stage)
+        rows = [("state", "paused" if row.state == "running" and workspace.paused else row.state)]
+        if status is not None and status.seconds is not None:
+            rows.append(("time", duration(status.seconds)))
+        for name, value in (status.summary or {}).items() if status is not None else ():
+            words = (
+                ", ".join(f"{one:,}" if isinstance(one, int) else str(one) for one in value)
+                if isinstance(value, list)
+                else f"{value:,}"
+                if isinstance(value, int)
+                else str(value)
+            )
+            rows.append((name.replace("_", " "), words))
+        if stage == "capture":
+            rows.append(("footage", row.words))
+        blocks.append(Block(row.title, rows))
+    return blocks
+
+
+def camera_rows(player: PlayerPresenter) -> list[Row]:
+    """Rows about the capture camera or the free view."""
+    rig = player.opened.rig if player.opened is not None else None
+    if not player.camera or rig is None:
+        return [("camera", f"free view, distance {player.orbit.distance:.2f}")]
+    camera = rig[player.camera]
+    return [
+        ("camera", camera.name + (", held out" if camera.name in player.held_out else "")),
+        ("image", f"{camera.width} x {camera.height}, focal {camera.fx:.0f} px"),
+    ]
+
+
+def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float, down: float = 0.0) -> np.ndarray:
+    """(height, width, 3) uint8: stacked blocks, scrolled by `down` pixels; says so if there are more below."""
+    canvas = Canvas(width, height, PANEL)
+    size = round(0.88 * em)
+    step = line_height(size)
+    y = 0.3 * em - down
+    for block in blocks:
+        y = heading(canvas, y, block.title, em)
+        for name, value in block.rows:
+            name_width = canvas.text(0.6 * em, y, name, size, DIM)
+            canvas.text(width - 0.6 * em, y, value, size, TEXT, align="right", width=width - name_width - 1.8 * em)
+            y += step
+        for line in wrapped(block.note, size, width - 1.2 * em) if block.note else ():
+            canvas.text(0.6 * em, y, line, size, DIM)
+            y += step
+        y += 0.3 * em
+    if y > height:
+        band = line_height(size) + 0.2 * em
+        canvas.rect(0, height - band, width, band, PANEL)
+        canvas.rect(0.6 * em, height - band, width - 1.2 * em, 1, LINE)
+        canvas.text(width / 2, height - band + 0.15 * em, "Scroll for more", size, DIM, align="middle")
+    return canvas.pixels
+
+
+def figures_height(blocks: Sequence[Block], width: int, em: float) -> float:
+    """Height of all of `figures_picture` in pixels."""
+    size = round(0.88 * em)
+    lines = sum(len(block.rows) for block in blocks)
+    lines += sum(len(wrapped(block.note, size, width - 1.2 * em)) for block in blocks if block.note)
+    return 0.6 * em + lines * line_height(size) + len(blocks) * (line_height(round(0.95 * em)) + 0.5 * em)
+
+
+def heading(canvas: Canvas, y: float, text: str, em: float) -> float:
+    """Draw a heading with a line under it; return the y coordinate below it."""
+    size = round(0.95 * em)
+    canvas.text(0.6 * em, y, text, size, TEXT, width=canvas.width - 1.2 * em)
+    y += line_height(size)
+    canvas.rect(0.6 * em, y - 2, canvas.width - 1.2 * em, 1, LINE)
+    return y + 0.2 * em

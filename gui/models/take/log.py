@@ -1,0 +1,271 @@
+"""The job log, drawn as a picture: lines with their time and level, and buttons that fix what warnings tell of."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
+from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, PANEL, RGB, TEXT
+from gui.models.take.inspector import heading
+from gui.models.take.remedies import Fix
+from pipelines.events.event_types import Notice
+
+LEVELS: dict[str, tuple[str, RGB, RGB]] = {
+    "": ("", DIM, TEXT),
+    "warning": ("Warning: ", FAIR, FAIR),
+    "error": ("Error: ", BAD, BAD),
+}
+"""How lines of a level begin, and the colors of their dots and of their text, by kind."""
+
+WIDE, HANG = 30.0, 1.0
+"""Width of the log from which on all rows of a line begin below each other, and else the indent of those that continue
+it, em."""
+
+CLOCK = "00:00:00"
+"""A time as wide as all others."""
+
+TITLE = "Job log"
+
+
+@dataclass(frozen=True)
+class LogRow:
+    """A row of the picture.
+
+    Attributes:
+        kind: "", "warning", "error" or "fix" (a button).
+        text: what it says.
+        clock: time of day; "" in the rows that continue a line, and where it is not known.
+        first: whether a line begins here.
+        fix: what the button does; None for others.
+    """
+
+    kind: str
+    text: str
+    clock: str = ""
+    first: bool = False
+    fix: Fix | None = None
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """A line of the log.
+
+    Attributes:
+        kind: "", "warning" or "error".
+        text: what it says.
+        told: when, seconds since 1970; 0 if unknown.
+        notice: the warning or error that it tells; None for others.
+    """
+
+    kind: str
+    text: str
+    told: float = 0.0
+    notice: Notice | None = None
+
+
+def grouped(lines: Iterable[LogLine]) -> list[LogLine]:
+    """The log with one line for warnings in a row that differ in the camera's name only: the first, and which cameras.
+    Those with figures of their own stay, so that no figure is hidden or told of another camera."""
+    found = []
+    for key, run in itertools.groupby(enumerate(lines), lambda one: _about(one[1]) or one[0]):
+        same = [line for _, line in run]
+        cameras = [line.notice.fields["camera"] for line in same if isinstance(key, tuple) and line.notice is not None]
+        names = list(dict.fromkeys(map(str, cameras)))
+        if len(names) < 2:
+            found += same
+            continue
+        found.append(replace(same[0], text=f"{same[0].text} (in {len(names)} cameras: {', '.join(names)})"))
+    return found
+
+
+def _about(line: LogLine) -> tuple[object, ...]:
+    """What a warning about a camera has in common with the same about another one; () for other lines.
+
+    Only a name in quotes is taken out: bare, that of camera 12 would also be the figure in "by 12%".
+    """
+    notice = line.notice
+    if line.kind != "warning" or notice is None or not notice.code or not notice.fields.get("camera"):
+        return ()
+    rest = {name: value for name, value in notice.fields.items() if name != "camera"}
+    return (notice.code, line.text.replace(f"'{notice.fields['camera']}'", "''"), repr(rest))
+
+
+def _size(em: float) -> int:
+    return round(0.82 * em)
+
+
+def _indent(em: float) -> float:
+    """Column where the text begins."""
+    return 0.6 * em + text_width(CLOCK, _size(em)) + 1.3 * em
+
+
+def _hang(width: float, em: float) -> float:
+    """Column where the rows that continue a line begin: below its text, or below its time where there is little room
+    beside that."""
+    return _indent(em) if width >= WIDE * em else 0.6 * em + HANG * em
+
+
+def log_rows(
+    lines: Iterable[tuple[str, str]],
+    width: int,
+    em: float,
+    times: Iterable[float] = (),
+    fixes: Iterable[Fix | None] = (),
+) -> list[LogRow]:
+    """The log wrapped to the width.
+
+    Args:
+        lines: (kind, text).
+        width: pixels.
+        em: font size, pixels.
+        times: when each line was told, seconds since 1970; 0 if unknown.
+        fixes: the fix of each line; None for none.
+    """
+    found: list[LogRow] = []
+    none = itertools.repeat(None)
+    room = width - _indent(em) - 0.6 * em
+    spare = width - _hang(width, em) - 0.6 * em
+    for (kind, text), told, fix in zip(
+        lines, itertools.chain(times, itertools.repeat(0.0)), itertools.chain(fixes, none), strict=False
+    ):
+        clock = _clock(told)
+        words = LEVELS[kind][0] + text
+        parts = wrapped(words, _size(em), room)
+        rest = words[len(parts[0]) :].removeprefix("\n").lstrip(" ")
+        parts = [parts[0], *(wrapped(rest, _size(em), spare) if rest else [])]
+        found += [LogRow(kind, part, clock if not number else "", not number) for number, part in enumerate(parts)]
+        if fix is not None:
+            found.append(LogRow("fix", fix.words, fix=fix))
+    return found
+
+
+def _clock(told: float) -> str:
+    """Time of day; empty if unknown or not a time, as in a damaged file."""
+    try:
+        return datetime.fromtimestamp(told).strftime("%H:%M:%S") if told else ""
+    except (OverflowError, ValueError, OSError):
+        return ""
+
+
+@dataclass(frozen=True)
+class LogView:
+    """Which rows are in the picture.
+
+    Attributes:
+        rows: from `log_rows`.
+        width, height: pixels.
+        em: font size, pixels.
+        back: number of rows that it is scrolled back from the end.
+        large: whether it covers the view.
+        warnings: number of warnings and errors among all lines.
+        only_warnings: whether the rows are theirs only.
+    """
+
+    rows: Sequence[LogRow]
+    width: int
+    height: int
+    em: float
+    back: int = 0
+    large: bool = False
+    warnings: int = 0
+    only_warnings: bool = False
+
+    @property
+    def _step(self) -> int:
+        return line_height(_size(self.em))
+
+    @property
+    def top(self) -> float:
+        """Height of the heading, pixels."""
+        return 0.3 * self.em + line_height(round(0.95 * self.em)) + 0.2 * self.em
+
+    @property
+    def filter(self) -> tuple[str, float, float] | None:
+        """The switch in the heading, between all lines and warnings only: its words, left edge and width in pixels;
+        None where there are no warnings or no room."""
+        if not (self.warnings or self.only_warnings):
+            return None
+        words = "all lines" if self.only_warnings else f"warnings only ({self.warnings})"
+        left = 1.8 * self.em + text_width(TITLE, round(0.95 * self.em))
+        wide = text_width(words, _size(self.em))
+        right = self.width - 1.4 * self.em - text_width(self._words, _size(self.em))
+        return (words, left, wide) if left + wide <= right else None
+
+    def on_filter(self, x: float, y: float) -> bool:
+        """Whether a pixel of the picture is on the switch."""
+        found = self.filter if y < self.top else None
+        if found is None:
+            return False
+        _, left, wide = found
+        return left - 0.4 * self.em <= x <= left + wide + 0.4 * self.em
+
+    @property
+    def _words(self) -> str:
+        return "close (J)" if self.large else "enlarge (J)"
+
+    @property
+    def shown(self) -> Sequence[LogRow]:
+        """The rows in the picture, top to bottom."""
+        count = max(int((self.height - self.top) // self._step), 1)
+        end = max(len(self.rows) - self.back, min(count, len(self.rows)))
+        return self.rows[max(end - count, 0) : end]
+
+    def fix_at(self, x: float, y: float) -> Fix | None:
+        """The fix whose button is at a pixel of the picture; None if there is none."""
+        number = int((y - self.top) // self._step)
+        if not 0 <= number < len(self.shown):
+            return None
+        row = self.shown[number]
+        left, wide = self._button(row)
+        return row.fix if left <= x <= left + wide else None
+
+    @property
+    def places(self) -> dict[str, tuple[float, float]]:
+        """The middle of each button and of the switch, 0 to 1 across and down, by its label."""
+        found = {}
+        if self.filter is not None:
+            words, left, wide = self.filter
+            found[words] = ((left + wide / 2) / self.width, self.top / 2 / self.height)
+        for number, row in enumerate(self.shown):
+            if row.fix is not None:
+                left, wide = self._button(row)
+                down = (self.top + (number + 0.5) * self._step) / self.height
+                found[row.text] = ((left + wide / 2) / self.width, down)
+        return found
+
+    def _button(self, row: LogRow) -> tuple[float, float]:
+        """Left edge and width of a button. One with a long name begins below the clock, so that all of it is shown."""
+        wide, most = text_width(row.text, _size(self.em)) + self.em, self.width - 0.4 * self.em
+        left = max(min(_indent(self.em), most - wide), 0.4 * self.em)
+        return left, min(wide, most - left)
+
+    def picture(self) -> np.ndarray:
+        """(height, width, 3) uint8."""
+        em, size, step = self.em, _size(self.em), self._step
+        canvas = Canvas(self.width, self.height, PANEL)
+        top = heading(canvas, 0.3 * em, TITLE, em)
+        canvas.text(self.width - 0.6 * em, 0.3 * em, self._words, size, DIM, align="right")
+        if self.filter is not None:
+            words, left, _ = self.filter
+            canvas.text(left, 0.3 * em, words, size, ACCENT if self.only_warnings else DIM)
+        if not self.rows:
+            canvas.text(0.6 * em, top, "No warnings." if self.only_warnings else "No run yet.", size, DIM)
+        left = _indent(em)
+        for number, row in enumerate(self.shown):
+            y = top + number * step
+            if row.fix is not None:
+                edge, wide = self._button(row)
+                color = GOOD if row.fix.done else ACCENT
+                canvas.button(edge, y + 1, wide, step - 2, row.text, size, color=color)
+                continue
+            _, dot, color = LEVELS[row.kind]
+            canvas.text(0.6 * em, y, row.clock, size, DIM)
+            if row.first:
+                canvas.dot(left - 0.65 * em, y + 0.62 * size, 0.18 * em, dot)
+            canvas.text(left if row.first else _hang(self.width, em), y, row.text, size, color)
+        return canvas.pixels

@@ -1,0 +1,127 @@
+"""Remedies: which setting fixes a warning, and its value where the warning knows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import cast
+
+from pydantic import JsonValue
+
+from gui.models.take.settings import stage_of
+from gui.models.take.workspace import setting_value
+from pipelines.config import Config
+from pipelines.events.event_types import Notice
+from studio.json_types import JsonData
+from studio.yaml_text import inline_yaml
+
+Value = Callable[[Mapping[str, JsonData]], JsonData]
+"""The value from the warning's fields; None if they do not tell it."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """What to do about a warning.
+
+    Attributes:
+        setting: dotted name of the setting.
+        value: the value to set; None if people must choose it.
+    """
+
+    setting: str
+    value: Value | None = None
+
+
+def _told(name: str) -> Value:
+    return lambda fields: fields.get(name)
+
+
+def _always(value: JsonData) -> Value:
+    return lambda fields: value
+
+
+REMEDIES: Mapping[str, Remedy] = {
+    "bake.beyond_hardware": Remedy("train.max_splats"),
+    "bake.loss_above_limit": Remedy("bake.qp"),
+    "bake.no_sound_in_version_2": Remedy("bake.stream_version", _always(3)),
+    "bake.short_sound": Remedy("capture.audio_offset"),
+    "calibration.focal_length": Remedy("calibrate.shared_intrinsics"),
+    "calibration.match_inlier_ratio": Remedy("calibrate.frames"),
+    "calibration.reprojection_error": Remedy("calibrate.camera_model"),
+    "cluster.no_node": Remedy("run.memory_per_group"),
+    "cluster.out_of_memory": Remedy("run.memory_per_group"),
+    "coverage.gaps": Remedy("bake.view_range", _always("none")),
+    "evaluation.no_held_out": Remedy("capture.held_out"),
+    "footage.few_frames": Remedy("calibrate.frames", _told("frames")),
+    "hull.mask_mismatch": Remedy("capture.mask_sensitivity"),
+    "hull.outlier_mask": Remedy("capture.mask_sensitivity"),
+    "training.no_camera_color": Remedy("capture.start"),
+    "training.no_color_chart": Remedy("train.color_chart_frame"),
+    "training.chart_unused": Remedy("train.camera_colors", _always(True)),
+    "training.slow": Remedy("capture.scale", _told("suggested")),
+}
+"""By code of the warning."""
+
+NO_SETTING = frozenset(
+    {
+        "bake.live_failed",  # tried again by itself
+        "calibration.low_coverage",  # film the board, or the set, in more of the image
+        "calibration.poor_cameras",  # they moved, or are out of focus
+        "calibration.unregistered",  # too few matches: film more of the set
+        "cluster.worker_lost",  # started again by itself
+        "evaluation.not_visible",  # of one frame
+        "footage.color_drift",  # in the footage
+        "lpips.other_weights",  # a file on this machine
+        "target.outlier_views",  # in the footage
+        "tie_points.position_uncertainty",  # marks: "points by hand"
+        "tie_points.rejected",
+        "tie_points.reprojection_error",
+        "tie_points.unit",
+        "tie_points.world_error",
+        "training.not_visible",  # of one frame
+    }
+)
+"""Warnings of stages that no setting fixes."""
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A button below a warning in the log.
+
+    Attributes:
+        setting: dotted name; the window's panels have it.
+        value: to set it to.
+        sets: whether the button sets it; else it shows it.
+        done: whether the setting has this value already.
+    """
+
+    setting: str
+    value: JsonValue = None
+    sets: bool = False
+    done: bool = False
+
+    @property
+    def words(self) -> str:
+        """The button's label."""
+        if self.done:
+            return f"{self.setting} is {inline_yaml(self.value)} now"
+        return f"Set {self.setting} to {inline_yaml(self.value)}" if self.sets else f"Show {self.setting}"
+
+
+def fix_of(notice: Notice | None, config: Config | None) -> Fix | None:
+    """The fix of a warning or an error; None if there is none, or no settings are open.
+
+    Args:
+        notice: None for another line of the log.
+        config: the take's settings.
+    """
+    if notice is None or config is None:
+        return None
+    remedy = REMEDIES.get(notice.code) or Remedy(str(notice.fields.get("setting", "")))
+    if not stage_of(remedy.setting):
+        return None
+    value = remedy.value(notice.fields) if remedy.value is not None else None
+    if value is None:
+        return Fix(remedy.setting)
+    known = cast(JsonValue, value)
+    return Fix(remedy.setting, known, sets=True, done=setting_value(config, remedy.setting) == known)

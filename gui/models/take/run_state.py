@@ -1,0 +1,217 @@
+"""RunState: a run's progress and results so far, collected from its events."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from gui.models.take.log_words import metrics_words, stage_name
+from pipelines.events import (
+    Event,
+    GroupState,
+    Log,
+    Metrics,
+    Preview,
+    Progress,
+    RunFinished,
+    RunStarted,
+    StageFailed,
+    StageFinished,
+    StageStarted,
+    Warned,
+)
+from pipelines.events.event_types import Notice
+from pipelines.reports.summary_words import summary_words
+from pipelines.reports.terminal import duration
+
+LOG_LINES = 2000
+CURVE_POINTS = 4000
+
+
+@dataclass
+class Curve:
+    """A training metric over progress; every other point is dropped when there are CURVE_POINTS.
+
+    Attributes:
+        positions: progress of training, 0 to 1.
+        values: the metric.
+    """
+
+    positions: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+    def add(self, position: float, value: float) -> None:
+        """Append a point."""
+        self.positions.append(position)
+        self.values.append(value)
+        if len(self.positions) > CURVE_POINTS:
+            del self.positions[::2], self.values[::2]
+
+
+@dataclass
+class RunState:
+    """See the module.
+
+    Attributes:
+        planned: stages that the run will execute, in order.
+        stage: the current stage; "" before the first and after the last.
+        progress: its latest progress.
+        finished: stages finished in this run.
+        failed: error message by stage.
+        failed_setting: the setting that fixes the error, by stage, where there is one.
+        outcome: "" during the run, then "done", "failed" or "cancelled".
+        message: text of the outcome.
+        lines: the log, newest last, with that of earlier runs: (kind, text), kind one of "", "warning", "error".
+        times: when each line was told, seconds since 1970; 0 if unknown.
+        notices: the warning or error of this run that each line tells; None for others.
+        begun: whether this run has told anything.
+        curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
+        previews: latest picture by camera.
+        lanes: latest state by stage and group, of stages that ran on several machines.
+        changes: incremented with every event.
+    """
+
+    planned: tuple[str, ...] = ()
+    stage: str = ""
+    progress: Progress | None = None
+    finished: list[str] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+    failed_setting: dict[str, str] = field(default_factory=dict)
+    outcome: str = ""
+    message: str = ""
+    lines: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    times: deque[float] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    notices: deque[Notice | None] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
+    previews: dict[str, Preview] = field(default_factory=dict)
+    lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
+    begun: bool = False
+    pid: int = 0
+    started: float = 0.0
+    changes: int = 0
+    _trained: float = 0.0
+    _now: float = 0.0
+    results: int = 0
+    """Incremented when the take has new results: a frame, a group, a stage."""
+
+    def followed(self) -> RunState:
+        """The state of the next run: empty except for the log, and for the training curves and previews, which are kept
+        until a run trains again."""
+        return RunState(
+            lines=self.lines.copy(),
+            times=self.times.copy(),
+            notices=deque([None] * len(self.notices), maxlen=LOG_LINES),
+            curves=self.curves,
+            previews=self.previews,
+            changes=self.changes + 1,
+            results=self.results + 1,
+            _trained=self._trained,
+        )
+
+    def apply(self, event: Event) -> None:
+        """Update with one event."""
+        self.changes += 1
+        self._now = event.time
+        if isinstance(event, RunStarted):
+            self.planned, self.pid, self.started = event.stages, event.pid, event.time
+            todo = ", ".join(event.stages) or "nothing to do, everything is up to date"
+            self._say(f"Run started: {todo}")
+        elif isinstance(event, StageStarted):
+            self.stage, self.progress = event.stage, None
+            self.lanes.pop(event.stage, None)
+            self.failed.pop(event.stage, None)
+            self._say(f"{stage_name(event.stage)}: started{f' ({event.reason})' if event.reason else ''}")
+        elif isinstance(event, Progress):
+            self.progress = event
+            if event.stage == "train":
+                self._train_figures(event)
+        elif isinstance(event, Metrics):
+            self._metrics(event)
+        elif isinstance(event, GroupState):
+            self.lanes.setdefault(event.stage, {})[event.group] = event
+            if event.state in ("retried", "failed"):
+                self._say(f"{stage_name(event.stage)}, group {event.group} {event.state}: {event.message}", "warning")
+        elif isinstance(event, Preview):
+            self.previews[event.camera or event.stage] = event
+        elif isinstance(event, Log):
+            self._say(event.message)
+        elif isinstance(event, Warned):
+            self._say(event.message, "warning", event)
+        elif isinstance(event, StageFinished):
+            self.finished.append(event.stage)
+            self.stage, self.progress = "", None
+            self.results += 1
+            figures = summary_words(event.stage, event.summary)
+            self._say(f"{stage_name(event.stage)}: done in {duration(event.seconds)}{figures and '. '}{figures}")
+        elif isinstance(event, StageFailed):
+            self.failed[event.stage] = event.message
+            # events of older versions have no fields
+            self.failed_setting[event.stage] = str(getattr(event, "fields", {}).get("setting", ""))
+            self._say(f"{stage_name(event.stage)}: {event.message}", "error", event)
+            for line in event.traceback.splitlines():
+                self._say(line, "error")
+        elif isinstance(event, RunFinished):
+            self.outcome, self.message, self.stage, self.progress = event.outcome, event.message, "", None
+            self.results += 1
+            repeated = event.message in self.failed.values()
+            words = {"done": "Run finished", "failed": "Run failed", "cancelled": "Run cancelled"}
+            text = f"{words.get(event.outcome, event.outcome)} after {duration(event.seconds)}"
+            text += "" if repeated or not event.message else f": {event.message}"
+            self._say(text, "error" if event.outcome == "failed" else "")
+
+    def crashed(self, message: str, tail: str = "") -> None:
+        """Note that the process ended without reporting an outcome."""
+        self.changes += 1
+        self._now = 0.0
+        if self.stage:
+            self.failed[self.stage] = message
+        self.outcome, self.message, self.stage, self.progress = "failed", message, "", None
+        for line in tail.splitlines()[-40:]:
+            self._say(line, "error")
+        self._say(message, "error")
+
+    def note(self, text: str, now: float, failed: bool = False) -> None:
+        """Add a line to the log that no event tells.
+
+        Args:
+            text: the line.
+            now: seconds since 1970.
+            failed: whether it is an error.
+        """
+        self.changes += 1
+        self._now = now
+        self._say(text, "error" if failed else "")
+
+    def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:
+        self.begun = True
+        self.lines.append((kind, text))
+        self.times.append(self._now)
+        self.notices.append(notice)
+
+    def _metrics(self, event: Metrics) -> None:
+        if event.stage in ("train", "bake", "initialize"):
+            self.results += 1
+        self._say(metrics_words(event))
+
+    def _train_figures(self, event: Progress) -> None:
+        if event.fraction < self._trained:  # training has started over
+            self.curves.clear()
+        self._trained = event.fraction
+        for name in ("loss", "psnr", "splats"):
+            value = event.figures.get(name)
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                number = event.figures.get("group")
+                group = number if isinstance(number, int) else 0
+                self.curves.setdefault(name, {}).setdefault(group, Curve()).add(event.fraction, float(value))
+
+    def stage_words(self) -> str:
+        """ "42%, 3 min 05 s left" for the running stage, "1%, estimating" at first; "" if none runs."""
+        if not self.stage:
+            return ""
+        if self.progress is None:
+            return "starting"
+        left = self.progress.seconds_left
+        words = f"{100 * self.progress.fraction:.0f}%"
+        if left is None:
+            return f"{words}, estimating"
+        return f"{words}, {duration(left)} left" if left >= 1 else words

@@ -1,0 +1,88 @@
+"""Serving the open take to phones: `v3studio serve` as a child process that ends with the window."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from gui.models.take.jobs import ChildProcess, v3studio_command
+from pipelines.takes.atomic_files import remove
+
+
+@dataclass
+class Serving:
+    """One server at a time.
+
+    Attributes:
+        source: what is served; "" if nothing is.
+        address: where; "" until the server has told it.
+        fingerprint: SHA-256 of its certificate; "" over http.
+        failure: why it ended by itself, to be shown once.
+    """
+
+    source: str = ""
+    address: str = ""
+    fingerprint: str = ""
+    failure: str = ""
+    _process: ChildProcess | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it was started and has not ended."""
+        return self._process is not None
+
+    @property
+    def words(self) -> str:
+        """For the status line; "" if nothing is served."""
+        return f"serving at {self.address}" if self.address else ""
+
+    def start(self, source: str, https: bool) -> None:
+        """Serve a folder on all interfaces, at any free port, in place of what is served."""
+        self.stop()
+        scratch = Path(tempfile.mkdtemp(prefix="v3studio-serve-"))
+        command = [
+            *v3studio_command(),
+            "serve",
+            source,
+            "--host",
+            "0.0.0.0",
+            "--port",
+            "0",
+            "--json",
+            "--end-with-stdin",
+        ]
+        self._process = ChildProcess([*command, *["--https"] * https], scratch / "errors.txt", scratch, tied=True)
+        self.source, self.failure = source, ""
+
+    def poll(self) -> bool:
+        """Take in the output of the process; returns whether something changed."""
+        process = self._process
+        if process is None:
+            return False
+        before = self.address
+        for line in process.take_lines():
+            with contextlib.suppress(ValueError, KeyError, TypeError, IndexError, RecursionError):
+                event = json.loads(line)
+                if event["kind"] == "serving":
+                    self.address = str(event["streams"][0]["address"])
+                    self.fingerprint = event["fingerprint"] or ""
+        if process.status is not None:
+            self.failure = f"Serving has ended: {process.last_line().removeprefix('error: ')}"
+            self._forget()
+            return True
+        return self.address != before
+
+    def stop(self) -> None:
+        """End the server, if there is one."""
+        if self._process is not None:
+            self._process.cancel()
+            self._forget()
+
+    def _forget(self) -> None:
+        assert self._process is not None
+        remove(self._process.errors.parent)
+        self._process = None
+        self.source = self.address = self.fingerprint = ""

@@ -1,0 +1,129 @@
+"""Shares as chosen in a dialog, and what they take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from gui.models.take.target import NamedTarget
+from pipelines.reports.summary_words import size_words
+from pipelines.runs.staleness import StageStatus
+from pipelines.share import MAX_SINGLE_FILE_BYTES, ShareSize
+from studio.counts import counted
+
+FORMS: dict[str, tuple[str, str]] = {
+    "folder": ("Folder for a web server", "-share"),
+    "single-file": ("Single HTML file", ".html"),
+}
+"""Forms of a share: label, and what its name ends in."""
+
+PHONES = {
+    "folder": "Upload the folder to any web server; it works below any path.\n"
+    "Phones decode fastest, and check what they receive, from https:// addresses.",
+    "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
+    "that were sent to them: share a folder for phones, or serve it.",
+}
+"""What whoever watches needs."""
+
+PHONES_SERVE = (
+    "The phone must be in the same network, and this machine's firewall must let it in.\n"
+    "With https, the phone warns of the certificate, which is made for this time only:\n"
+    "compare the fingerprint. Without, it decodes slower and does not check what it receives."
+)
+"""The same, where this machine serves."""
+
+
+_TEXTS = ("title", "credits", "license", "address")
+
+
+@dataclass
+class ShareRequest(NamedTarget):
+    """A share as chosen in the dialog, text as typed.
+
+    Attributes:
+        form: of `FORMS`.
+        source: folder of a take or a stream.
+        name: its name; that of what is written begins with it.
+        folder: where to write to at first.
+        stale: why the stream is not up to date, or not known to be, see `stale_words`; "" if it is, None if it is of
+            no take.
+        title, credits, license, address: as in `pipelines.share.PageText`; empty ones are the stream's own.
+    """
+
+    does: ClassVar[str] = "Share"
+    done: ClassVar[str] = "Shared"
+    stays: ClassVar[bool] = True
+    form: str
+    source: str
+    name: str
+    folder: Path
+    stale: str | None = None
+    title: str = ""
+    credits: str = ""
+    license: str = ""
+    address: str = ""
+    _target: str = ""
+
+    @property
+    def replaces(self) -> bool:
+        """Whether there is something where it is to be written."""
+        return self.path.exists()
+
+    def kept(self) -> dict[str, str]:
+        """What was chosen, to begin with next time."""
+        return {name: getattr(self, name) for name in (*_TEXTS, "target")}
+
+    def begin_with(self, kept: Mapping[str, str]) -> None:
+        """Choose what was chosen last time, as `kept` tells it."""
+        for name in _TEXTS:
+            setattr(self, name, kept.get(name, ""))
+        if kept.get("target"):
+            self.set_target(kept["target"])
+
+    @property
+    def usual_name(self) -> str:
+        """Named after what is shared."""
+        return f"{self.name}{FORMS[self.form][1]}"
+
+    def arguments(self) -> list[str]:
+        """For `v3studio share`."""
+        found = [self.source, "--out", str(self.path), "--json"]
+        if self.form == "single-file":
+            found.append("--single-file")
+        for name in _TEXTS:
+            text = getattr(self, name)
+            if text.strip():
+                found.append(f"--{name}={text.strip()}")
+        return found
+
+
+def share_words(size: ShareSize, form: str) -> str:
+    """What a share takes, as a sentence; `form` is of `FORMS`, or "serve"."""
+    parts = f"{counted(size.frames, 'frame')}, {size.seconds:.1f} s: stream {size_words(size.stream_bytes)}"
+    if form == "single-file":
+        if not size.single_file_possible:
+            most = size_words(MAX_SINGLE_FILE_BYTES)
+            return f"{parts}. A single file holds {most} at most; share a folder instead."
+        return f"{parts}, the file about {size_words(size.single_file_bytes)}."
+    player = f"{parts}, player {size_words(size.player_bytes)}"
+    return f"{player}." if form == "serve" else f"{player}, and a poster."
+
+
+def stale_words(bake: StageStatus | None, checked: bool = True, unreadable: bool = False) -> str:
+    """What to tell of a take's stream that is shared; "" if it is up to date.
+
+    Args:
+        bake: the status of the stage Bake; None for a stream without a take.
+        checked: whether that is the status now.
+        unreadable: whether it cannot be read.
+    """
+    if unreadable:
+        return "Whether the stream is up to date is not known: the take's settings or its status cannot be read."
+    if not checked:
+        return "Checking whether the stream is up to date ..."
+    if bake is None or bake.state == "done":
+        return ""
+    why = f": {bake.reason}" if bake.reason else ""
+    return f"The stream is out of date{why}.\nTo share the take as it is set now, cancel and run Bake first."

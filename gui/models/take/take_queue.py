@@ -1,0 +1,216 @@
+"""TakeQueue: the queue of takes as the window shows and changes it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from gui.models.worker import LatestWorker
+from pipelines.batch.progress import progress
+from pipelines.batch.queue_file import QueueFile, default_queue
+from pipelines.batch.start import errors_of, start_queue
+from pipelines.config import load_config
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+LOOK_EVERY = 1.0
+"""Seconds between two looks at the queue and at the log of the take that runs."""
+
+
+@dataclass(frozen=True)
+class QueueRow:
+    """A take in the list: its number, folder and state, and its progress or why it failed.
+
+    Attributes:
+        stage: what runs; "" if nothing does.
+        fraction: how much of it is done, 0 to 1; None if it has not told yet, or nothing runs.
+    """
+
+    number: int
+    take: Path
+    state: str
+    words: str
+    stage: str = ""
+    fraction: float | None = None
+
+    def __str__(self) -> str:
+        """For the list."""
+        words = " ".join(self.words.split())
+        shown = f"{self.number}   {self.take.name}   {self.state}{f': {words}' if words else ''}"
+        return f"{shown}   ({self.take.parent})"
+
+
+@dataclass(frozen=True)
+class QueueView:
+    """The queue at one moment.
+
+    Attributes:
+        rows: its takes in order.
+        is_run: whether a program works through it.
+        error: why it cannot be read; "" if it can.
+    """
+
+    rows: tuple[QueueRow, ...] = ()
+    is_run: bool = False
+    error: str = ""
+
+
+def look(queue: QueueFile) -> QueueView:
+    """Read the queue and the progress of the take that runs."""
+    try:
+        found = queue.read()
+    except StudioError as error:
+        return QueueView(error=str(error))
+    is_run = queue.is_run()
+    rows = []
+    for entry in found.takes:
+        state, words, stage, fraction = entry.state, entry.message, "", None
+        if state == "running":
+            words, stage, fraction = progress(Take(entry.take)) if is_run else ("interrupted", "", None)
+        rows.append(QueueRow(entry.number, entry.take, state, words, stage, fraction))
+    return QueueView(tuple(rows), is_run)
+
+
+def _killed(number: int) -> str:
+    name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
+    memory = ", as by the system when memory runs out" if number == signal.SIGKILL else ""
+    return f"The program that worked through the queue was ended by {name}{memory}. Start it again to go on."
+
+
+class TakeQueue:
+    """See the module. Call `poll` at each tick while the queue is on screen; it does not block.
+
+    Args:
+        queue: the file; None for the user's.
+        start: starts a program that works through the queue; tests replace it.
+        now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        view: the queue when it was last read.
+        message: why the last change was refused, or why the program that ran the queue failed; "" if neither.
+    """
+
+    def __init__(
+        self,
+        queue: QueueFile | None = None,
+        start: Callable[[QueueFile], subprocess.Popen[bytes]] = start_queue,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._queue, self._start, self._now = queue or QueueFile(default_queue()), start, now
+        self._worker: LatestWorker[QueueFile, QueueView] | None = None
+        self._next_look = 0.0
+        self._process: subprocess.Popen[bytes] | None = None
+        self.view = QueueView()
+        self.message = ""
+
+    def poll(self) -> bool:
+        """Read the queue now and then; returns whether anything visible changed."""
+        before = self.state
+        if self._worker is None:
+            self._worker = LatestWorker(look, "v3studio queue")
+        if self._now() >= self._next_look:
+            self._next_look = self._now() + LOOK_EVERY
+            self._worker.ask(self._queue)
+        done = self._worker.take()
+        if done is not None:
+            self.view = done.result if done.result is not None else QueueView(error=str(done.error))
+        if self._process is not None and self._process.poll() is not None:
+            code = self._process.returncode
+            if code > 0:
+                self.message = self._why_it_ended() or self.message
+            elif code < 0 and code != -signal.SIGTERM:  # SIGTERM is how it is stopped
+                self.message = _killed(-code)
+            self._process = None
+            self._next_look = 0.0
+        return before != self.state
+
+    def _why_it_ended(self) -> str:
+        """The error of the program; "" if it only reports that takes failed, which the list shows."""
+        try:
+            lines = errors_of(self._queue).read_text(encoding="utf-8", errors="replace").splitlines()
+        except OSError as error:
+            return str(error)
+        return next((line.removeprefix("error: ") for line in reversed(lines) if line.startswith("error: ")), "")
+
+    @property
+    def state(self) -> tuple[QueueView, str, bool]:
+        """Everything that is shown of it; compared for equality."""
+        return self.view, self.message, self.running
+
+    @property
+    def running(self) -> bool:
+        """Whether a program works through the queue, or has just been started to do so."""
+        return self.view.is_run or self._process is not None
+
+    @property
+    def words(self) -> str:
+        """The queue in a sentence."""
+        if self.view.error:
+            return self.view.error
+        if not self.view.rows:
+            return "The queue is empty."
+        count = {name: sum(row.state == name for row in self.view.rows) for name in ("waiting", "done", "failed")}
+        what = "Running" if self.running else "Not running"
+        return f"{what}: {count['waiting']} waiting, {count['done']} done, {count['failed']} failed."
+
+    def add(self, folder: Path) -> None:
+        """Add a take at the end."""
+
+        def added() -> None:
+            take = Take.open(folder)
+            load_config(take.config)  # report invalid settings now, not overnight
+            self._queue.add(take.root, None, ())
+
+        self._change(added)
+
+    def move(self, number: int, by: int) -> None:
+        """Move a take up (-1) or down (1) among those that wait."""
+        waiting = [row.number for row in self.view.rows if row.state == "waiting"]
+        place = waiting.index(number) + 1 + by if number in waiting else 1
+        self._change(lambda: self._queue.move(number, place))
+
+    def remove(self, number: int) -> None:
+        """Remove a take from the list; its folder is not touched."""
+        self._change(lambda: self._queue.remove(number))
+
+    def retry(self, number: int) -> None:
+        """Let a take that has ended wait again."""
+        self._change(lambda: self._queue.retry(number))
+
+    def start(self) -> None:
+        """Work through the queue in a process that goes on when the window is closed."""
+
+        def started() -> None:
+            self._queue.path.parent.mkdir(parents=True, exist_ok=True)
+            self._process = self._start(self._queue)
+
+        if not self.running:
+            self._change(started)
+
+    def stop(self) -> None:
+        """Stop working through the queue; the take that runs keeps finished work and waits again."""
+
+        def stopped() -> None:
+            if self._process is not None and not self._queue.is_run():  # it has not begun yet
+                self._process.terminate()
+            else:
+                self._queue.stop()
+
+        self._change(stopped)
+
+    def _change(self, how: Callable[[], object]) -> None:
+        self.message = ""
+        try:
+            how()
+        except (StudioError, OSError) as error:
+            self.message = str(error)
+        self._next_look = 0.0
+
+    def close(self) -> None:
+        """End the thread; the program that works through the queue goes on."""
+        if self._worker is not None:
+            self._worker.close()

@@ -1,0 +1,428 @@
+"""Workspace: the open take, the status of its stages, and the run that works on it.
+
+The state is read from the take on disk, so that runs started in a terminal show up too.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+from pydantic import JsonValue
+
+from gui.models.history import Change, History
+from gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
+from gui.models.take.jobs import Job, is_paused, pause_process, stop_process
+from gui.models.take.run_state import RunState
+from gui.models.worker import LatestWorker
+from pipelines.config import Config, load_config
+from pipelines.config.loading import COMMAND_LINE
+from pipelines.events import RunFinished
+from pipelines.events.log_follower import LogFollower
+from pipelines.reports.terminal import duration
+from pipelines.stages.base import Context
+from pipelines.takes.atomic_files import disk_errors
+from pipelines.takes.cancel_request import request_cancel
+from pipelines.takes.settings_file import save_config
+from pipelines.takes.take import Take
+from studio.errors import Message, StudioError
+from studio.yaml_text import inline_yaml
+
+LOOK_EVERY = 0.5
+"""Seconds between two scans of the take's folder."""
+
+ASSESS_EVERY = 30.0
+"""Seconds after which the stages are reassessed even without a visible change."""
+
+FOOTAGE_CACHE = 512 * 1024 * 1024
+"""Bytes of decoded images that are kept of the footage without cameras, and again of that with them, as of decoded
+frames. A run may keep far more, but a window is open for hours, and its user has other programs."""
+
+
+class Workspace:
+    """See the module. Call `poll` at each tick; nothing here blocks.
+
+    Args:
+        start_job: starts a job; tests replace it.
+        now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        opening: name of what is being opened; "" if nothing is.
+        history: changes of the take's settings and marks, for undo.
+        assessed: whether `assessment` is of this take, maybe before the last change.
+        checked: whether it is of the take as it is now, as far as is known.
+        ended: what to tell of a run of this window that ended well; whoever tells it empties it.
+    """
+
+    def __init__(
+        self, start_job: Callable[[Take, tuple[str, ...]], Job] = Job, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._start_job, self._now = start_job, now
+        self._worker: LatestWorker[Context, Assessment] = LatestWorker(assess, "v3studio assess")
+        self.opening = ""
+        self._clear()
+
+    def _clear(self) -> None:
+        self.history = History()
+        self.take: Take | None = None
+        self.context: Context | None = None
+        self.assessment = Assessment()
+        self.assessed = self.checked = self._assess_failed = False
+        self._asked: Context | None = None  # for the assessment of the take as it is now
+        self.run = RunState()
+        self.job: Job | None = None
+        self.holder: dict[str, object] | None = None
+        self.message = ""
+        self.cancelling = False
+        self.paused = False
+        self.ended = ""
+        self._follower: LogFollower | None = None
+        self._next_look = 0.0
+        self._next_assess = 0.0
+        self._fingerprint: tuple[object, ...] = ()
+        self._results_seen = 0
+
+    # What is open
+
+    def open(self, take: Take | None) -> None:
+        """Open this take; None for a bare stream. A job of the previous take keeps running."""
+        self._clear()
+        self.take = take
+        if take is None:
+            return
+        self._follower = LogFollower(take.log)
+        self._read_config()
+        self.poll()
+
+    @property
+    def config(self) -> Config | None:
+        """The take's settings; None if they cannot be read."""
+        return self.context.config if self.context else None
+
+    @property
+    def without_settings(self) -> str:
+        """Why there are no settings: nothing is open yet, a bare stream is, or they cannot be read."""
+        if self.take is not None:
+            return f"The settings of this take cannot be read, so no footage can be shown.\n{self.message}"
+        if self.opening:
+            return f"Opening {self.opening} ..."
+        return "No take is open. A stream has no footage."
+
+    @property
+    def unreadable(self) -> bool:
+        """Whether the take's settings or the status of its stages cannot be read."""
+        return self.take is not None and (self.context is None or self._assess_failed)
+
+    def _new_context(self, config: Config) -> Context:
+        assert self.take is not None
+        return Context(self.take, config, most_cached=FOOTAGE_CACHE)
+
+    def _read_config(self) -> None:
+        assert self.take is not None
+        try:
+            self.context = self._new_context(load_config(self.take.config))
+        except StudioError as error:
+            self.context, self.message = None, str(error)
+        self._unchecked()
+
+    def _unchecked(self) -> None:
+        """Something has changed: an assessment that has begun before does not count."""
+        self.checked, self._asked = False, None
+
+    # At each tick
+
+    def poll(self) -> bool:
+        """Process events and changes on disk; returns whether anything visible changed."""
+        if self.take is None:
+            return False
+        before = self._shown()
+        if self.job is not None:
+            for event in self.job.poll():
+                self.run.apply(event)
+                if isinstance(event, RunFinished) and event.outcome == "done":
+                    took = f"The run has finished after {duration(event.seconds)}."
+                    self.ended = took if self.run.planned else "There was nothing to run: everything is up to date."
+            if not self.job.running:
+                crash = self.job.crash()
+                if crash is not None:
+                    self.run.crashed(*crash)
+                self._job_over()
+        if self._now() >= self._next_look:
+            self._next_look = self._now() + LOOK_EVERY
+            self._look()
+        done = self._worker.take()
+        if done is not None and self.context is not None and done.request.config is self.context.config:
+            self.assessed = True
+            self._assess_failed = done.result is None
+            self.checked = not self._assess_failed and (self.checked or done.request is self._asked)
+            if done.result is not None:
+                self.assessment = done.result
+            else:
+                self.message = f"Cannot read the status of the take: {done.error}"
+        return before != self._shown()
+
+    def _shown(self) -> tuple[object, ...]:
+        return self.run.changes, self.assessment, self.holder, self.message, self.assessed, self.checked, self.paused
+
+    def _job_over(self) -> None:
+        assert self.take is not None
+        self.job, self.cancelling, self.paused = None, False, False
+        self._follower = LogFollower(self.take.log)
+        self._follower.poll()  # the job's events are already known
+        self.holder = None
+        self._next_look = self._next_assess = 0.0
+
+    def _look(self) -> None:
+        """Look for changes on disk."""
+        assert self.take is not None
+        assert self._follower is not None
+        self.paused = self.pid is not None and not self._elsewhere and is_paused(self.pid)
+        if self.job is None:
+            anew, events = self._follower.poll()
+            if anew and events:
+                self.run = self.run.followed()
+            for event in events:
+                self.run.apply(event)
+            holder = self.take.running()
+            if self.holder is not None and holder is None:
+                self.cancelling = False
+                self._next_assess = 0.0
+            self.holder = holder
+            followed = not self.take.holder.is_file()  # else it may go on, on another machine
+            if holder is None and followed and self.run.changes and not self.run.outcome and self.run.begun:
+                self.run.crashed("The last run was killed or crashed. Run again to continue.")
+        fingerprint = self._take_fingerprint()
+        if fingerprint != self._fingerprint or self._now() >= self._next_assess:
+            inputs_changed = self._fingerprint[:3] != fingerprint[:3]
+            if fingerprint != self._fingerprint:
+                self._unchecked()
+            self._fingerprint = fingerprint
+            self._next_assess = self._now() + ASSESS_EVERY
+            if inputs_changed or self.context is None:
+                self._read_config()
+            if self.context is not None:  # a new context, because the views' context keeps its footage open
+                self._asked = self._new_context(self.context.config)
+                self._worker.ask(self._asked)
+
+    def _take_fingerprint(self) -> tuple[object, ...]:
+        """A cheap fingerprint that changes with everything that a stage's status depends on."""
+        assert self.take is not None
+        take = self.take
+        paths = [take.config, take.rig, take.edits, take.private / "stages", take.stream, take.evaluation]
+        return (*(_changed(path) for path in paths), self.run.outcome, len(self.run.finished))
+
+    # The list of stages
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run is in progress on the take, whoever started it."""
+        return self.job is not None or self.holder is not None
+
+    def rows(self) -> list[StageRow]:
+        """The rows of the stage list."""
+        return [self._row(key) for key in TITLES]
+
+    def row(self, key: str) -> StageRow:
+        """The row of a stage."""
+        return self._row(key)
+
+    def _row(self, key: str) -> StageRow:
+        if self.take is None:
+            return StageRow(key, "missing", "")
+        if key == "capture":
+            return self._capture_row()
+        name = pipeline_name(key)
+        if self.busy:
+            if self.run.stage == name:
+                words = "stopping" if self.cancelling else "paused" if self.paused else self.run.stage_words()
+                return StageRow(
+                    key, "running", words, fraction=self.run.progress.fraction if self.run.progress else 0.0
+                )
+            if name in self.run.planned and name not in self.run.finished and name not in self.run.failed:
+                return StageRow(key, "waiting", "waiting")
+        if name in self.run.failed and not self.busy and not (self.assessed and self._state(name) == "done"):
+            return StageRow(key, "failed", "failed", self.run.failed[name], self.run.failed_setting.get(name, ""))
+        status = self.assessment.stages.get(name)
+        if status is None:
+            return StageRow(key, "missing", "" if self.assessed else "checking")
+        words = status.state
+        if status.state == "partial":
+            words = f"{status.units_done} of {status.units} {status.unit}"
+        return StageRow(key, status.state, words, status.reason)
+
+    def _state(self, name: str) -> str:
+        status = self.assessment.stages.get(name)
+        return status.state if status else "missing"
+
+    def _capture_row(self) -> StageRow:
+        if self.context is None:
+            return StageRow("capture", "failed", "no settings", self.message)
+        if self.assessment.footage_error is not None:
+            error = self.assessment.footage_error
+            setting = str(error.fields.get("setting", ""))
+            return StageRow("capture", "failed", "cannot be opened", str(error), setting)
+        if not self.assessed:
+            return StageRow("capture", "missing", "checking")
+        return StageRow("capture", "done", self.assessment.footage)
+
+    # Running
+
+    def start(self, key: str, again: bool = False) -> bool:
+        """Run a stage and the stages it depends on, as needed; `again` reruns a finished stage; "all" runs all stages.
+
+        Returns False and sets `message` if the run cannot be started.
+        """
+        if self.take is None:
+            self.message = "Open a take first. A stream has no stages to run."
+            return False
+        if self.busy:
+            self.message = "Another run is in progress on this take. Wait for it to finish, or cancel it."
+            return False
+        if self.context is None:
+            return False
+        name = pipeline_name(key)
+        arguments = ("run",) if key == "all" else (name, "--force") if again else ("run", "--until", name)
+        self.message = ""
+        self.run = self.run.followed()
+        try:
+            with disk_errors(self.take.root):
+                self.job = self._start_job(self.take, arguments)
+        except (StudioError, OSError) as error:
+            self.message = f"Cannot start the run: {error}"
+            return False
+        return True
+
+    def note(self, text: str, failed: bool = False) -> None:
+        """Add a line to the log about something else than the run."""
+        self.run.note(text, time.time(), failed)
+
+    def cancel(self) -> None:
+        """Stop the run, whoever started it; finished work is kept."""
+        if self.job is not None:
+            self.job.cancel()
+            self.cancelling = True
+        elif self.holder is not None:
+            pid = self.pid
+            if self._elsewhere:
+                assert self.take is not None
+                try:
+                    request_cancel(self.take)
+                except StudioError as error:
+                    self.message = str(error)
+                    return
+                self.cancelling = True
+            elif pid is not None and stop_process(pid):
+                self.cancelling = True
+            else:
+                self.message = f"Cannot stop the run (process {pid}) from here. Stop it where it was started."
+
+    def pause(self) -> None:
+        """Suspend or resume the run, whoever started it. A suspended run stays in memory; unfinished work is lost if
+        the machine is switched off."""
+        pid = self.pid
+        if pid is None:
+            return
+        if self.config is not None and self.config.run.executor == "ray":
+            self.message = "A run on a cluster cannot be paused. Cancel it; the next run resumes it."
+            return
+        if self._elsewhere:
+            self.message = f"The run is on another machine ({self.holder and self.holder.get('host')}); pause it there."
+            return
+        if pause_process(pid, not self.paused):
+            self.paused = not self.paused  # takes effect with a delay; `_look` reads the actual state
+        else:
+            self.message = f"Cannot pause the run (process {pid}) from here. Pause it where it was started."
+
+    @property
+    def _elsewhere(self) -> bool:
+        """The run in progress is on another machine, which shares the take's folder."""
+        host = self.holder.get("host") if self.holder is not None else None
+        return self.job is None and host not in (None, socket.gethostname())
+
+    @property
+    def pid(self) -> int | None:
+        """Process ID of the run in progress on the take; None if there is none."""
+        if self.job is not None:
+            return self.job.pid
+        pid = self.holder.get("pid") if self.holder is not None else None
+        return pid if isinstance(pid, int) else None
+
+    def change_setting(self, name: str, value: object) -> Message | None:
+        """Write a setting to the take's config.yaml; return None, or why it was refused."""
+        return self.change_settings({name: value})
+
+    def change_settings(self, values: Mapping[str, object], words: str = "") -> Message | None:
+        """Write settings to the take's config.yaml as one change, which can be undone.
+
+        Args:
+            values: JSON-ready values by dotted name.
+            words: what the change is called; "" for names and values.
+
+        Returns:
+            None, or why it was refused.
+        """
+        before = self.context.config if self.context is not None else None
+        refusal = self.write_settings(values)
+        if refusal is None and before is not None and self.context is not None and self.context.config != before:
+            old = {name: setting_value(before, name) for name in values}
+            new = {name: setting_value(self.context.config, name) for name in values}
+            words = words or ", ".join(f"{name} {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new)
+            write = self.write_settings
+            self.history.add(Change(words, lambda: write(old), lambda: write(new)))
+        return refusal
+
+    def write_settings(self, values: Mapping[str, object]) -> Message | None:
+        """As `change_settings`, but not noted for undo."""
+        if self.take is None or self.context is None:
+            return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
+        if self.busy:
+            fix = "Wait for it to finish, or cancel it."
+            return Message("settings.run_active", "settings are locked during a run", fix=fix)
+        try:
+            config = load_config(self.take.config, list(values.items()))
+            if config != self.context.config:
+                with disk_errors(self.take.root):
+                    save_config(self.take.config, config)  # keeps comments
+        except StudioError as error:
+            return replace(error.message, file=None) if error.file == COMMAND_LINE else error.message
+        if config != self.context.config:
+            self.context = self._new_context(config)
+            self._unchecked()
+        self._next_look = self._next_assess = 0.0
+        return None
+
+    def inputs_changed(self) -> None:
+        """Read the take's edits again, and assess the stages soon."""
+        if self.take is not None and self.context is not None:
+            self.context = self._new_context(self.context.config)
+            self._unchecked()
+            self._next_look = self._next_assess = 0.0
+
+    def take_results(self) -> bool:
+        """True once each time the take has new results."""
+        changed = self.run.results != self._results_seen
+        self._results_seen = self.run.results
+        return changed
+
+    def close(self) -> bool:
+        """End the thread; a job keeps running. Returns whether the thread ended in time."""
+        return self._worker.close()
+
+
+def setting_value(config: Config, name: str) -> JsonValue:
+    """The JSON-ready value of a setting, by its dotted name."""
+    value: Any = config.model_dump(mode="json")
+    for part in name.split("."):
+        value = value[part]
+    return cast(JsonValue, value)
+
+
+def _changed(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0

@@ -1,0 +1,113 @@
+"""The chart of the QP trial: PSNR over size, one point per QP, and a table beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height
+from gui.drawing.palette import ACCENT, DIM, GROUND, LINE, PANEL, RAISED, TEXT
+from gui.drawing.plots import number, ticks
+from gui.pages.bake.qp_trial import TRIED_QPS, QpTrial, Trial
+from gui.pages.stage_view import Size
+
+TITLES = ("QP", "KB per frame", "Mbit/s", "PSNR, dB")
+
+
+class QpChart:
+    """See the module.
+
+    Args:
+        size: of the picture.
+        em: font size, pixels.
+        trial: its results so far.
+        current: the QP that is set.
+        told: what the last click did; "" if there was none.
+
+    Attributes:
+        canvas: the picture.
+        points: center of each QP's point, pixels.
+        cells: the table as words: titles, then a row for each QP with results.
+    """
+
+    def __init__(self, size: Size, em: float, trial: QpTrial, current: int, told: str) -> None:
+        self.canvas, self._em, self._current = Canvas(*size, GROUND), em, current
+        self.points: dict[int, tuple[float, float]] = {}
+        results, running = dict(sorted(trial.results.items())), trial.running
+        self.cells = [list(TITLES), *(_words(qp, found, trial.fps) for qp, found in results.items())]
+        canvas = self.canvas
+        canvas.text(em, 0.8 * em, trial.words, round(em), TEXT, width=size[0] - 2 * em)
+        note = told or "Click a point to set its QP, then run Bake. Lower QPs look better and take more bytes."
+        canvas.text(em, 2.3 * em, note, self._small, ACCENT if told else DIM, width=size[0] - 2 * em)
+        table = 21 * em
+        beside = size[0] > 2 * table
+        top = 5.2 * em
+        self._table(size[0] - table if beside else em, top, results, running)
+        if not beside:
+            top += (len({*TRIED_QPS, *results}) + 1.5) * self._step
+        self._curve(em, top, (size[0] - table if beside else size[0]) - 2 * em, size[1] - top - em, results)
+
+    @property
+    def _small(self) -> int:
+        return round(0.85 * self._em)
+
+    @property
+    def _step(self) -> float:
+        return 1.25 * line_height(round(self._em))
+
+    def _table(self, x: float, y: float, results: dict[int, Trial], running: bool) -> None:
+        canvas, em = self.canvas, self._em
+        columns = (x + 2.5 * em, x + 8.5 * em, x + 13.5 * em, x + 19 * em)
+        for words, place in zip(TITLES, columns, strict=True):
+            canvas.text(place, y, words, self._small, DIM, align="right")
+        shown = dict(zip(results, self.cells[1:], strict=True))
+        for qp in sorted({*TRIED_QPS, *results}):
+            y += self._step
+            if qp == self._current:
+                canvas.rect(x, y - 0.2 * em, 20 * em, self._step, RAISED)
+            canvas.text(columns[0], y, str(qp), round(em), ACCENT if qp == self._current else TEXT, align="right")
+            if qp not in results:
+                canvas.text(columns[1], y, "..." if running else "", round(em), DIM, align="right")
+                continue
+            for words, place in zip(shown[qp][1:], columns[1:], strict=True):
+                canvas.text(place, y, words, round(em), TEXT, align="right")
+
+    def _curve(self, x: float, y: float, width: float, height: float, results: dict[int, Trial]) -> None:
+        canvas, em, small = self.canvas, self._em, self._small
+        left, wide, high = x + 3.5 * em, width - 4.5 * em, height - 3 * em
+        if wide < 6 * em or high < 4 * em:
+            return
+        canvas.rect(left, y, wide, high, PANEL)
+        canvas.text(x, y - 1.4 * em, "PSNR, dB", small, DIM)
+        canvas.text(left + wide, y + high + 1.4 * em, "KB per frame", small, DIM, align="right")
+        if not results:
+            canvas.text(left + wide / 2, y + high / 2, "baking the first QP", small, DIM, align="middle")
+            return
+        most = 1.1 * max(found.bytes_per_frame for found in results.values()) / 1000
+        low, top = min(found.psnr for found in results.values()), max(found.psnr for found in results.values())
+        pad = max(0.12 * (top - low), 0.5)
+        low, top = low - pad, top + pad
+
+        def place(found: Trial) -> tuple[float, float]:
+            across = found.bytes_per_frame / 1000 / most
+            return left + wide * across, y + high * (1 - (found.psnr - low) / (top - low))
+
+        for tick in ticks(low, top):
+            row = y + high * (1 - (tick - low) / (top - low))
+            canvas.rect(left, row, wide, 1, LINE)
+            canvas.text(left - 6, row - 0.62 * small, number(tick), small, DIM, align="right")
+        for tick in ticks(0.0, most):
+            column = left + wide * tick / most
+            canvas.rect(column, y, 1, high, LINE)
+            canvas.text(column, y + high + 4, number(tick), small, DIM, align="middle")
+        self.points = {qp: place(found) for qp, found in results.items()}
+        canvas.line(np.array(list(self.points.values())), ACCENT, 2)
+        for qp, (across, down) in self.points.items():
+            now = qp == self._current
+            canvas.dot(across, down, 0.42 * em if now else 0.3 * em, TEXT if now else ACCENT)
+            canvas.text(across + 0.5 * em, down + 0.3 * em, f"QP {qp}", small, TEXT if now else DIM)
+
+
+def _words(qp: int, found: Trial, fps: float) -> list[str]:
+    """A row of the table."""
+    per_frame = found.bytes_per_frame
+    return [str(qp), f"{per_frame / 1000:.1f}", f"{per_frame * fps * 8 / 1e6:.2f}", f"{found.psnr:.2f}"]

@@ -1,0 +1,267 @@
+"""Bake: size by attribute, size at other QPs, and the attribute planes as images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height
+from gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, TEXT
+from gui.models.take.workspace import Workspace
+from gui.pages.bake.qp_chart import QpChart
+from gui.pages.bake.qp_trial import QpTrial
+from gui.pages.report_table import cells_text
+from gui.pages.stage_view import Size, StageView
+from studio.counts import counted
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.stream import Manifest, StreamReader
+
+ATTRIBUTES = {
+    "means_high": "positions, high bytes",
+    "means_low": "positions, low bytes",
+    "sh": "color",
+    "opacities": "opacity",
+    "scales": "scale",
+    "quats": "rotation",
+}
+
+
+def attribute_of(component: str, part: str) -> str:
+    """Key of `ATTRIBUTES` that a plane belongs to."""
+    if component.startswith("mean_"):
+        return "means_high" if part == "high" else "means_low"
+    for prefix, name in (("sh_", "sh"), ("opacity", "opacities"), ("log_scale", "scales"), ("quat", "quats")):
+        if component.startswith(prefix):
+            return name
+    return "sh"
+
+
+@dataclass(frozen=True)
+class Share:
+    """Bytes of one kind of content, over all groups."""
+
+    name: str
+    bytes: int
+    qps: frozenset[int]
+
+
+def rest_words(sound: bool) -> str:
+    """What a stream has besides its groups; `sound`: whether it has sound."""
+    return "manifest and sound" if sound else "manifest"
+
+
+def shares(manifest: Manifest, sound: bool = False) -> list[Share]:
+    """Bytes of the stream: by attribute if it has one video per plane, else by file; last the manifest, with the sound
+    if there is one."""
+    found: dict[str, tuple[int, frozenset[int]]] = {}
+
+    def add(name: str, size: int, qps: frozenset[int]) -> None:
+        before = found.get(name, (0, frozenset[int]()))
+        found[name] = (before[0] + size, before[1] | qps)
+
+    for group in manifest.groups:
+        components = getattr(group, "components", None)  # of the profile "planes"
+        if components is None:
+            for file in group.files:
+                qp = getattr(file, "qp", None)
+                name = "video" if qp is not None else "motion"
+                add(name, file.bytes, frozenset() if qp is None else frozenset({qp}))
+            continue
+        for component in components:
+            for plane in component.planes:
+                add(ATTRIBUTES[attribute_of(component.name, plane.part)], plane.bytes, frozenset({plane.qp}))
+    rest = manifest.played_bytes - sum(size for size, _ in found.values())
+    return [*(Share(name, *values) for name, values in found.items()), Share(rest_words(sound), rest, frozenset())]
+
+
+def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
+    """(side, side) uint8 by attribute: splat i at row i // side, column i % side, scaled to its range."""
+    side = math.ceil(math.sqrt(len(gaussians)))
+    columns: dict[str, np.ndarray] = {}
+    for name, tensor in gaussians.items():
+        values = tensor.detach().cpu().numpy().reshape(len(gaussians), -1)
+        for number in range(min(values.shape[1], 4)):  # only the DC color of sh
+            columns[name if values.shape[1] == 1 else f"{name} {number}"] = values[:, number]
+    found = {}
+    for name, column in columns.items():
+        low, high = np.percentile(column, [0.5, 99.5])
+        plane = np.zeros(side * side, np.uint8)
+        plane[: len(column)] = np.clip((column - low) / max(high - low, 1e-12) * 255, 0, 255)
+        found[name] = plane.reshape(side, side)
+    return found
+
+
+COLUMNS = ("KB per frame", "share", "QP")
+"""Of the table in mode "bytes"."""
+
+
+class BakeView(StageView):
+    """See the module.
+
+    Attributes:
+        trial: sizes and quality at other QPs.
+        points: where the chart of the trial shows each QP, pixels.
+    """
+
+    modes = ("bytes", "try other QPs", "planes")
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self.trial = QpTrial()
+        self.points: dict[int, tuple[float, float]] = {}
+        self._told = ""
+        self._cells: list[list[str]] = []
+
+    def state(self) -> Hashable:
+        """The stream on disk, the frame in mode "planes", the results of the QP trial and the chosen QP."""
+        take = self.workspace.take
+        path = take.stream / "manifest.json" if take is not None else None
+        stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
+        frame = self.frame if self.mode == "planes" else 0
+        config = self.workspace.config
+        qp = config.bake.qp if config is not None else 0
+        return (take, stamp, self.mode, frame, self.trial.changes, qp, self._told, self.em)
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        self._cells = []  # no table of another mode or take, also if this one cannot be drawn
+        take, config = self.workspace.take, self.workspace.config
+        if take is None:
+            raise StudioError("gui.no_take", "no take is open", fix="Open a take.")
+        if self.mode == "try other QPs":
+            if config is None:
+                raise StudioError("take.no_settings", "the settings of this take cannot be read", file=take.config)
+            self.trial.start(self.workspace)
+            return self._rates(size)
+        if not (take.stream / "manifest.json").is_file():
+            raise StudioError("take.not_baked", "no stream yet", fix="Run Bake.")
+        with StreamReader.open(take.stream) as reader:
+            if self.mode == "planes":
+                return self._planes(size, reader)
+            return self._bytes(size, reader.manifest, reader.audio is not None)
+
+    def _bytes(self, size: Size, manifest: Manifest, sound: bool) -> np.ndarray:
+        canvas, em = Canvas(*size, GROUND), self.em
+        normal = round(em)
+        step = line_height(normal) * 1.5
+        frames = manifest.frame_count
+        y = em
+        per_frame = manifest.bytes_per_frame
+        words = (
+            f"{manifest.played_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame with {rest_words(sound)}, "
+            f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} fps"
+        )
+        canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
+        y += 2 * step
+        rows = shares(manifest, sound)
+        cells = [["", *COLUMNS]]
+        left, right = em + 11 * em, size[0] - em - 15 * em
+        columns = (size[0] - em - 9.5 * em, size[0] - em - 4.5 * em, size[0] - em)
+        for words, place in zip(COLUMNS, columns, strict=True):
+            canvas.text(place, y - step * 0.8, words, round(0.85 * em), DIM, align="right")
+        for row in rows:
+            value, qps = row.bytes, row.qps
+            canvas.text(em, y, row.name, normal, TEXT)
+            canvas.rect(left, y + 2, right - left, normal, PANEL)
+            canvas.rect(left, y + 2, (right - left) * value / manifest.played_bytes, normal, ACCENT)
+            qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
+            numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.played_bytes:.1f}%", qp)
+            cells.append([row.name, *numbers])
+            for words, place in zip(numbers, columns, strict=True):
+                canvas.text(place, y, words, normal, TEXT, align="right")
+            y += step
+        self._cells = cells
+        y += 0.5 * step
+        for group in manifest.groups:
+            if y + step > size[1]:
+                break
+            words = (
+                f"group {group.index}: frames {group.first_frame} to {group.first_frame + group.frame_count - 1}, "
+                f"{counted(group.splats, 'splat')}, "
+                f"{group.bytes / group.frame_count / 1000:.1f} KB per frame without {rest_words(sound)}"
+            )
+            canvas.text(em, y, words, round(0.9 * em), DIM, width=size[0] - 2 * em)
+            y += step * 0.8
+        return canvas.pixels
+
+    def _rates(self, size: Size) -> np.ndarray:
+        config = self.workspace.config
+        assert config is not None
+        chart = QpChart(size, self.em, self.trial, config.bake.qp, self._told)
+        self.points = chart.points
+        self._cells = chart.cells
+        return chart.canvas.pixels
+
+    def click(self, x: float, y: float) -> None:
+        """In "try other QPs", a click on a point of the curve makes its QP the setting."""
+        if self.mode != "try other QPs" or not self.points:
+            return
+        qp, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))
+        if math.hypot(left - x, top - y) > 1.5 * self.em:
+            return
+        refusal = self.workspace.change_setting("bake.qp", qp)
+        self._told = f"QP {qp} is set. Run Bake to use it." if refusal is None else str(refusal)
+
+    @property
+    def table_text(self) -> str:
+        """See `StageView`."""
+        return "" if self.mode == "planes" or len(self._cells) < 2 else cells_text(self._cells)
+
+    @property
+    def status(self) -> str:
+        """See `StageView`."""
+        return "Ctrl+C copies the table" if self.table_text else ""
+
+    def _planes(self, size: Size, reader: StreamReader) -> np.ndarray:
+        import cv2
+
+        canvas, em = Canvas(*size, GROUND), self.em
+        small = round(0.8 * em)
+        frame = min(self.frame, reader.frame_count - 1)
+        group = reader.manifest.group_of(frame)
+        decoder = reader.open_group(group)
+        try:
+            for _ in range(frame - group.first_frame + 1):
+                decoded = decoder.read()
+        finally:
+            decoder.close()
+        planes = getattr(decoded, "planes", None)
+        components = getattr(group, "components", None)
+        if planes is not None and components is not None:  # profile "planes": as stored
+            names = [
+                f"{component.name} {plane.part.replace('_', ' ')}".removesuffix(" all")
+                for component in components
+                for plane in component.planes
+            ]
+            pictures = dict(zip(names, planes, strict=True))
+            words = "as stored, one byte per splat"
+        else:
+            pictures = attribute_planes(decoded.gaussians())
+            words = "as decoded, each scaled from its minimum (black) to its maximum (white)"
+        side = len(next(iter(pictures.values())))
+        words = f"frame {frame}: {counted(len(pictures), 'plane')} of {side} x {side}, {words}"
+        canvas.text(em, 0.6 * em, words, small, DIM, width=size[0] - 2 * em)
+        from gui.pages.capture.view import grid
+
+        top = 2 * em
+        width, height = grid(len(pictures), size[0] - round(em), size[1] - top - 0.5 * em, 1.0, small)
+        columns = max((size[0] - round(em)) // width, 1)
+        for number, (name, plane) in enumerate(pictures.items()):
+            x, y = 0.5 * em + number % columns * width, top + number // columns * height
+            side = max(min(width - 6, height - small - 11), 8)
+            shown = cv2.resize(
+                plane, (side, side), interpolation=cv2.INTER_AREA if side < len(plane) else cv2.INTER_NEAREST
+            )
+            left = x + (width - side) / 2
+            canvas.image(left, y, np.repeat(shown[..., None], 3, axis=2))
+            canvas.text(x + width / 2, y + side + 2, name, small, TEXT, align="middle", width=width - 4)
+        return canvas.pixels
+
+    def close(self) -> bool:
+        """See `StageView`."""
+        self.trial.stop()
+        return super().close()

@@ -1,0 +1,197 @@
+"""The parts of the points view and their click actions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
+from gui.drawing.palette import (
+    ACCENT,
+    ACCENT_DARK,
+    BAD,
+    BLACK,
+    DIM,
+    FAIR,
+    GOOD,
+    GROUND,
+    LINE,
+    RAISED,
+    RGB,
+    TEXT,
+)
+from gui.pages.calibrate.magnifier import Magnifier
+from gui.pages.calibrate.marks import TieMarks
+from studio.calibration import TiePoint
+from studio.calibration.report import TiePointReport
+
+MOST_PICTURES = 6
+_LEAST_CROP = 50
+_CROP = 24
+"""Half the size of the crops around a mark, in pixels."""
+
+_HOW = (
+    "Click a corner or dot that other cameras see too. Go to the next camera (C) and click the same point. "
+    "Then add a new point (N). Mark a dozen points per camera, spread over the image and not all on the floor."
+)
+
+Action = Callable[[], None]
+Rect = tuple[float, float, float, float]
+
+
+class Spots:
+    """The clickable rectangles of a picture."""
+
+    def __init__(self) -> None:
+        self._spots: list[tuple[Rect, Action]] = []
+
+    def add(self, rect: Rect, action: Action) -> None:
+        """Add a rectangle: x, y, width, height."""
+        self._spots.append((rect, action))
+
+    def at(self, x: float, y: float) -> Action | None:
+        """The action of a click at this position; the last rectangle added wins."""
+        for (left, top, width, height), action in reversed(self._spots):
+            if left <= x < left + width and top <= y < top + height:
+                return action
+        return None
+
+
+def tabs(
+    canvas: Canvas,
+    spots: Spots,
+    across: tuple[float, float],
+    names: Sequence[str],
+    marks: TieMarks,
+    shown: str,
+    em: float,
+    choose: Callable[[str], None],
+) -> float:
+    """Draw the camera names with their numbers of marks in rows; return the y coordinate below them."""
+    small = round(0.85 * em)
+    x, width = across
+    step, left, y = round(1.65 * em), x, round(0.25 * em)
+    for name in names:
+        words = f"{name}  {marks.count(name)}"
+        wide = text_width(words, small) + 0.9 * em
+        if left + wide > x + width and left > x:
+            left, y = x, y + step
+        marked = marks.point is not None and name in marks.point.pixels
+        color, ground = GOOD if marked else TEXT, ACCENT_DARK if name == shown else RAISED
+        canvas.button(left, y, wide - 4, step - 4, words, small, ground, color, ground)
+        spots.add((left, y, wide, step), partial(choose, name))
+        left += wide
+    return y + step + round(0.25 * em)
+
+
+def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, em: float) -> None:
+    """Draw all marks of a camera as crosses with an open center, and as many names as fit without overlap."""
+    small = round(0.85 * em)
+    taken: list[Rect] = []
+    seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
+    for index in sorted(seen, key=lambda index: index != marks.chosen):
+        point, chosen = marks.points[index], index == marks.chosen
+        x, y = magnifier.shown(*point.pixels[camera])
+        if not magnifier.holds(x, y):
+            continue
+        color = ACCENT if chosen else GOOD
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            ends = [(x + 3 * dx, y + 3 * dy), (x + 0.6 * em * dx, y + 0.6 * em * dy)]
+            canvas.line([(u + 1, v + 1) for u, v in ends], BLACK, 2 if chosen else 1)
+            canvas.line(ends, color, 2 if chosen else 1)
+        words = fitted(point.name, small, 12 * em)
+        wide, high = text_width(words, small), line_height(small)
+        for left, top in ((x + 5, y + 3), (x + 5, y - 3 - high), (x - 5 - wide, y + 3), (x - 5 - wide, y - 3 - high)):
+            right, bottom = left + wide, top + high
+            free = all(
+                left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1] for other in taken
+            )
+            if free and magnifier.holds(left, top) and magnifier.holds(right, bottom):
+                taken.append((left, top, right, bottom))
+                canvas.text(left + 1, top + 1, words, small, BLACK)
+                canvas.text(left, top, words, small, color)
+                break
+
+
+def crops(
+    canvas: Canvas,
+    spots: Spots,
+    rect: Rect,
+    images: Mapping[str, np.ndarray],
+    point: TiePoint,
+    shown: str,
+    small: int,
+    choose: Callable[[str], None],
+) -> None:
+    """Draw magnified crops of a point in several cameras, stacked vertically."""
+    import cv2
+
+    x, y, width, height = rect
+    label = line_height(small) + 4
+    count = max(min(len(images), int(height // (label + _LEAST_CROP))), 1)
+    side = min(width - 8, height / max(count, 3) - label)
+    for name, image in list(images.items())[:count]:
+        column, row = point.pixels[name]
+        factor = side / (2 * _CROP)
+        # OpenCV's origin is the center of the first pixel
+        move = [0.5 * factor - 0.5 + (_CROP - place) * factor for place in (column, row)]
+        warp = np.array([[factor, 0, move[0]], [0, factor, move[1]]])
+        crop = cv2.warpAffine(image, warp, (int(side), int(side)), flags=cv2.INTER_CUBIC, borderValue=RAISED)
+        canvas.image(x + 4, y, crop)
+        middle = x + 4 + side / 2, y + side / 2
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            canvas.line([(middle[0] + k * dx, middle[1] + k * dy) for k in (4, 0.3 * side)], ACCENT)
+        canvas.text(x + 4, y + side, name, small, ACCENT if name == shown else TEXT)
+        spots.add((x, y, width, side), partial(choose, name))
+        y += side + label
+
+
+def point_list(
+    canvas: Canvas,
+    spots: Spots,
+    size: tuple[float, float],
+    marks: TieMarks,
+    scroll: int,
+    solved: Mapping[str, TiePointReport],
+    buttons: Sequence[tuple[str, Action]],
+    em: float,
+) -> int:
+    """Draw the points, each with its number of cameras and its error, and the buttons below. Returns the first visible
+    row: the given one, or another that makes the selected point visible."""
+    width, height = size
+    small, pad = round(0.85 * em), 0.5 * em
+    step = line_height(small) + 3
+    top = pad + step
+    canvas.rect(0, 0, width, height, GROUND)
+    high, gap = round(1.65 * em), round(0.25 * em)
+    bottom = height - len(buttons) * (high + gap) - pad + gap
+    rows = max(int((bottom - 1.6 * step - 2 * pad) // step), 1)
+    scroll = min(max(scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
+    canvas.text(pad, top - step, f"{len(marks.points)} point{'s' * (len(marks.points) != 1)}", small, DIM)
+    if len(marks.points) < 2:
+        for row, line in enumerate(wrapped(_HOW, small, width - 2 * pad)[: rows - 3]):
+            canvas.text(pad, top + step * (row + 1), line, small, DIM)
+    for row, index in enumerate(range(scroll, min(scroll + rows, len(marks.points)))):
+        point, y = marks.points[index], top + step * row
+        if index == marks.chosen:
+            canvas.rect(2, y, width - 6, step - 1, ACCENT_DARK)
+        error = solved[point.name].error if point.name in solved else None
+        words = f"{len(point.pixels)} cam" + ("" if error is None else f"  {error:.1f} px")
+        wide = text_width(words, small)
+        canvas.text(pad, y + 1, point.name, small, TEXT, width=width - wide - 2.5 * pad)
+        canvas.text(width - pad - 4, y + 1, words, small, _color(error, len(point.pixels)), align="right")
+        spots.add((0, y, width, step), partial(marks.choose, index))
+    for words, action in buttons:
+        canvas.button(pad, bottom, width - 2 * pad - 2, high, words, small)
+        spots.add((pad, bottom, width - 2 * pad - 2, high), action)
+        bottom += high + gap
+    canvas.line([(width - 2, 0), (width - 2, height)], LINE)
+    return scroll
+
+
+def _color(error: float | None, cameras: int) -> RGB:
+    if error is None:
+        return TEXT if cameras > 1 else DIM
+    return GOOD if error < 1 else FAIR if error < 3 else BAD

@@ -1,0 +1,330 @@
+"""Manual tie points: one camera's image, the list of points, and crops of the selected point in other cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas
+from gui.drawing.palette import FAIR, GROUND
+from gui.models.take.workspace import Workspace
+from gui.pages.calibrate.magnifier import Magnifier
+from gui.pages.calibrate.marks import TieMarks, advice, expected
+from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
+from gui.pages.stage_view import Size, StageView
+from pipelines.stages.base import Context
+from pipelines.takes.calibration import read_cameras_report
+from studio.calibration.report import CalibrationReport, TiePointReport
+from studio.cameras import Rig
+from studio.errors import StudioError
+from studio.storage import is_address
+
+
+class PointsView(StageView):
+    """See the module. Clicks act on the layout of the last picture.
+
+    Attributes:
+        asks: what the window should do: "describe" (edit the point), "run" (calibrate) or "".
+    """
+
+    modes = ("points by hand",)
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self.marks: TieMarks | None = None
+        self.camera = ""
+        self.snaps = True
+        self.asks = ""
+        self.problem = ""
+        self._magnifiers: dict[str, Magnifier] = {}
+        self._images: dict[tuple[str, int], np.ndarray] = {}
+        self._spots = Spots()
+        self._hover = (0.0, 0.0)
+        self._changes = 0
+        self._scroll = 0
+        self._refused: tuple[Path, int] | None = None  # a damaged file is read only once
+        self._rig: tuple[float, Rig | None] = (0.0, None)
+        self._figures: tuple[float, Mapping[str, TiePointReport]] = (0.0, {})
+        self._footage: tuple[Context | None, tuple[str, ...]] = (None, ())
+
+    # What it depends on
+
+    @property
+    def path(self) -> Path | None:
+        """File of the points: from the settings, else points.yaml in the take."""
+        take, context = self.workspace.take, self.workspace.context
+        if take is None or context is None:
+            return None
+        named, root = context.config.calibrate.tie_points, context.config.capture.root
+        if named and not is_address(root):
+            root = context.footage.capture.root
+        return root / named if named else take.root / "points.yaml"
+
+    def state(self) -> Hashable:
+        """See `StageView`."""
+        path = self.path
+        if path is not None and (self.marks is None or self.marks.path != path or self.marks.stale):
+            stamp = (path, path.stat().st_mtime_ns if path.is_file() else 0)
+            if self.marks is not None or stamp != self._refused:
+                self._load(path)
+                self._refused = stamp if self.marks is None else None
+        take = self.workspace.take
+        files = (take.rig, take.calibration_report) if take is not None else ()
+        solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
+        changes = self.marks.changes if self.marks is not None else 0
+        magnifier = self._magnifiers.get(self.camera)
+        return (
+            path,
+            changes,
+            self._changes,
+            self.camera,
+            self.frame,
+            self.em,
+            solved,
+            magnifier.key if magnifier else None,
+        )
+
+    def _load(self, path: Path) -> None:
+        chosen = self.marks.chosen if self.marks is not None and self.marks.path == path else 0
+        if is_address(path):
+            self.marks = None
+            self.problem = (
+                f"{path}: the window cannot save points in object storage. Copy this file to this machine and set "
+                "calibrate.tie_points to its whole path; or leave it empty, so that points are kept in the take."
+            )
+            return
+        try:
+            self.marks, self.problem = TieMarks(path), ""
+        except StudioError as error:
+            self.marks, self.problem = None, str(error)
+        else:
+            self.marks.choose(chosen)
+            self._changes += 1
+
+    def names(self) -> tuple[str, ...]:
+        """Camera names; empty until the footage has been opened."""
+        context, names = self._footage
+        return names if context is self.workspace.context else ()
+
+    # Pictures
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        marks = self.marks
+        if marks is None or self.workspace.context is None:
+            raise StudioError(
+                "gui.no_points", self.problem or "no take is open", fix="" if self.problem else "Open a take."
+            )
+        names = self.workspace.context.footage.raw.camera_names
+        self._footage = (self.workspace.context, names)
+        if self.camera not in names:
+            self.camera = names[0]
+        canvas, spots = Canvas(*size, GROUND), Spots()
+        small = round(0.85 * self.em)
+        left, right = min(15 * self.em, 0.3 * size[0]), min(9 * self.em, 0.2 * size[0])
+        top = tabs(canvas, spots, (left, size[0] - left), names, marks, self.camera, self.em, self.show_camera)
+        self._picture(canvas, marks, (left, top, size[0] - left - right, size[1] - top))
+        if marks.point is not None:
+            shown = [name for name in names if name in marks.point.pixels]
+            if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and the following ones
+                here = shown.index(self.camera)
+                shown = shown[here:] + shown[:here]
+            frame = marks.point.frame  # moving points are elsewhere in other frames
+            images = {name: self._image(name, frame) for name in shown[:MOST_PICTURES]}
+            rect = (size[0] - right, top, right, size[1] - top)
+            crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
+        buttons = self._buttons()
+        self._scroll = point_list(canvas, spots, (left, size[1]), marks, self._scroll, self._solved(), buttons, self.em)
+        self._spots = spots
+        return canvas.pixels
+
+    def _image(self, camera: str, number: int | None = None) -> np.ndarray:
+        """A camera's image, of this frame number or else of the current frame."""
+        assert self.workspace.context is not None
+        if number is None or number not in self.workspace.context.footage.raw.frames:
+            number = self._number()
+        key = (camera, number)
+        if key not in self._images:
+            if len(self._images) > MOST_PICTURES + 2:
+                self._images.clear()
+            self._images[key] = self.workspace.context.footage.raw.raw_image(*key)
+        return self._images[key]
+
+    def _number(self) -> int:
+        """Frame number in the footage of the current frame."""
+        assert self.workspace.context is not None
+        frames = self.workspace.context.footage.raw.frames
+        return int(frames[min(self.frame, len(frames) - 1)])
+
+    def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
+        image = self._image(self.camera)
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is None:
+            magnifier = self._magnifiers[self.camera] = Magnifier((image.shape[1], image.shape[0]))
+        magnifier.place(rect)
+        magnifier.draw(canvas, image)
+        crosses(canvas, magnifier, marks, self.camera, self.em)
+        rig = self._cameras()
+        chosen = marks.point
+        if rig is not None and chosen is not None and self.camera in rig:
+            guess = expected(chosen, rig[self.camera], rig)
+            if guess is not None:
+                shown = [magnifier.shown(x, y) for x, y in guess]
+                if len(shown) == 1:
+                    if magnifier.holds(*shown[0]):
+                        canvas.dot(*shown[0], 0.7 * self.em, FAIR, filled=False)
+                else:
+                    canvas.line([place for place in shown if magnifier.holds(*place)] or [(-9, -9), (-9, -9)], FAIR)
+
+    def _buttons(self) -> list[tuple[str, Action]]:
+        return [
+            ("New point (N)", self.new_point),
+            ("Edit name, position (E)", partial(self._ask, "describe")),
+            ("Not in this camera (Delete)", self.unmark),
+            ("Delete point", self.remove),
+            ("Undo (U)", self.undo),
+            (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
+            ("Calibrate", partial(self._ask, "run")),
+        ]
+
+    def _solved(self) -> Mapping[str, TiePointReport]:
+        """Figures by point from the last calibration, if it used tie points."""
+        take = self.workspace.take
+        if take is None or not take.calibration_report.is_file():
+            return {}
+        stamp = take.calibration_report.stat().st_mtime
+        if stamp != self._figures[0]:
+            report = read_cameras_report(take)
+            self._figures = (stamp, report.tie_points if isinstance(report, CalibrationReport) else {})
+        return self._figures[1]
+
+    def _cameras(self) -> Rig | None:
+        """The calibrated cameras, if they match the footage's resolution."""
+        take, context = self.workspace.take, self.workspace.context
+        if take is None or context is None or not take.rig.is_file():
+            return None
+        stamp = take.rig.stat().st_mtime
+        if stamp != self._rig[0]:
+            from studio.camera_files import read_rig
+
+            footage = context.footage.raw
+            rig = read_rig(take.rig)
+            fits = all(
+                name in rig and footage.raw_size(name) == (rig[name].width, rig[name].height)
+                for name in footage.camera_names
+            )
+            self._rig = (stamp, rig if fits else None)
+        return self._rig[1]
+
+    # User actions
+
+    def click(self, x: float, y: float) -> None:
+        """Handle a click at a pixel of the picture."""
+        action = self._spots.at(x, y)
+        if action is not None:
+            self._try(action)
+            self._changes += 1
+            return
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None and magnifier.holds(x, y) and self.marks is not None:
+            self._try(partial(self._mark, *magnifier.pixel(x, y)))
+
+    def _mark(self, x: float, y: float) -> None:
+        from studio.calibration.manual.subpixel import snap
+
+        assert self.marks is not None
+        image = self._image(self.camera)
+        if not (0 <= x < image.shape[1] and 0 <= y < image.shape[0]):
+            return
+        if self.snaps:
+            x, y = snap(image, x, y, max(4, round(5 * max(image.shape[:2]) / 1500)))
+        self.marks.mark(self.camera, x, y, self._number())
+
+    def _try(self, action: Action) -> None:
+        try:
+            action()
+            self.problem = ""
+        except StudioError as error:
+            self.problem = str(error)
+
+    def _ask(self, what: str) -> None:
+        self.asks = what
+
+    def show_camera(self, name: str) -> None:
+        """Show another camera's image."""
+        self.camera = name
+        self._changes += 1
+
+    def step_camera(self, direction: int) -> None:
+        """Switch to the next (1) or previous (-1) camera."""
+        names = self.names()
+        if names:
+            here = names.index(self.camera) if self.camera in names else 0
+            self.show_camera(names[(here + direction) % len(names)])
+
+    def new_point(self) -> None:
+        """Add a point."""
+        if self.marks is not None:
+            self.marks.add()
+
+    def step_point(self, direction: int) -> None:
+        """Select the next (1) or previous (-1) point in the list."""
+        if self.marks is not None:
+            self.marks.choose(self.marks.chosen + direction)
+
+    def unmark(self) -> None:
+        """Remove the selected point's mark in this camera."""
+        if self.marks is not None:
+            marks, camera = self.marks, self.camera
+            self._try(lambda: marks.unmark(camera))
+
+    def remove(self) -> None:
+        """Delete the selected point."""
+        if self.marks is not None:
+            self._try(self.marks.remove)
+
+    def undo(self) -> None:
+        """Undo the last change."""
+        if self.marks is not None:
+            self._try(self.marks.undo)
+
+    def toggle_snap(self) -> None:
+        """Toggle snapping of clicks to the nearest corner or dot."""
+        self.snaps = not self.snaps
+        self._changes += 1
+
+    def hover(self, x: float, y: float) -> None:
+        """Note the pointer position for the wheel."""
+        self._hover = (x, y)
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Pan the image."""
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None:
+            magnifier.pan(dx, dy)
+
+    def wheel(self, notches: float) -> None:
+        """Zoom at the pointer; over the list, select the next or previous point."""
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None and magnifier.holds(*self._hover):
+            magnifier.zoom(notches, *self._hover)
+        else:
+            self.step_point(-1 if notches > 0 else 1)
+
+    def reset(self) -> None:
+        """Show the whole image."""
+        self._magnifiers.pop(self.camera, None)
+        self._changes += 1
+
+    @property
+    def status(self) -> str:
+        """See `StageView`."""
+        if self.problem:
+            return self.problem
+        if self.marks is None:
+            return ""
+        names = self.names()
+        return advice(self.marks, names, self.camera, self._number()) if names else ""

@@ -1,0 +1,144 @@
+"""How well the training cameras of a take cover the performer: drawn around the performer, and in figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas
+from gui.drawing.painter import NEAR, draw_points, project
+from gui.drawing.palette import BAD, FAIR, GOOD, GROUND, RGB
+from gui.models.take.inspector import Block
+from studio.cameras import Camera, Rig
+from studio.coverage import FADE, LARGEST_GAPS, ViewRange, facing_cameras, gaps, view_range
+
+FEW_CAMERAS = (
+    "Few cameras: views from the directions that are not covered will be poor, and players fade them out. Add cameras "
+    "there, or let players show all views with bake.view_range = none."
+)
+
+_COLORS = np.array([GOOD, FAIR, BAD], np.uint8)
+_RADIUS = 0.5
+"""Radius of the sphere of directions, as a share of the cameras' distance."""
+
+_LOWEST = -0.5
+"""Sine of the lowest direction that is drawn: nobody looks from below the floor."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigCoverage:
+    """See the module.
+
+    Attributes:
+        range: from where views are good.
+        cameras: number of training cameras.
+        outside: share of the horizontal directions outside of the range, 0 to 1.
+        farthest: largest angle between such a direction and the nearest camera, degrees.
+        points: (N, 3) on the surface, world units; none before the stage Initialize.
+        facing: (N,) training cameras that see each point.
+        radius: of the sphere of directions, world units.
+        up: (3,).
+    """
+
+    range: ViewRange
+    cameras: int
+    outside: float
+    farthest: float
+    points: np.ndarray
+    facing: np.ndarray
+    radius: float
+    up: np.ndarray
+
+    @classmethod
+    def of(
+        cls, rig: Rig, names: Sequence[str], center: np.ndarray, surface: tuple[np.ndarray, np.ndarray] | None
+    ) -> RigCoverage | None:
+        """Measure a rig.
+
+        Args:
+            rig: the cameras.
+            names: of the training cameras; those that the rig lacks are left out.
+            center: (3,) middle of the scene, if there is no surface.
+            surface: points and normals, (N, 3) each; None before the stage Initialize.
+
+        Returns:
+            None without training cameras.
+        """
+        cameras = [camera for camera in rig if camera.name in names]
+        points, normals = surface if surface is not None and len(surface[0]) else (np.zeros((0, 3)), np.zeros((0, 3)))
+        found = view_range(cameras, points.mean(0) if len(points) else center)
+        if found is None:
+            return None
+        distance = float(np.median([np.linalg.norm(camera.center - found.center) for camera in cameras]))
+        return cls(
+            found,
+            len(cameras),
+            *gaps(found, rig.up),
+            points,
+            facing_cameras(cameras, points, normals),
+            _RADIUS * distance,
+            rig.up / np.linalg.norm(rig.up),
+        )
+
+    def draw(self, canvas: Canvas, view: Camera, dot: float) -> None:
+        """Draw the directions as dots of a radius in pixels on a sphere, and the surface's points in it."""
+        towards = _sphere(600)
+        towards = towards[towards @ self.up > _LOWEST]
+        places = self.range.center + self.radius * towards
+        colors = _COLORS[np.digitize(self.range.angles(towards), (self.range.angle, self.range.angle + FADE))]
+        pixels, depth = project(view, places)
+        near = ((view.center - places) * towards).sum(1) > 0
+        for at in np.flatnonzero(~near & (depth > NEAR)):
+            canvas.dot(pixels[at, 0], pixels[at, 1], 0.6 * dot, _faded(colors[at]))
+        if len(self.points):
+            draw_points(canvas, view, self.points, _COLORS[np.digitize(-self.facing, (-2.5, -1.5))], 2)
+        for at in np.flatnonzero(near & (depth > NEAR)):
+            canvas.dot(pixels[at, 0], pixels[at, 1], dot, _rgb(colors[at]))
+
+    @property
+    def legend(self) -> tuple[tuple[str, RGB], ...]:
+        """What the colors mean."""
+        good, fair = f"{self.range.angle:.0f}", f"{self.range.angle + FADE:.0f}"
+        words = (
+            f"up to {good} degrees from a training camera",
+            f"{good} to {fair} degrees: poor",
+            "farther: not covered",
+        )
+        seen = ("; surface: faces 3 or more", "; surface: faces 2", "; surface: faces 1 or none")
+        return tuple(
+            (word + (more if len(self.points) else ""), color)
+            for word, more, color in zip(words, seen, (GOOD, FAIR, BAD), strict=True)
+        )
+
+    @property
+    def block(self) -> Block:
+        """Figures for the inspector."""
+        share = round(100 * self.outside)
+        rows = [
+            ("training cameras", str(self.cameras)),
+            ("good views", f"up to {self.range.angle:.0f} degrees away"),
+            ("views not covered", f"{share}% of all around"),
+            ("farthest view", f"{self.farthest:.0f} degrees away"),
+        ]
+        if len(self.points):
+            rows.append(("surface seen by 0 or 1", f"{100 * float((self.facing < 2).mean()):.0f}%"))
+        return Block("Coverage", rows, FEW_CAMERAS if self.outside > LARGEST_GAPS else "")
+
+
+def _sphere(count: int) -> np.ndarray:
+    """(count, 3) directions spread evenly (Fibonacci lattice)."""
+    number = np.arange(count) + 0.5
+    z, turn = 1 - 2 * number / count, np.pi * (1 + 5**0.5) * number
+    flat = np.sqrt(1 - z**2)
+    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+
+
+def _rgb(color: np.ndarray) -> RGB:
+    red, green, blue = (int(value) for value in color)
+    return red, green, blue
+
+
+def _faded(color: np.ndarray) -> RGB:
+    return _rgb(0.3 * color + 0.7 * np.array(GROUND))

@@ -1,0 +1,387 @@
+"""Calibrate: camera frustums with images and sparse points, colored by reprojection error; the report as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, text_width
+from gui.drawing.labels import draw_labels
+from gui.drawing.painter import NEAR, draw_frustum, draw_points, frustum, project
+from gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
+from gui.models.held_out import HeldOut
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.take.inspector import Block
+from gui.models.take.workspace import Workspace
+from gui.pages.calibrate.rig_coverage import RigCoverage
+from gui.pages.report_table import CAMERA, Sorting, table_text
+from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
+from pipelines.takes.calibration import CamerasReport, read_cameras_report
+from pipelines.takes.point_files import read_points, read_surface
+from pipelines.takes.take import Take
+from studio.calibration.report import CalibrationReport, CameraReport
+from studio.cameras import Camera, Rig
+from studio.counts import counted
+from studio.errors import StudioError
+
+BANDS: dict[str, tuple[str, RGB]] = {
+    "excellent": ("good: below 0.5 px", GOOD),
+    "acceptable": ("acceptable: 0.5 to 1 px", FAIR),
+    "review": ("review: 1 px or more", BAD),
+}
+UNKNOWN: tuple[str, RGB] = ("no reprojection error: cameras from a file", SECOND)
+TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
+NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
+NONE_HELD_OUT = "no camera is held out: View > Cameras"
+
+NOT_KNOWN = "from file"
+"""The error of a camera that was not calibrated."""
+
+COLUMNS = ("error px", "p95 px", "points", "coverage", "focal px")
+PLACES = (0.36, 0.5, 0.64, 0.8, 1.0)
+"""Titles of the report's columns besides the cameras' names, and where columns end, shares of the width."""
+
+
+class CalibrateView(OrbitView):
+    """See the module."""
+
+    modes = ("cameras", "coverage", "report", "points by hand")  # the last is `PointsView`'s
+    sharp = True
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self._read_of: Hashable = None
+        self._rig: Rig | None = None
+        self._report: CamerasReport | None = None
+        self._points: tuple[np.ndarray, np.ndarray] | None = None
+        self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
+        self._coverage: RigCoverage | None = None
+        self._coverage_of: Hashable = None
+        self._asked_held_out = HeldOut()
+        self._sorting = Sorting()
+        self._titles: list[tuple[str, np.ndarray]] = []
+        self._text = ""
+        self._first_row = self._last_first_row = 0
+        self._shown_camera = ""
+
+    @property
+    def orbits(self) -> bool:
+        """See `StageView`: the report is a table."""
+        return self.mode != "report"
+
+    @property
+    def blocks(self) -> Sequence[Block]:
+        """Figures for the inspector: how well the cameras cover the performer."""
+        covered = self._coverage
+        return [covered.block] if covered is not None else []
+
+    def state(self) -> Hashable:
+        """The calibration files, the view, and the frame whose images are on the frustums."""
+        take = self.workspace.take
+        stamp = _stamp(take) if take is not None else None
+        if stamp != self._read_of:
+            self.orbit = None  # other cameras need another view
+        view = self.orbit.key if self.orbit is not None else None
+        frame = self.frame if self.mode == "cameras" else 0
+        return (stamp, self._covered_by(), self.mode, self.camera, view, frame, self.em, self._sorting, self._first_row)
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        take = self.workspace.take
+        if take is None or not take.rig.is_file():
+            self._coverage = self._coverage_of = None  # or the inspector would show those of the last take
+            raise StudioError("take.no_cameras", "no cameras yet", fix="Run Calibrate.")
+        self._read(take)
+        self._cover(take)
+        return self._table(size) if self.mode == "report" else self._scene(size)
+
+    def _read(self, take: Take) -> None:
+        stamp = _stamp(take)
+        if stamp == self._read_of:
+            return
+        from studio.camera_files import read_rig
+
+        self._rig = read_rig(take.rig)
+        self._report = read_cameras_report(take)
+        self._points = read_points(take.calibration_points) if take.calibration_points.is_file() else None
+        self._thumbnails.clear()
+        self._home = _overview(self._rig)
+        self._read_of = stamp
+
+    def _covered_by(self) -> Hashable:
+        """What the coverage depends on besides the rig."""
+        take, config = self.workspace.take, self.workspace.config
+        if take is None or config is None:
+            return None
+        return (config.capture, config.run.paths, _time(_surface(take)))
+
+    def _cover(self, take: Take) -> None:
+        of = (self._read_of, self._covered_by())
+        if of == self._coverage_of:
+            return
+        assert self._rig is not None
+        assert self._home is not None
+        context = self.workspace.context
+        names: Sequence[str] = self._rig.names
+        with suppress(StudioError):  # footage that is gone; the Capture view shows the error
+            names = context.footage.raw.train_cameras if context is not None else names
+        self._coverage, self._coverage_of = None, of
+        with suppress(StudioError):  # damaged points of the first group; Initialize shows the error
+            surface = read_surface(_surface(take)) if _surface(take).is_file() else None
+            self._coverage = RigCoverage.of(self._rig, names, self._home.target, surface)
+
+    @property
+    def _held_out(self) -> tuple[str, ...]:
+        """The cameras that are not trained on."""
+        return self._asked_held_out.of(self.workspace.context)
+
+    def _error(self, name: str) -> float | None:
+        figures = self._figures(name)
+        return None if figures is None else figures.mean
+
+    def _figures(self, name: str) -> CameraReport | None:
+        """None if the cameras are from a file."""
+        return self._report.cameras.get(name) if isinstance(self._report, CalibrationReport) else None
+
+    def _color(self, name: str) -> RGB:
+        from studio.calibration.result import quality_of
+
+        error = self._error(name)
+        return UNKNOWN[1] if error is None else BANDS[quality_of(error)][1]
+
+    def _scene(self, size: Size) -> np.ndarray:
+        assert self._rig is not None
+        assert self._home is not None
+        orbit = self.orbit or self._home
+        view = orbit.camera(*size)
+        canvas = Canvas(*size, GROUND)
+        covered = self._coverage if self.mode == "coverage" else None
+        if covered is not None:
+            covered.draw(canvas, view, 0.16 * self.em)
+        else:
+            self._floor(canvas, view, self._home)
+        if self._points is not None and covered is None:
+            points, colors = self._points
+            draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
+        length = 0.16 * float(np.median([np.linalg.norm(camera.center - self._home.target) for camera in self._rig]))
+        far_first = sorted(self._rig, key=lambda camera: -float(np.linalg.norm(camera.center - orbit.eye)))
+        small = round(0.85 * self.em)
+        places = []
+        held_out = self._held_out
+        for camera in far_first:
+            color = self._color(camera.name) if covered is None else SECOND
+            if camera.name in held_out:
+                color = HELD_OUT
+            if camera.name == self.camera:
+                color = TEXT
+            center, corners = frustum(camera, length)
+            pixels, depth = project(view, np.vstack([center[None], corners]))
+            if (depth > NEAR).all():
+                places.append((camera.name, pixels))
+            picture = self._thumbnail(camera.name) if covered is None else None
+            draw_frustum(canvas, view, camera, length, color, picture, 2)
+        self.places = places
+        # the chosen one first, then those in front: where there is no room for all names, these have theirs
+        nearest = places[::-1]
+        named = sorted(nearest, key=lambda place: place[0] != self.camera)
+        errors = {name: self._error(name) if covered is None else None for name, _ in named}
+        words = [name if errors[name] is None else f"{name}  {errors[name]:.2f} px" for name, _ in named]
+        draw_labels(canvas, words, [corners for _, corners in named], small)
+        self._legend(canvas, small, covered, bool(held_out))
+        return canvas.pixels
+
+    def _floor(self, canvas: Canvas, view: Camera, home: OrbitCamera) -> None:
+        """Draw a ring around the target, so that rotation is visible."""
+        from gui.drawing.painter import draw_line
+
+        first, second = home.basis()
+        radius = 0.25 * home.distance
+        for step in range(24):
+            angles = np.array([step, step + 1]) * np.pi / 12
+            ends = [home.target + radius * (np.cos(angle) * first + np.sin(angle) * second) for angle in angles]
+            draw_line(canvas, view, ends[0], ends[1], LINE)
+
+    def _legend(self, canvas: Canvas, small: int, covered: RigCoverage | None, held_out: bool) -> None:
+        known = any(self._error(camera.name) is not None for camera in self._rig or ())
+        if covered is not None:
+            entries = [*covered.legend, TRAINING]
+        else:
+            entries = list(BANDS.values()) if known else [UNKNOWN]
+        entries.append(NOT_TRAINED_ON if held_out else (NONE_HELD_OUT, GROUND))  # no dot, as it has no color
+        for number, (words, color) in enumerate(entries):
+            y = self.em * 0.7 + number * line_height(small)
+            # frusta may be behind it
+            canvas.rect(0.6 * self.em, y, 1.5 * self.em + text_width(words, small), line_height(small), GROUND)
+            canvas.dot(self.em, y + 0.6 * small, 0.3 * small, color)
+            canvas.text(1.7 * self.em, y, words, small, DIM)
+
+    def _thumbnail(self, name: str) -> np.ndarray | None:
+        import cv2
+
+        context = self.workspace.context
+        if context is None:
+            return None
+        key = (name, self.frame)
+        if key not in self._thumbnails:
+            if len(self._thumbnails) > 200:
+                self._thumbnails.clear()
+            try:
+                footage = context.footage.raw
+                image = footage.raw_image(name, footage.frames[min(self.frame, len(footage.frames) - 1)])
+                scale = 160 / max(image.shape[:2])
+                self._thumbnails[key] = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            except StudioError:
+                self._thumbnails[key] = None  # the Capture view shows the error
+        return self._thumbnails[key]
+
+    def _table(self, size: Size) -> np.ndarray:
+        assert self._rig is not None
+        canvas = Canvas(*size, GROUND)
+        normal, em = round(0.95 * self.em), self.em
+        step = line_height(normal)
+        y = em
+        report = self._report
+        source = (report.source if report is not None else None) or "an unknown source"
+        facts = [counted(len(self._rig), "camera"), f"from {source}"]
+        columns, same = self._columns()
+        held_out = self._held_out
+        if isinstance(report, CalibrationReport):
+            figures = report.reprojection
+            facts.append(f"reprojection error: mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px")
+            facts.append(report.quality)
+        facts += same
+        canvas.text(em, y, ", ".join(filter(None, facts)), normal, TEXT, width=size[0] - 2 * em)
+        y += 1.5 * step
+        wide = size[0] - 2 * em
+        places = []
+        ends = {CAMERA: 1.7 * em + text_width(CAMERA, normal)}
+        ends |= {title: em + at * wide for at, title in zip(PLACES, columns, strict=False)}
+        self._titles = self._heading(canvas, ends, y, normal)
+        y += step
+        cameras = list(self._rig)
+        order = self._sorting.order(self._rig.names, columns)
+        self._text = table_text(self._rig.names, columns, order)
+        unregistered = report.unregistered if isinstance(report, CalibrationReport) else {}
+        room = max(3, int((size[1] - y) / step) - len(unregistered) - 1)
+        self._last_first_row = max(0, len(order) - room)
+        if self.camera != self._shown_camera:  # chosen elsewhere: its row is shown
+            self._shown_camera = self.camera
+            place = next((place for place, row in enumerate(order) if cameras[row].name == self.camera), 0)
+            if not self._first_row <= place < self._first_row + room:
+                self._first_row = place - room // 2
+        first = self._first_row = min(max(self._first_row, 0), self._last_first_row)
+        for row in order[first : first + room]:
+            camera = cameras[row]
+            places.append((camera.name, rectangle(0, y, size[0], step)))
+            if camera.name == self.camera:
+                canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
+            canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._color(camera.name))
+            label = f"{camera.name}, held out" if camera.name in held_out else camera.name
+            canvas.text(1.7 * em, y, label, normal, TEXT, width=PLACES[0] * wide - 5 * em)
+            for at, words in zip(PLACES, columns.values(), strict=False):
+                canvas.text(em + at * wide, y, words[row], normal, TEXT, align="right")
+            y += step
+        self.places = places
+        if self._last_first_row:
+            shown = f"{first + 1} to {min(first + room, len(order))} of {len(order)}; the wheel shows the others"
+            canvas.text(1.7 * em, y, shown, normal, DIM)
+            y += step
+        for name, reason in unregistered.items():
+            canvas.text(em, y, f"{name}: not registered: {reason}", normal, BAD, width=wide)
+            y += step
+        return canvas.pixels
+
+    def _heading(self, canvas: Canvas, ends: dict[str, float], y: float, size: int) -> list[tuple[str, np.ndarray]]:
+        """Draw the titles, given where each ends, and what the rows are sorted by; the places to click."""
+        places = []
+        for title, end in ends.items():
+            chosen = title == self._sorting.column
+            width = canvas.text(end, y, title, size, TEXT if chosen else DIM, align="right")
+            places.append((title, rectangle(end - width - 0.4 * self.em, y, width + 0.8 * self.em, line_height(size))))
+            if chosen:
+                half, drop = 0.25 * self.em, 0.13 * self.em * (1 if self._sorting.descending else -1)
+                x, middle = end - width - 3 * half if title != CAMERA else end + 3 * half, y + 0.6 * line_height(size)
+                tip = [(x - half, middle - drop), (x, middle + drop), (x + half, middle - drop)]
+                canvas.line(tip, TEXT, max(1, round(0.1 * self.em)))
+        return places
+
+    def click(self, x: float, y: float) -> None:
+        """Sort the report by the title at a pixel."""
+        title = shown_at(self._titles, x, y) if self.mode == "report" else ""
+        if title:
+            self._sorting = self._sorting.clicked(title)
+
+    @property
+    def table_text(self) -> str:
+        """See `StageView`."""
+        return self._text if self.mode == "report" else ""
+
+    @property
+    def status(self) -> str:
+        """See `StageView`."""
+        return "click a title to sort; Ctrl+C copies the table" if self.mode == "report" and self._text else ""
+
+    def _columns(self) -> tuple[dict[str, list[str]], list[str]]:
+        """The columns of the report by title, without those in which nothing stands or which have the same in every
+        row, and what is the same in every row."""
+        assert self._rig is not None
+        rows = []
+        for camera in self._rig:
+            found = self._figures(camera.name)
+            known = [NOT_KNOWN, "", "", ""]
+            if found is not None:
+                coverage = f"{100 * found.coverage:.0f}%"
+                known = [f"{found.mean:.2f}", f"{found.p95:.2f}", str(found.observations), coverage]
+            rows.append([*known, f"{camera.fx:.0f}"])
+        columns, same = {}, []
+        for title, words in zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True):
+            if len(words) > 1 and len(set(words)) == 1:
+                what, _, unit = title.partition(" ")
+                said = (
+                    "no reprojection errors" if words[0] == NOT_KNOWN else f"{what} {words[0]} {unit}".strip() + " each"
+                )
+                same += [said] if words[0] else []
+            elif any(words):
+                columns[title] = words
+        return columns, same
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """See `StageView`."""
+        if self.mode != "report":  # a table
+            super().drag(dx, dy, turn, height)
+
+    def wheel(self, notches: float) -> None:
+        """Zoom; in the report, show other rows."""
+        if self.mode != "report":
+            super().wheel(notches)
+        else:
+            self._first_row = min(max(self._first_row - round(3 * notches), 0), self._last_first_row)
+
+
+def _overview(rig: Rig) -> OrbitCamera:
+    """A view of all cameras from above."""
+    centers = np.array([camera.center for camera in rig])
+    ahead = np.array([camera.forward for camera in rig])
+    # the point nearest to all viewing rays
+    crossing = np.eye(3)[None] - ahead[:, :, None] * ahead[:, None, :]
+    target = np.linalg.lstsq(crossing.sum(0), (crossing @ centers[..., None]).sum(0)[:, 0], rcond=None)[0]
+    orbit = OrbitCamera.around(np.vstack([centers, target[None]]), rig.up)
+    radius = float(np.linalg.norm(centers - target, axis=1).max())
+    return OrbitCamera(target=target, up=rig.up, distance=max(orbit.distance, 2.6 * radius), yaw=0.6, pitch=0.55)
+
+
+def _stamp(take: Take) -> tuple[float, ...]:
+    return tuple(map(_time, (take.rig, take.calibration_report, take.calibration_points)))
+
+
+def _surface(take: Take) -> Path:
+    """Points on the performer in the first frame."""
+    return take.initialize_group(0) / "points.ply"
+
+
+def _time(path: Path) -> float:
+    """When it was changed, seconds since 1970; 0 if it does not exist."""
+    return path.stat().st_mtime if path.is_file() else 0.0

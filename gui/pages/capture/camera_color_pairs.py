@@ -1,0 +1,186 @@
+"""Train, camera colors: every camera's image as filmed, and in the colors of the mean camera."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, wrapped
+from gui.drawing.palette import BAD, DIM, GROUND, RAISED, RGB, TEXT
+from gui.models.remembered import Remembered
+from gui.models.take.workspace import Workspace
+from gui.pages.capture.view import grid
+from gui.pages.stage_view import Size, rectangle, sentence
+from pipelines.stages.base import Context
+from pipelines.takes.atomic_files import read_model
+from pipelines.takes.stage_files import CameraColors
+from studio.errors import StudioError
+from studio.views import CapturedView
+
+OFF = (
+    "The colors of the cameras are not corrected. If cameras differ in exposure, white balance or model, turn "
+    "train.camera_colors on; the cameras' images are then compared here."
+)
+
+NOT_YET = "The colors of the cameras are fitted at the start of training. Run Train."
+
+TALLEST = 320
+"""Most rows of a picture."""
+
+SECONDS = 0.7
+"""Images are read for so long before what there is so far is drawn."""
+
+MARGIN = 0.08
+"""Space around the performer, as a share of its size."""
+
+
+@dataclass
+class _Pairs:
+    """Pictures of one fit: by camera (H, W, 3) uint8 as filmed and corrected, or why there is none."""
+
+    stamp: Hashable
+    colors: CameraColors
+    pictures: dict[str, tuple[np.ndarray, np.ndarray] | str] = field(default_factory=dict)
+
+
+class CameraColorPairs:
+    """Draws the pairs; images are read bit by bit, as `draw` is called again while `stamp` changes.
+
+    Attributes:
+        places: see `StageView`.
+    """
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace = workspace
+        self.places: list[tuple[str, np.ndarray]] = []
+        self._modified: Remembered[Path, float] = Remembered(lambda path: path.stat().st_mtime if path.is_file() else 0)
+        self._pairs: _Pairs | None = None
+
+    @property
+    def stamp(self) -> Hashable:
+        """Changes with the fit, and with each camera whose images were read."""
+        context = self.workspace.context
+        if context is None:
+            return None
+        pairs = self._pairs
+        return (*self._of(context), len(pairs.pictures) if pairs is not None else 0)
+
+    def _of(self, context: Context) -> tuple[Hashable, ...]:
+        path = context.take.camera_colors
+        return (path, self._modified.get(path), context.config.train.camera_colors, context.config.capture)
+
+    def draw(self, size: Size, em: float) -> np.ndarray:
+        """(height, width, 3) uint8.
+
+        Raises:
+            StudioError: the file of the colors is damaged, or the footage cannot be opened.
+        """
+        context = self.workspace.context
+        self.places = []
+        if context is None:
+            return sentence(size, self.workspace.without_settings, em)
+        if not context.config.train.camera_colors:
+            return sentence(size, OFF, em)
+        if not context.take.camera_colors.is_file():
+            return sentence(size, NOT_YET, em)
+        of = self._of(context)
+        if self._pairs is None or self._pairs.stamp != of:
+            self._pairs = _Pairs(of, read_model(context.take.camera_colors, CameraColors))
+        self._read(context, self._pairs)
+        return self._drawn(size, em, self._pairs)
+
+    def _read(self, context: Context, pairs: _Pairs) -> None:
+        footage, frame = context.footage.calibrated, context.groups[0].keyframe
+        until = time.monotonic() + SECONDS
+        for name in pairs.colors.cameras:
+            if name in pairs.pictures:
+                continue
+            if name not in footage.camera_names:
+                pairs.pictures[name] = "not in the footage"
+                continue
+            try:
+                pairs.pictures[name] = pair(footage.view(name, frame), pairs.colors)
+            except StudioError as error:
+                pairs.pictures[name] = str(error)
+            if time.monotonic() > until:
+                return
+
+    def _drawn(self, size: Size, em: float, pairs: _Pairs) -> np.ndarray:
+        canvas, colors = Canvas(*size, GROUND), pairs.colors
+        small = round(0.85 * em)
+        names = list(colors.cameras)
+        words = (
+            "Left: as filmed. Right: in the colors of the mean camera, which the stream has. Below: how far a middle "
+            "gray is off, in levels of 255"
+        )
+        if colors.vignettes:
+            words += "; brightness by the vignette where the performer is farthest from the middle of the image"
+        top = 0.3 * em + _paragraph(canvas, em, 0.5 * em, words, small, DIM, size[0] - 2 * em)
+        there = [one for one in pairs.pictures.values() if not isinstance(one, str)]
+        aspect = float(np.median([2 * one[0].shape[1] / one[0].shape[0] for one in there])) if there else 1.0
+        width, row = grid(len(names), size[0], size[1] - top, aspect, small)
+        columns = max(size[0] // width, 1)
+        for number, name in enumerate(names):
+            x, y = number % columns * width, top + number // columns * row
+            self.places.append((name, rectangle(x, y, width, row)))
+            high = row - small - 11
+            found = pairs.pictures.get(name)
+            if found is None or isinstance(found, str):
+                canvas.rect(x + 3, y + 3, width - 6, high, RAISED)
+                if found is not None:
+                    _paragraph(canvas, x + 9, y + 9, found, small, BAD, width - 18)
+            else:
+                for side, picture in enumerate(found):
+                    canvas.fit_image(x + 3 + side * (width / 2 - 2), y + 3, width / 2 - 4, high, picture)
+            canvas.text(
+                x + width / 2, y + row - small - 7, told(colors, name), small, TEXT, align="middle", width=width
+            )
+        return canvas.pixels
+
+
+def _paragraph(canvas: Canvas, x: float, y: float, words: str, size: int, color: RGB, width: float) -> float:
+    """Draw wrapped text; return where it ends."""
+    for line in wrapped(words, size, width):
+        canvas.text(x, y, line, size, color)
+        y += line_height(size)
+    return y
+
+
+def told(colors: CameraColors, camera: str) -> str:
+    """A camera's name and figures."""
+    edge = colors.change_at_reach(camera)
+    return f"{camera}: {colors.off_on_gray(camera):.0f}" + (f"; {100 * edge:+.0f}%" if edge is not None else "")
+
+
+def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarray]:
+    """A camera's image and the image in the colors of the mean camera, (H, W, 3) uint8, cropped to the performer.
+
+    Raises:
+        StudioError: `matte.empty`: the camera does not see the performer.
+    """
+    import cv2
+    import torch
+
+    from studio.color_fit import uncorrected
+    from studio.training.views import matte_box
+    from studio.vignette import Vignette
+
+    name = view.camera.name
+    left, top, width, height = matte_box(view.matte, MARGIN, name)
+    inside = (slice(top, top + height), slice(left, left + width))
+    seen = torch.from_numpy(np.ascontiguousarray(view.image[inside])) / 255
+    if name in colors.vignettes:
+        gain = Vignette(*colors.vignettes[name]).gain(view.camera, (view.camera.width, view.camera.height))
+        seen = seen / gain[inside][..., None]
+    found = uncorrected(seen, torch.tensor(colors.cameras[name])).clamp(0, 1)
+    corrected = (255 * found).round().byte().numpy()
+    scale = min(1.0, TALLEST / height)
+    small = (max(round(scale * width), 1), max(round(scale * height), 1))
+    filmed, corrected = (
+        cv2.resize(image, small, interpolation=cv2.INTER_AREA) for image in (view.image[inside], corrected)
+    )
+    return filmed, corrected

@@ -1,0 +1,247 @@
+"""Garbage mattes drawn in the window: polygons of one camera where the performer never is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas
+from gui.drawing.palette import BAD, FAIR, GOOD
+from gui.models.history import Change
+from gui.models.take.workspace import Workspace, setting_value
+from pipelines.takes.atomic_files import disk_errors, remove
+from pipelines.takes.drawn_mattes import DRAWN, file_of_garbage
+from studio.atomic_files import write_bytes
+from studio.capture.mattes.garbage_polygons import (
+    EXTENSIONS,
+    GarbagePolygons,
+    read_garbage_polygons,
+    write_garbage_polygons,
+)
+from studio.errors import Message, StudioError
+from studio.storage import is_address
+
+SETTING = "capture.garbage_mattes"
+Polygons = Mapping[str, GarbagePolygons]
+Point = tuple[float, float]
+_State = tuple[object, Polygons | None]
+"""The value of the setting, and the take's own polygons; None: no file."""
+
+
+class GarbageDrawing:
+    """See the module. Polygons are kept in the take; a file that the setting named before is left as it is.
+
+    Args:
+        workspace: the take.
+
+    Attributes:
+        corners: of the polygon that is being drawn, pixels of the footage.
+        refused: why the last change was refused; whoever shows it empties it.
+    """
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self.corners: tuple[Point, ...] = ()
+        self.refused = ""
+        self._corners_of: object = None
+
+    def polygons(self) -> Polygons:
+        """The polygons in use, by camera.
+
+        Raises:
+            StudioError: the garbage mattes are images, or the file cannot be read.
+        """
+        context = self._workspace.context
+        if context is None or not context.config.capture.garbage_mattes:
+            return {}
+        return read_garbage_polygons(self._path())
+
+    @property
+    def stamp(self) -> object:
+        """Changes with the polygons in use."""
+        context = self._workspace.context
+        if context is None or not context.config.capture.garbage_mattes:
+            return None
+        in_take = file_of_garbage(context.config.capture, context.take) is not None
+        if not in_take and is_address(context.config.capture.root):  # objects are not asked for at each tick
+            return None
+        try:
+            return self._path().stat().st_mtime_ns
+        except (StudioError, OSError):
+            return None
+
+    def click(self, camera: str, at: Point, size: tuple[int, int], reach: float) -> None:
+        """Add a corner; close the polygon if it is the first one.
+
+        Args:
+            camera: whose image was clicked.
+            at: pixels of the footage.
+            size: (width, height) of the image.
+            reach: distance in pixels within which the first corner is meant.
+        """
+        of = (camera, self._workspace.take and self._workspace.take.root)
+        if of != self._corners_of:  # another camera, or another take
+            self.corners, self._corners_of = (), of
+        at = (min(max(at[0], 0.0), float(size[0])), min(max(at[1], 0.0), float(size[1])))
+        if not self.corners or np.hypot(*np.subtract(at, self.corners[0])) > reach:
+            self.corners = (*self.corners, at)
+        elif len(self.corners) > 2:
+            self._close(camera, size)
+
+    def right_click(self, camera: str, at: Point, size: tuple[int, int]) -> None:
+        """Take back the last corner; without one, delete the polygon under the pointer."""
+        if self.corners:
+            self.corners = self.corners[:-1]
+            return
+        try:
+            old = self.polygons()
+        except StudioError as error:
+            self.refused = str(error)
+            return
+        one = old.get(camera, GarbagePolygons())
+        place = np.array(at) * _scale(one, size)
+        left = tuple(polygon for polygon in one.remove if not _holds(polygon, place))
+        if len(left) < len(one.remove):
+            self._write({**old, camera: replace(one, remove=left)}, f"delete a garbage matte of {camera}")
+
+    def leave(self) -> bool:
+        """Forget the unfinished polygon; returns whether there was one."""
+        begun, self.corners = bool(self.corners), ()
+        return begun
+
+    def _close(self, camera: str, size: tuple[int, int]) -> None:
+        context = self._workspace.context
+        try:
+            used = context is not None and context.config.capture.garbage_mattes
+            old = self.polygons() if used else self._own() or {}  # or the file would lose what is in it
+        except StudioError as error:
+            self.refused = str(error)
+            return
+        one = old.get(camera, GarbagePolygons())
+        polygon = np.array(self.corners) * _scale(one, size)
+        new = {**old, camera: replace(one, remove=(*one.remove, polygon))}
+        if self._write(new, f"garbage matte of {camera}"):
+            self.corners = ()
+
+    def _path(self) -> Path:
+        context = self._workspace.context
+        assert context is not None
+        named = context.config.capture.garbage_mattes
+        if Path(named).suffix.lower() not in EXTENSIONS:
+            raise StudioError(
+                "gui.garbage_images",
+                "the garbage mattes of this take are images, so no polygons can be drawn",
+                value=named,
+                fix=f"Empty {SETTING}, or add polygons to the images.",
+                setting=SETTING,
+            )
+        in_take = file_of_garbage(context.config.capture, context.take)
+        return in_take if in_take is not None else context.footage.capture.root / Path(named).expanduser()
+
+    def _own(self) -> Polygons | None:
+        """The polygons in the take, also while they are not used; None: no file."""
+        take = self._workspace.take
+        return read_garbage_polygons(take.garbage) if take is not None and take.garbage.is_file() else None
+
+    def _write(self, polygons: Polygons, words: str) -> bool:
+        """Use these polygons as one change, which can be undone; returns whether that was possible."""
+        workspace = self._workspace
+        take, context = workspace.take, workspace.context
+        if take is None or context is None:
+            return False
+        left = {camera: one for camera, one in polygons.items() if one.keep or one.remove}
+        try:
+            own = self._own()
+        except StudioError as error:
+            self.refused = str(error)
+            return False
+        before: _State = (setting_value(context.config, SETTING), own)
+        after: _State = (DRAWN, left) if left else ("", None)
+        refusal = self._apply(after)
+        if refusal is not None:
+            self.refused = str(refusal)
+            return False
+        workspace.history.add(Change(words, lambda: self._apply(before), lambda: self._apply(after)))
+        return True
+
+    def _apply(self, state: _State) -> Message | None:
+        """Write the file and the setting; returns why that was refused."""
+        workspace = self._workspace
+        take, (value, polygons) = workspace.take, state
+        if take is None:
+            return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
+        if workspace.busy:
+            return Message(
+                "settings.run_active",
+                "settings are locked during a run",
+                fix="Wait for it to finish, or cancel it.",
+            )
+        try:
+            with disk_errors(take.root):
+                before = take.garbage.read_bytes() if take.garbage.is_file() else None
+                if polygons is not None:
+                    write_garbage_polygons(take.garbage, polygons)
+            refusal = workspace.write_settings({SETTING: value})
+            with disk_errors(take.root):
+                if refusal is not None and before is not None:
+                    write_bytes(take.garbage, before)
+                elif refusal is not None or polygons is None:
+                    remove(take.garbage)
+        except StudioError as error:
+            return error.message
+        workspace.inputs_changed()
+        return refusal
+
+
+def _scale(polygons: GarbagePolygons, size: tuple[int, int]) -> np.ndarray:
+    """Pixels of the polygons per pixel of an image of this size."""
+    return np.ones(2) if polygons.size is None else np.array(polygons.size) / size
+
+
+def _holds(polygon: np.ndarray, place: np.ndarray) -> bool:
+    import cv2
+
+    return cv2.pointPolygonTest(polygon.astype(np.float32), (float(place[0]), float(place[1])), False) >= 0
+
+
+def draw_garbage(
+    canvas: Canvas,
+    shown: Callable[[np.ndarray], np.ndarray],
+    polygons: GarbagePolygons | None,
+    size: tuple[int, int],
+    corners: Sequence[Point],
+) -> None:
+    """Draw a camera's polygons over its image.
+
+    Args:
+        canvas: with the image.
+        shown: from pixels (N, 2) of the image to those of the canvas.
+        polygons: of the camera; None: none.
+        size: (width, height) of the image.
+        corners: of a polygon that is not closed.
+    """
+    import cv2
+
+    if polygons is not None:
+        scale = _scale(polygons, size)
+        fill = np.zeros(canvas.pixels.shape[:2], np.uint8)
+        places = [shown(polygon / scale) for polygon in polygons.remove]
+        for place in places:
+            cv2.fillPoly(fill, [np.rint(place).astype(np.int32)], 255)
+        mixed = 0.55 * canvas.pixels + 0.45 * np.array(BAD)
+        canvas.pixels[:] = np.where(fill[..., None] > 0, mixed, canvas.pixels).astype(np.uint8)
+        for place in places:
+            canvas.line(np.vstack([place, place[:1]]), BAD, 2)
+        for polygon in polygons.keep:
+            place = shown(polygon / scale)
+            canvas.line(np.vstack([place, place[:1]]), GOOD, 2)
+    if corners:
+        place = shown(np.array(corners))
+        if len(place) > 1:
+            canvas.line(place, FAIR, 2)
+        for x, y in place:
+            canvas.dot(x, y, 4, FAIR)
+        canvas.dot(place[0, 0], place[0, 1], 8, FAIR, filled=False)

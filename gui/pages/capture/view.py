@@ -1,0 +1,353 @@
+"""Capture: all cameras at the current frame with mattes, and problems in the footage."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, wrapped
+from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
+from gui.models.take.workspace import Workspace
+from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
+from gui.pages.stage_view import Size, StageView, rectangle, sentence
+from pipelines.stages.base import Context
+from studio.capture import Footage, check_footage, open_footage
+from studio.capture.color_drift import ColorDrift
+from studio.capture.lru_cache import ByteCache
+from studio.errors import Cancelled, StudioError
+
+GARBAGE = "garbage mattes"
+"""The mode in which they are drawn."""
+
+DRAWING = "click corners, the first again to close; right click takes back or deletes; Escape: all cameras"
+
+TINT = np.array(ACCENT, np.float32)
+
+WIDE, WIDEST = 480, 2048
+"""Most columns of a thumbnail, and of the image of one camera."""
+
+KEPT_BYTES = 128 * 1024 * 1024
+"""Most bytes of thumbnails that are kept."""
+
+DECODED_BYTES = 64 * 1024 * 1024
+"""Most bytes of decoded images that are kept: a thumbnail needs its image twice, and nothing else does."""
+
+
+class CaptureView(StageView):
+    """Thumbnails of all cameras, or one of them (`camera`): with the matte as an overlay, without it, or cut out; and
+    with garbage mattes, which are drawn on one camera.
+
+    Attributes:
+        garbage: the garbage mattes.
+    """
+
+    modes = ("mask overlay", "images", "performer", GARBAGE)
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self._reduced: _Reduced | None = None
+        self._reduced_of: object = None
+        self._check = FootageCheck()
+        self.garbage = GarbageDrawing(workspace)
+        self._image_at: _ImageAt | None = None
+        self._told: object = None  # why the polygons cannot be shown
+
+    def state(self) -> Hashable:
+        """The capture settings, the frame, the mode, the result of the check."""
+        config = self.workspace.config
+        capture = config.capture if config is not None else self.workspace.without_settings
+        garbage = (self.garbage.stamp, self.garbage.corners)
+        check = (self._check.words, tuple(self._check.problems))
+        return (capture, garbage, self.camera, self.frame, self.mode, *check, self.em)
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        opened = self._open()
+        if opened is None:
+            return sentence(size, self.workspace.without_settings, self.em)
+        footage = opened.footage
+        problems = [*map(str, footage.problems), *self._check.problems]
+        lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
+        room = min(len(lines), 8)
+        bottom = (room + 1.2) * line_height(self._small) if lines or self._check.words else 0
+        canvas = Canvas(*size, GROUND)
+        frame = footage.frames[min(self.frame, len(footage.frames) - 1)]
+        self._thumbnails(canvas, opened, frame, size[1] - bottom)
+        y = size[1] - bottom
+        words = self._check.words or (f"Problems in the footage: {len(problems)}" if problems else "")
+        canvas.text(self.em, y, words, self._small, BAD if problems else DIM)
+        for line in lines[:room]:
+            y += line_height(self._small)
+            canvas.text(self.em, y, line, self._small, BAD)
+        return canvas.pixels
+
+    @property
+    def _small(self) -> int:
+        return round(0.85 * self.em)
+
+    def _open(self) -> _Reduced | None:
+        context = self.workspace.context
+        if context is None:
+            return None
+        config = context.config
+        of = (context.take.root, config.capture, config.run.paths, self.garbage.stamp)
+        if self._reduced is None or self._reduced_of != of:
+            self._reduced = None
+            footage = open_footage(
+                context.footage.capture,
+                None,
+                strict=False,
+                cache_folder=self._cache_folder(),
+                device=config.run.device,
+                threads=config.run.threads,
+                most_cached=DECODED_BYTES,
+            )
+            self._reduced, self._reduced_of = _Reduced(footage), of
+        return self._reduced
+
+    def forget(self) -> None:
+        """See `StageView`."""
+        self._reduced = None
+
+    def _cache_folder(self) -> Path | None:
+        take = self.workspace.take
+        return take.footage_cache if take is not None else None
+
+    def _thumbnails(self, canvas: Canvas, opened: _Reduced, frame: int, height: float) -> None:
+        footage = opened.footage
+        alone = self.camera in footage.camera_names
+        names = (self.camera,) if alone else footage.camera_names
+        draws = alone and self.mode == GARBAGE
+        drawn: Polygons = {}
+        if self.mode == GARBAGE:
+            drawn = self._drawn_polygons()
+        else:
+            self._told = None  # again when they are to be drawn again
+        places, image_at = [], None
+        width, row = grid(len(names), canvas.width, height, _aspect(footage, names[0]), self._small)
+        columns = max(canvas.width // width, 1)
+        for number, name in enumerate(names):
+            x, y = number % columns * width, number // columns * row
+            held_out = name in footage.held_out_cameras
+            if not draws:  # then clicks are corners
+                places.append((name, rectangle(x, y, width, row)))
+            try:
+                picture = self._thumbnail(opened, name, frame, WIDEST if alone else WIDE)
+                left, top, wide, high = canvas.fit_image(x + 3, y + 3, width - 6, row - self._small - 11, picture)
+                if self.mode == GARBAGE:
+                    at = _ImageAt(name, (left, top, wide, high), footage.raw_size(name))
+                    draw_garbage(canvas, at.shown, drawn.get(name), at.size, self.garbage.corners if alone else ())
+                    image_at = at if alone else None
+                if held_out:
+                    canvas.frame(left, top, wide, high, HELD_OUT)
+            except StudioError as error:
+                canvas.rect(x + 3, y + 3, width - 6, row - self._small - 11, RAISED)
+                step = line_height(self._small)
+                for line, words in enumerate(
+                    wrapped(str(error), self._small, width - 18)[: max(int(row // step) - 2, 1)]
+                ):
+                    canvas.text(x + 9, y + 9 + line * step, words, self._small, BAD)
+            label = f"{name}, held out" if held_out else name
+            label += f": {DRAWING}" if draws else "; click for all cameras" if alone else ""
+            canvas.text(x + width / 2, y + row - self._small - 7, label, self._small, TEXT, align="middle", width=width)
+        self.places, self._image_at = places, image_at
+
+    def _thumbnail(self, opened: _Reduced, name: str, frame: int, widest: int) -> np.ndarray:
+        small = opened.image(name, frame, widest)
+        if self.mode == "images":
+            return small
+        mask = opened.matte(name, frame, widest)
+        if self.mode == GARBAGE:  # bright, since one looks for what is not the performer
+            return outlined(small, mask)
+        matte = mask[..., None] / np.float32(255)
+        if self.mode == "performer":
+            return (small * matte + np.array(GROUND) * (1 - matte)).astype(np.uint8)
+        return outlined(small * (0.35 + 0.65 * matte), 255 * matte[..., 0])
+
+    def _drawn_polygons(self) -> Polygons:
+        try:
+            found = self.garbage.polygons()
+        except StudioError as error:
+            told = (str(error), error.value)
+            if told != self._told:  # once, not with each frame
+                self._told, self.garbage.refused = told, str(error)
+            return {}
+        self._told = None
+        return found
+
+    def click(self, x: float, y: float) -> None:
+        """Add a corner to the garbage matte, if one is drawn."""
+        at = self._image_at
+        if at is not None and self.mode == GARBAGE and at.camera == self.camera:
+            self.garbage.click(at.camera, at.pixel(x, y), at.size, 0.6 * self.em / at.scale)
+
+    def right_click(self, x: float, y: float) -> None:
+        """Take back a corner, or delete the garbage matte under the pointer."""
+        at = self._image_at
+        if at is not None and self.mode == GARBAGE and at.camera == self.camera:
+            self.garbage.right_click(at.camera, at.pixel(x, y), at.size)
+
+    def check(self) -> None:
+        """Decode all of the footage once and list problems, on a separate thread."""
+        context = self.workspace.context
+        if context is not None:
+            self._check.start(context)
+
+    def stop_check(self) -> None:
+        """Stop the check."""
+        self._check.stop()
+
+    @property
+    def checking(self) -> bool:
+        """Whether the check is running."""
+        return self._check.running
+
+    def close(self) -> bool:
+        """See `StageView`."""
+        self._check.stop()
+        return super().close()
+
+
+class _Reduced:
+    """The images and mattes of a footage, at most some pixels wide; the newest ones are kept. Must not be modified."""
+
+    def __init__(self, footage: Footage) -> None:
+        self.footage = footage
+        self._kept = ByteCache(KEPT_BYTES)
+
+    def image(self, camera: str, frame: int, widest: int) -> np.ndarray:
+        """(h, w, 3) uint8 RGB. Raises StudioError as `Footage.raw_image`."""
+        return self._small(("image", camera, frame, widest), widest, lambda: self.footage.raw_image(camera, frame))
+
+    def matte(self, camera: str, frame: int, widest: int) -> np.ndarray:
+        """(h, w) uint8, 255 = foreground. Raises StudioError as `Footage.raw_matte`."""
+        return self._small(("matte", camera, frame, widest), widest, lambda: self.footage.raw_matte(camera, frame))
+
+    def _small(self, key: Hashable, widest: int, read: Callable[[], np.ndarray]) -> np.ndarray:
+        import cv2
+
+        found = self._kept.get(key)
+        if found is None:
+            whole = read()
+            scale = min(1.0, widest / whole.shape[1])
+            size = max(round(whole.shape[1] * scale), 1), max(round(whole.shape[0] * scale), 1)
+            found = (cv2.resize(whole, size, interpolation=cv2.INTER_AREA),)
+            self._kept.put(key, *found)
+        return found[0]
+
+
+@dataclass(frozen=True)
+class _ImageAt:
+    """Where a camera's image is in the picture: (left, top, width, height), and the image's (width, height)."""
+
+    camera: str
+    place: tuple[float, float, float, float]
+    size: tuple[int, int]
+
+    @property
+    def scale(self) -> float:
+        """Pixels of the picture per pixel of the image."""
+        return self.place[2] / self.size[0]
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """The pixel of the image at one of the picture."""
+        left, top, _, _ = self.place
+        return (x - left) / self.scale, (y - top) / self.scale
+
+    def shown(self, points: np.ndarray) -> np.ndarray:
+        """Pixels of the picture of pixels (N, 2) of the image."""
+        return np.asarray(points) * self.scale + self.place[:2]
+
+
+def outlined(image: np.ndarray, matte: np.ndarray) -> np.ndarray:
+    """A copy of an image (H, W, 3) with the edge of a matte (H, W), 0 to 255."""
+    import cv2
+
+    shown = image.astype(np.uint8)
+    inside = (matte > 127).astype(np.uint8)
+    shown[cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0] = TINT
+    return shown
+
+
+def _aspect(footage: Footage, camera: str) -> float:
+    width, height = footage.raw_size(camera)
+    return width / height
+
+
+def grid(count: int, width: int, height: float, aspect: float, label: int) -> tuple[int, int]:
+    """(width, height) of the largest cells that fit `count` pictures of an aspect ratio, with a label under each."""
+    best = (1, 1)
+    for columns in range(1, count + 1):
+        rows = -(-count // columns)
+        wide = width // columns
+        high = min(round((wide - 6) / aspect) + label + 11, int(height // rows))
+        area = min(wide - 6, (high - label - 11) * aspect)
+        if area > min(best[0] - 6, (best[1] - label - 11) * aspect):
+            best = (wide, high)
+    return best
+
+
+class FootageCheck:
+    """Runs `Footage.check` on a thread.
+
+    Attributes:
+        words: progress or outcome; "" before the first check.
+        problems: the problems found.
+    """
+
+    def __init__(self) -> None:
+        self.words = ""
+        self.problems: Sequence[str] = ()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it is running."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def start(self, context: Context) -> None:
+        """Start, unless it is running."""
+        if self.running:
+            return
+        self._stop.clear()
+        self.words, self.problems = "checking the footage", ()
+        self._thread = threading.Thread(target=self._run, args=(context,), name="v3studio check", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop at the next image."""
+        self._stop.set()
+
+    def _run(self, context: Context) -> None:
+        def progress(done: int, total: int, **figures: object) -> None:
+            if self._stop.is_set():
+                raise Cancelled
+            self.words = f"checking the footage, {done} of {total} images"
+
+        try:
+            run = context.config.run
+            footage = open_footage(
+                context.footage.capture.replace(cache_megabytes=64),
+                None,
+                strict=False,
+                cache_folder=context.take.footage_cache,
+                device=run.device,
+                threads=run.threads,
+            )
+            drift = ColorDrift()
+            problems = [*check_footage(footage, progress, drift=drift), *drift.messages()]
+        except Cancelled:
+            self.words = "check stopped"
+        except StudioError as error:
+            self.words, self.problems = "check failed", (str(error),)
+        else:
+            count = len(problems)
+            self.problems = [str(problem) for problem in problems]
+            self.words = (
+                f"{count} problem{'s' * (count != 1)} found" if problems else "all images checked, no problems found"
+            )

@@ -1,0 +1,127 @@
+"""Initialize: the visual hull of each group's keyframe, and the initial points sampled on it."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas
+from gui.drawing.painter import draw_points
+from gui.drawing.palette import DIM, GROUND
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.take.workspace import Workspace
+from gui.pages.stage_view import OrbitView, Size
+from pipelines.takes.atomic_files import read_model
+from pipelines.takes.point_files import read_points
+from pipelines.takes.stage_files import InitialPointsReport
+from pipelines.takes.take import Take
+from studio.cameras import Camera
+from studio.counts import counted
+from studio.errors import StudioError
+
+
+class Mesh(Protocol):
+    """A mesh that can render itself."""
+
+    faces: int
+
+    def draw(self, camera: Camera) -> np.ndarray:
+        """(H, W, 3) uint8."""
+        ...
+
+
+class InitializeView(OrbitView):
+    """See the module.
+
+    Args:
+        workspace: the take.
+        read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
+    """
+
+    modes = ("mesh", "points")
+
+    def __init__(self, workspace: Workspace, read_mesh: Callable[[Path], Mesh]) -> None:
+        super().__init__(workspace)
+        self._read_mesh = read_mesh
+        self._read_of: Hashable = None
+        self._mesh: Mesh | None = None
+        self._points = np.zeros((0, 3)), np.zeros((0, 3))
+
+    def _folder(self) -> Path | None:
+        """Folder of the current frame's group."""
+        take = self.workspace.take
+        if take is None:
+            return None
+        starts = self.workspace.assessment.group_starts
+        return take.initialize_group(max(bisect_right(starts, self.frame) - 1, 0))
+
+    def state(self) -> Hashable:
+        """The files of the group, and the view."""
+        folder = self._folder()
+        view = self.orbit.key if self.orbit is not None else None
+        return (folder, _stamp(folder), self.mode, view, self.em)
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        folder = self._folder()
+        take = self.workspace.take
+        if folder is None or take is None or not (folder / "points.ply").is_file():
+            raise StudioError("take.not_initialized", "no mesh and no points for this group yet", fix="Run Initialize.")
+        self._read(take, folder)
+        view = (self.orbit or self._home or OrbitCamera()).camera(*size)
+        points, colors = self._points
+        if self.mode == "mesh":
+            assert self._mesh is not None
+            canvas = Canvas(1, 1)
+            canvas.pixels = np.ascontiguousarray(self._mesh.draw(view))
+        else:
+            canvas = Canvas(*size, GROUND)
+            draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
+        path = folder / "report.json"
+        keyframe = read_model(path, InitialPointsReport).keyframe if path.is_file() else "?"
+        small = round(0.9 * self.em)
+        group = int(folder.name.removeprefix("group_"))
+        words = f"group {group}, frame {keyframe}: {counted(len(points), 'point')}"
+        if self._mesh is not None:
+            words += f" on {counted(self._mesh.faces, 'face')}"
+        canvas.text(self.em, 0.7 * self.em, words, small, DIM)
+        return canvas.pixels
+
+    def _read(self, take: Take, folder: Path) -> None:
+        stamp = (folder, _stamp(folder))
+        if stamp == self._read_of:
+            return
+        self._points = read_points(folder / "points.ply")
+        self._mesh = self._read_mesh(folder / "mesh.ply")
+        if self._home is None:
+            self._home = _home(take, self._points[0])
+        self._read_of = stamp
+
+    def close(self) -> bool:
+        """See `StageView`. Open3D exits with an error if one of its meshes outlives it."""
+        ended = super().close()
+        self._mesh = None
+        return ended
+
+
+def _home(take: Take, points: np.ndarray) -> OrbitCamera:
+    """The initial view: from the first camera, looking at the points."""
+    if not take.rig.is_file():
+        return OrbitCamera.around(points, np.array([0.0, 0.0, 1.0]))
+    from studio.camera_files import read_rig
+
+    rig = read_rig(take.rig)
+    home = OrbitCamera.around(points, rig.up)
+    first = next(iter(rig), None)
+    return home if first is None else OrbitCamera.looking_through(first, home.target, rig.up)
+
+
+def _stamp(folder: Path | None) -> tuple[float, ...]:
+    if folder is None:
+        return ()
+    paths = (folder / "mesh.ply", folder / "points.ply")
+    return tuple(path.stat().st_mtime if path.is_file() else 0.0 for path in paths)

@@ -1,0 +1,66 @@
+"""Tables of the stages: the order of the calibration report, and texts for the clipboard."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gui.models.folders import natural
+
+CAMERA = "camera"
+"""Title of the column of names."""
+
+
+@dataclass(frozen=True)
+class Sorting:
+    """What a table is sorted by.
+
+    Attributes:
+        column: title of a column; "" for the order of the rig.
+        descending: highest first.
+    """
+
+    column: str = ""
+    descending: bool = False
+
+    def clicked(self, column: str) -> Sorting:
+        """After a click on a title: figures highest first, names lowest first; then the other way; then unsorted."""
+        first = Sorting(column, column != CAMERA)
+        if self.column != column:
+            return first
+        return Sorting(column, not first.descending) if self == first else Sorting()
+
+    def order(self, names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> list[int]:
+        """Indices of the rows in order; those without a figure come last, equal ones stay as they are.
+
+        Args:
+            names: of the cameras.
+            columns: words of each row by title, as they are shown.
+        """
+        rows = list(range(len(names)))
+        if self.column == CAMERA:
+            return sorted(rows, key=lambda row: natural(names[row]), reverse=self.descending)
+        if self.column not in columns:  # also of another report, which lacks it
+            return rows
+        figures = [_figure(words) for words in columns[self.column]]
+        sign = -1.0 if self.descending else 1.0
+        return sorted(rows, key=lambda row: (1, 0.0) if (value := figures[row]) is None else (0, sign * value))
+
+
+def table_text(names: Sequence[str], columns: Mapping[str, Sequence[str]], order: Sequence[int]) -> str:
+    """Titles and rows in order, for the clipboard; see `cells_text`."""
+    lines = [[CAMERA, *columns]]
+    lines += [[names[row], *(words[row] for words in columns.values())] for row in order]
+    return cells_text(lines)
+
+
+def cells_text(lines: Sequence[Sequence[str]]) -> str:
+    """Lines of cells with tabs between them, as spreadsheets paste them."""
+    return "\n".join("\t".join(line) for line in lines) + "\n"
+
+
+def _figure(words: str) -> float | None:
+    try:
+        return float(words.rstrip("%"))
+    except ValueError:  # "from file", or nothing
+        return None

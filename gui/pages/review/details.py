@@ -1,0 +1,76 @@
+"""The tool Detail: balls around face and hands, which training gives more splats."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas
+from gui.drawing.painter import draw_line
+from gui.drawing.palette import ACCENT, DIM
+from gui.models.scene.handles import Handle, picked
+from pipelines.takes.followed import followed
+from pipelines.takes.take import Take
+from studio.cameras import Camera
+from studio.edits.edit_list import DETAIL_WEIGHT, DetailMark, EditList
+
+SIZE = 0.1
+"""Radius of a new ball, relative to the performer's largest extent: a little more than a head's."""
+
+_DEEP = 0.6
+"""How far behind the clicked point the middle of a ball is, in radii."""
+
+_CIRCLE = 48
+"""Lines of a circle."""
+
+
+def marked(take: Take, frame: int, view: Camera, means: np.ndarray, x: float, y: float) -> DetailMark | None:
+    """A ball around the part of the performer at a pixel; None if nothing is there.
+
+    Args:
+        take: with trained frames, through which the ball is followed.
+        frame: on screen, counted from 0 in the take.
+        view: of the screen.
+        means: (N, 3) splats that are seen.
+        x, y: pixel.
+
+    Raises:
+        StudioError: as `pipelines.takes.followed.followed`.
+    """
+    point = picked(view, means, x, y)
+    if point is None:
+        return None
+    # without the few farthest: a stray splat would make the performer large
+    extent = float(np.ptp(np.quantile(means, (0.005, 0.995), axis=0), axis=0).max())
+    radius = max(SIZE * extent, 1e-6)
+    inward = (point - view.center) / max(float(np.linalg.norm(point - view.center)), 1e-12)
+    return followed(take, frame, point + _DEEP * radius * inward, radius, DETAIL_WEIGHT)
+
+
+def detail_handles(edits: EditList, frame: int, up: np.ndarray) -> list[Handle]:
+    """The top of each ball."""
+    return [Handle(f"detail {number}", one.at(frame) + one.radius * up, up) for number, one in enumerate(edits.details)]
+
+
+def resized(edits: EditList, handle: Handle, distance: float) -> EditList:
+    """The edits with the radius of a handle's ball changed by a distance."""
+    number = int(handle.name.split()[1])
+    mark = edits.details[number]
+    radius = max(mark.radius + distance, 0.1 * mark.radius)
+    new = mark.model_copy(update={"radius": radius})
+    return edits.with_(details=(*edits.details[:number], new, *edits.details[number + 1 :]))
+
+
+def draw_detail(canvas: Canvas, view: Camera, mark: DetailMark, frame: int, active: bool) -> None:
+    """Draw the outline of a ball, over everything."""
+    center = mark.at(frame)
+    toward = view.center - center
+    across = np.cross(toward, np.eye(3)[np.abs(toward).argmin()])
+    down = np.cross(toward, across)
+    turns = np.linspace(0, 2 * np.pi, _CIRCLE + 1)[:, None]
+    points = center + mark.radius * (
+        np.cos(turns) * across / np.linalg.norm(across) + np.sin(turns) * down / np.linalg.norm(down)
+    )
+    for start, end in pairwise(points):
+        draw_line(canvas, view, start, end, ACCENT if active else DIM, 2)

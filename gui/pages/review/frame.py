@@ -1,0 +1,95 @@
+"""EditedFrame: the trained frame that is edited, its group, and what edits remove of it."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+
+import numpy as np
+
+from gui.pages.review.tools import FLOATERS
+from pipelines.takes.edited import edits_of_group, read_paths
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from studio.edits.edit_list import EditList, Floaters
+from studio.edits.selection import Paths, Selection, select
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+SEEN = 0.1
+"""Opacity of splats that are clicked, and that a new box surrounds."""
+
+KEPT = 8
+"""Selections that are kept: a drag compares two, a proposal a few more."""
+
+
+class EditedFrame:
+    """See the module. For one thread.
+
+    Attributes:
+        number: the frame, counted from 0.
+        group: its group, counted from 0.
+        indices: frames of the group.
+        gaussians: N splats of the frame.
+        paths: of the group.
+    """
+
+    number: int
+    group: int
+    indices: range
+    gaussians: Gaussians
+    paths: Paths
+
+    def __init__(self) -> None:
+        self._paths_of: object = None
+        self._frame_of: object = None
+        self._selections: dict[EditList, Selection] = {}
+
+    def read(self, take: Take | None, frame: int) -> None:
+        """Read what has changed.
+
+        Args:
+            take: with trained frames.
+            frame: counted from 0; the last one if there are fewer.
+
+        Raises:
+            StudioError: `take.not_trained`, or a damaged file.
+        """
+        files, starts = take.trained_files() if take is not None else ([], ())
+        if take is None or not files:
+            raise StudioError("take.not_trained", "there is nothing to edit yet", fix="Run Train.")
+        self.number = min(frame, len(files) - 1)
+        self.group = bisect_right(starts, self.number) - 1
+        self.indices = range(starts[self.group], (*starts[1:], len(files))[self.group])
+        key = (take.root, self.group, self.indices, files[self.indices[0]].stat().st_mtime_ns)
+        if self._paths_of != key:
+            self.paths = read_paths(take, self.group, self.indices)
+            self._paths_of, self._selections = key, {}
+        if self._frame_of != (key, self.number):
+            self.gaussians = read_frame(files[self.number])
+            self._frame_of = (key, self.number)
+
+    def selection(self, edits: EditList) -> Selection:
+        """What edits of the take remove of the group."""
+        edits = edits_of_group(edits, self.indices)
+        if edits not in self._selections:
+            while len(self._selections) >= KEPT:
+                self._selections.pop(next(iter(self._selections)))
+            self._selections[edits] = select(edits, self.paths)
+        return self._selections[edits]
+
+    def proposed_floaters(self, edits: EditList) -> Floaters:
+        """The first of `FLOATERS` that remove something else than the edits do; the last if none does."""
+        removed = self.selection(edits).removed
+        for limits in FLOATERS:
+            if (self.selection(edits.with_(floaters=limits)).removed & ~removed).any():
+                return limits
+        return FLOATERS[-1]
+
+    def seen(self, removed: np.ndarray) -> np.ndarray:
+        """(M, 3) float64: the frame's splats that can be seen, without the removed (N,) ones."""
+        at = self.indices.index(self.number)
+        visible = ~removed & (self.paths.opacities[at] > SEEN)
+        if not visible.any():
+            visible = ~removed
+        found: np.ndarray = self.paths.means[at][visible].astype(np.float64)
+        return found

@@ -1,0 +1,96 @@
+"""A histogram of the splats' opacities beside the picture, with the limit of floaters as a line that can be dragged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas
+from gui.drawing.palette import DIM, FAIR, GROUND, LINE, SECOND, TEXT
+
+BINS = 50
+LEAST, MOST = 0.005, 1.0
+"""Limits that can be dragged to; 0 is not one."""
+
+_WIDTH, _HEIGHT, _MARGIN = 17.0, 7.5, 0.6
+"""Of the whole panel and around it, em."""
+
+
+@dataclass(frozen=True)
+class HistogramPlace:
+    """Where the bars are in a picture.
+
+    Attributes:
+        left, top, width, height: pixels.
+        em: font size, pixels.
+    """
+
+    left: float
+    top: float
+    width: float
+    height: float
+    em: float
+
+    @classmethod
+    def of(cls, size: tuple[int, int], em: float) -> HistogramPlace:
+        """In the lower left corner of a picture of some size (width, height), pixels."""
+        left = (_MARGIN + 0.6) * em
+        width = min(_WIDTH * em, size[0] - 2 * _MARGIN * em) - 1.2 * em
+        height = (_HEIGHT - 3.4) * em
+        return cls(left, size[1] - (_MARGIN + 1.6) * em - height, max(width, 1.0), height, em)
+
+    def opacity_at(self, x: float) -> float:
+        """The limit at a column of the picture."""
+        return round(min(max((x - self.left) / self.width, LEAST), MOST), 3)
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a pixel is on the bars or their axis."""
+        return (
+            -0.5 * self.em <= x - self.left <= self.width + 0.5 * self.em
+            and -0.5 * self.em <= y - self.top <= self.height + 1.5 * self.em
+        )
+
+
+def bars(opacities: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """(BINS,) number of kept splats with an opacity in each of equal parts of 0 to 1.
+
+    Args:
+        opacities: (N,) highest of each splat in its group, 0 to 1.
+        kept: (N,) bool: which of them no other edit removes.
+    """
+    counts, _ = np.histogram(opacities[kept], BINS, (0.0, 1.0))
+    found: np.ndarray = counts
+    return found
+
+
+def draw_histogram(canvas: Canvas, place: HistogramPlace, counts: np.ndarray, limit: float | None, below: int) -> None:
+    """Draw the bars (logarithmic, as most splats are opaque), those below the limit in the color of a selection.
+
+    Args:
+        canvas: to draw on.
+        place: where.
+        counts: from `bars`.
+        limit: opacity below which splats are floaters; None for none.
+        below: number of splats below it.
+    """
+    em, size = place.em, round(0.8 * place.em)
+    canvas.rect(place.left - 0.6 * em, place.top - 1.8 * em, place.width + 1.2 * em, place.height + 3.4 * em, GROUND)
+    canvas.text(place.left, place.top - 1.6 * em, "Highest opacity of the splats", size, TEXT, width=place.width)
+    most = np.log1p(max(int(counts.max()), 1))
+    wide = place.width / BINS
+    for number, count in enumerate(counts):
+        high = place.height * float(np.log1p(count) / most)
+        color = FAIR if limit is not None and (number + 0.5) / BINS < limit else SECOND
+        if count:
+            canvas.rect(place.left + number * wide, place.top + place.height - high, wide - 1, max(high, 1), color)
+    bottom = place.top + place.height
+    canvas.rect(place.left, bottom, place.width, 1, LINE)
+    canvas.text(place.left, bottom + 0.2 * em, "0", size, DIM)
+    canvas.text(place.left + place.width, bottom + 0.2 * em, "1", size, DIM, align="right")
+    words = "drag a limit"
+    if limit is not None:
+        at = place.left + limit * place.width
+        canvas.rect(at - 1, place.top - 0.3 * em, 2, place.height + 0.3 * em, FAIR)
+        words = f"below {limit:g}: {below:,}"
+    canvas.text(place.left + place.width / 2, bottom + 0.2 * em, words, size, FAIR if limit else DIM, align="middle")

@@ -1,0 +1,192 @@
+"""The numbers of edits as texts of fields, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydantic import ValidationError
+
+from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
+from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Trim, World
+from studio.rotations import matrices_to_quats
+from studio.violations import violation
+
+Field = tuple[str, str, str]
+
+TITLES = {
+    "crop": ("Crop box", "Min and max corner, x y z in the placed world. Empty: no box."),
+    "ground": ("Ground", "Height along up, in the placed world. Empty: no ground plane."),
+    "floaters": ("Floaters", "Splats that are removed in every group. Empty: no such limit."),
+    "world": ("World", "Of streams and exports. Points and directions in the world of the capture, x y z."),
+    "details": (
+        "Detail",
+        "The last one that was marked. Weight: how much more it counts in training. Empty: no such detail.",
+    ),
+    "trim": ("Trim", "First and last frame to keep, counted from 0. Empty: all."),
+}
+
+
+def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
+    """Key, label and text of each number of an edit.
+
+    Args:
+        edits: of the take, with what is selected.
+        kind: a key of `TITLES`.
+        up: (3,) unit vector: up in the world of the capture.
+    """
+    world = edits.similarity
+    if kind == "crop":
+        low = high = ""
+        if edits.crop is not None:
+            corners = world.points(edits.crop.corners)
+            low, high = _text(corners.min(axis=0)), _text(corners.max(axis=0))
+        return [("low", "Min corner", low), ("high", "Max corner", high)]
+    if kind == "ground":
+        ground = edits.ground
+        height = "" if ground is None else f"{_height(edits, ground, up):.4g}"
+        return [("height", "Height", height)]
+    if kind == "floaters":
+        now = edits.floaters
+        return [
+            (key, label, "" if now is None or getattr(now, key) is None else f"{getattr(now, key):g}")
+            for key, label in (
+                ("opacity", "Splats that stay below opacity (0 to 1)"),
+                ("share", "Clusters with less than this share of the splats (0 to 1)"),
+                ("splats", "Clusters of fewer splats"),
+                ("distance", "Distance within clusters, units of the capture"),
+            )
+        ]
+    if kind == "world":
+        placed = edits.world or World()
+        return [
+            ("up", "Up", "" if placed.up is None else _text(np.array(placed.up))),
+            ("origin", "Origin", _text(np.array(placed.origin))),
+            ("scale", "Scale", f"{placed.scale:.6g}"),
+        ]
+    if kind == "details":
+        last = edits.details[-1] if edits.details else None
+        return [
+            ("radius", "Radius, in the placed world", "" if last is None else f"{world.scale * last.radius:.4g}"),
+            ("weight", "Weight (1 to 100)", "" if last is None else f"{last.weight:g}"),
+        ]
+    trim = edits.trim
+    return [
+        ("first", "In point", "" if trim is None else str(trim.first)),
+        ("last", "Out point", "" if trim is None else str(trim.last)),
+    ]
+
+
+def brush_field(radius: float) -> Field:
+    """The field of the brush's radius, which is relative to the height of the picture."""
+    return "radius", "Radius, % of the height of the view", f"{100 * radius:.3g}"
+
+
+def brush_of(text: str) -> float | str:
+    """The brush's radius, relative to the height of the picture, as typed; a sentence if it makes no sense."""
+    try:
+        radius = float(text.strip().removesuffix("%")) / 100
+    except ValueError:
+        return f"'{text}' is not a number; example: 3."
+    if not LEAST_BRUSH <= radius <= MOST_BRUSH:
+        return f"The radius must be from {100 * LEAST_BRUSH:g}% to {100 * MOST_BRUSH:g}%."
+    return radius
+
+
+def with_numbers(edits: EditList, kind: str, texts: Mapping[str, str], up: np.ndarray) -> EditList | str:
+    """The edits with what was typed into the fields; a sentence if it makes no sense.
+
+    Args:
+        edits, kind, up: as for `fields_of`.
+        texts: by key.
+    """
+    try:
+        return _with_numbers(edits, kind, {key: text.strip() for key, text in texts.items()}, up)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or kind
+        return f"{where} {violation(first)}."
+    except ValueError as error:
+        return f"{error}."
+
+
+def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndarray) -> EditList:
+    if kind == "details":
+        return _with_detail(edits, texts)
+    if not any(texts.values()):
+        return edits.with_(**{kind: None})
+    back = edits.similarity.inverse
+    if kind == "crop":
+        low, high = (_vector(texts[key], key) for key in ("low", "high"))
+        box = edits.crop
+        if (
+            box is not None
+            and fields_of(edits, kind, up)[0][2] == texts["low"]
+            and (fields_of(edits, kind, up)[1][2] == texts["high"])
+        ):
+            return edits  # a turned box has no such corners
+        return edits.with_(
+            crop=CropBox.model_validate(
+                {
+                    "center": back.points((low + high) / 2).tolist(),
+                    "size": (back.scale * (high - low)).tolist(),
+                    "rotation": matrices_to_quats(back.rotation).tolist(),
+                    "training": box is not None and box.training,
+                }
+            )
+        )
+    if kind == "ground":
+        placed_up = edits.similarity.directions(up)
+        point = back.points(_number(texts["height"], "height") * placed_up)
+        return edits.with_(ground=Ground.model_validate({"normal": up.tolist(), "height": float(point @ up)}))
+    if kind == "floaters":
+        values = {key: _number(text, key) for key, text in texts.items() if text}
+        return edits.with_(floaters=Floaters.model_validate(values))
+    if kind == "world":
+        placed = {
+            "up": _vector(texts["up"], "up").tolist() if texts["up"] else None,
+            "origin": _vector(texts["origin"] or "0 0 0", "origin").tolist(),
+            "scale": _number(texts["scale"] or "1", "scale"),
+        }
+        world = World.model_validate(placed)
+        return edits.with_(world=None if world == World() else world)
+    return edits.with_(trim=Trim.model_validate({key: _number(texts[key], key) for key in ("first", "last")}))
+
+
+def _with_detail(edits: EditList, texts: dict[str, str]) -> EditList:
+    if not edits.details:
+        raise ValueError("there is no detail yet: take the tool Detail, and click on the performer")
+    *others, last = edits.details
+    if any(texts.values()):
+        changed = {key: _number(text, key) for key, text in texts.items()}
+        same = f"{edits.similarity.scale * last.radius:.4g}" == texts["radius"]
+        changed["radius"] = last.radius if same else edits.similarity.inverse.scale * changed["radius"]
+        others.append(DetailMark.model_validate(last.model_dump() | changed))
+    return edits.with_(details=tuple(others))
+
+
+def _height(edits: EditList, ground: Ground, up: np.ndarray) -> float:
+    point = edits.similarity.points(ground.height * ground.unit)
+    return float(point @ edits.similarity.directions(up))
+
+
+def _text(values: np.ndarray) -> str:
+    least = 1e-9 * max(float(np.abs(values).max()), 1e-9)
+    return " ".join(f"{0.0 if abs(value) < least else value:.4g}" for value in values)
+
+
+def _number(text: str, key: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"{key}: '{text}' is not a number") from None
+    if not np.isfinite(value):
+        raise ValueError(f"{key}: '{text}' is not a number")
+    return value
+
+
+def _vector(text: str, key: str) -> np.ndarray:
+    parts = text.replace(",", " ").split()
+    if len(parts) != 3:
+        raise ValueError(f"{key}: '{text}' is not three numbers; example: 0 1.5 0")
+    return np.array([_number(part, key) for part in parts])

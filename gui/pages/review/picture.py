@@ -1,0 +1,166 @@
+"""Draws an edited frame: kept splats, removed and selected ones in colors, the crop box, the ground and the world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import torch
+
+from gui.drawing.canvas import Canvas
+from gui.drawing.painter import draw_line, draw_points, project
+from gui.drawing.palette import ACCENT, AXES, BAD, DIM, FAIR, GROUND, TEXT
+from gui.models.scene.compose import Color, SplatLayer, blend
+from gui.models.scene.contents import Lines
+from gui.models.scene.fragments import Fragments, line_fragments
+from gui.models.scene.handles import Handle
+from studio.cameras import Camera
+from studio.edits.edit_list import CropBox, EditList, Ground
+from studio.gaussians import SH_C0, Gaussians
+
+MANY = 3000
+"""Selected splats from which on their dots are small."""
+
+HIDDEN = 0.22
+"""Strength of lines that splats hide."""
+
+OPAQUE = 0.5
+"""Opacity of the splats in a pixel from which on they hide what is behind them."""
+
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """What is being drawn, in pixels of the picture.
+
+    Attributes:
+        points: (x, y).
+        radius: of the brush; None: a lasso.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    radius: float | None
+
+
+def colored(gaussians: Gaussians, removed: np.ndarray, selected: np.ndarray, show_removed: bool) -> Gaussians:
+    """The splats to draw: selected ones and, if `show_removed`, removed ones in colors of their own.
+
+    Args:
+        gaussians: N splats.
+        removed, selected: (N,) bool.
+        show_removed: whether removed splats are drawn.
+    """
+    sh = gaussians.sh.clone()
+    for mask, color in ((removed, BAD), (selected & ~removed, FAIR)):
+        chosen = torch.from_numpy(mask)
+        sh[chosen] = 0
+        sh[chosen, 0] = (torch.tensor(color, dtype=sh.dtype) / 255 - 0.5) / SH_C0
+    found = replace(gaussians, sh=sh)
+    return found if show_removed else found[torch.from_numpy(~removed)]
+
+
+def draw_selected(canvas: Canvas, view: Camera, means: np.ndarray) -> None:
+    """Draw dots at selected splats (N, 3): many are too faint, or behind others, to be seen."""
+    if len(means):
+        colors = np.tile(np.array(FAIR, np.uint8), (len(means), 1))
+        draw_points(canvas, view, means.astype(np.float64), colors, 2 if len(means) < MANY else 1)
+
+
+def over(splats: SplatLayer, background: Color) -> np.ndarray:
+    """(H, W, 3) uint8: splats before a background, RGB in 0 to 1."""
+    image = splats.image + (1 - splats.alpha[..., None]) * np.array(background, np.float32)
+    found: np.ndarray = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return found
+
+
+def draw_lines(canvas: Canvas, view: Camera, lines: Lines, splats: SplatLayer) -> None:
+    """Draw lines on the picture of the splats; what these hide is drawn faintly."""
+    found = line_fragments(view, lines)
+    hidden = (splats.alpha.reshape(-1)[found.pixels] > OPAQUE) & (splats.depth.reshape(-1)[found.pixels] < found.depth)
+    cover = np.where(hidden, HIDDEN, 1.0) * found.cover
+    image = canvas.pixels.reshape(-1, 3).astype(np.float32) / 255
+    blend(image, Fragments(found.pixels, found.depth, cover, found.colors))
+    canvas.pixels[:] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(canvas.pixels.shape)
+
+
+def box_lines(box: CropBox, active: bool) -> Lines:
+    """The edges of a box."""
+    corners = box.corners
+    ends = [(corners[start], corners[end]) for start, end in _EDGES]
+    return Lines.of(ends, ACCENT if active else DIM, 2.0 if active else 1.0)
+
+
+def ground_lines(ground: Ground, around: np.ndarray, reach: float, active: bool) -> Lines:
+    """A grid on the plane, `reach` to each side of the point below `around` (3,)."""
+    normal = ground.unit
+    middle = around + (ground.height - around @ normal) * normal
+    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    first /= np.linalg.norm(first)
+    second = np.cross(normal, first)
+    ends = [
+        (middle + step * one - reach * other, middle + step * one + reach * other)
+        for step in np.linspace(-reach, reach, 9)
+        for one, other in ((first, second), (second, first))
+    ]
+    return Lines.of(ends, ACCENT if active else DIM)
+
+
+def draw_handles(canvas: Canvas, view: Camera, handles: Sequence[Handle], held: str) -> None:
+    """Draw a dot for each handle; the one that is held is larger."""
+    for handle in handles:
+        pixel, depth = project(view, handle.place[None])
+        if depth[0] > 0 and np.abs(pixel).max() < 1e5:
+            x, y = map(float, pixel[0])
+            canvas.dot(x, y, 8.5 if handle.name == held else 7.0, TEXT)
+            canvas.dot(x, y, 5.5, ACCENT)
+
+
+def draw_world(canvas: Canvas, view: Camera, edits: EditList, length: float) -> None:
+    """Draw the axes of the placed world at its origin; x red, y green, z blue.
+
+    Args:
+        length: of an axis, units of the capture.
+    """
+    world = edits.similarity
+    back = world.inverse
+    origin = back.points(np.zeros(3))
+    for axis, color in enumerate(AXES):
+        end = origin + length * back.directions(np.eye(3)[axis])
+        draw_line(canvas, view, origin, end, color, 3)
+        pixel, depth = project(view, end[None])
+        if depth[0] > 0 and np.abs(pixel).max() < 1e5:
+            canvas.text(float(pixel[0, 0]) + 5, float(pixel[0, 1]) - 8, "xyz"[axis], 15, color)
+
+
+def draw_clicks(canvas: Canvas, view: Camera, points: Sequence[tuple[float, ...]]) -> None:
+    """Draw picked points (3,), connected."""
+    for start, end in pairwise(points):
+        draw_line(canvas, view, np.array(start), np.array(end), FAIR, 2)
+    for point in points:
+        pixel, depth = project(view, np.array(point)[None])
+        if depth[0] > 0 and np.abs(pixel).max() < 1e5:
+            canvas.dot(float(pixel[0, 0]), float(pixel[0, 1]), 6, FAIR)
+
+
+def with_circle(pixels: np.ndarray, x: float, y: float, radius: float) -> np.ndarray:
+    """A copy of a picture with the outline of the brush, bright on dark so that it is seen on everything."""
+    canvas = Canvas(1, 1)
+    canvas.pixels = pixels.copy()
+    canvas.dot(x, y, radius + 1, GROUND, filled=False)
+    canvas.dot(x, y, radius, TEXT, filled=False)
+    return canvas.pixels
+
+
+def draw_stroke(canvas: Canvas, stroke: Stroke) -> None:
+    """Draw a lasso's outline, or the path of a brush as wide as it is."""
+    if stroke.radius is None:
+        canvas.line([*stroke.points, stroke.points[0]], FAIR, 2)
+        return
+    below = canvas.pixels.copy()
+    for x, y in stroke.points[:1]:
+        canvas.dot(x, y, stroke.radius, FAIR)
+    canvas.line(list(stroke.points), FAIR, max(round(2 * stroke.radius), 1))
+    canvas.pixels[:] = (0.55 * below + 0.45 * canvas.pixels).astype(np.uint8)

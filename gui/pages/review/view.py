@@ -1,0 +1,508 @@
+"""EditView: the trained frame with its edits; draws, drags handles, lassoes and picks points."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from gui.drawing import compare
+from gui.drawing.canvas import Canvas, wrapped
+from gui.drawing.palette import FAIR, TEXT
+from gui.models.playback.viewpoint import BACKGROUNDS
+from gui.models.remembered import Remembered
+from gui.models.scene.compose import SplatLayer
+from gui.models.scene.handles import (
+    Handle,
+    crop_handles,
+    default_crop,
+    default_ground,
+    grabbed,
+    ground_handle,
+    moved_crop,
+    picked,
+    up_of,
+)
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.splats import draw_layer
+from gui.models.take.workspace import Workspace
+from gui.pages.review import picture
+from gui.pages.review.details import detail_handles, draw_detail, marked, resized
+from gui.pages.review.frame import EditedFrame
+from gui.pages.review.histogram import HistogramPlace, bars, draw_histogram
+from gui.pages.review.picture import Stroke
+from gui.pages.review.session import change, edits_of
+from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
+from gui.pages.stage_view import OrbitView, Size
+from pipelines.takes.edit_words import describe
+from pipelines.takes.take import Take
+from studio.cameras import Camera
+from studio.counts import counted
+from studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
+from studio.errors import StudioError
+
+NOBODY = "There are no splats under the pointer. Click on the performer."
+
+_DRAGGED = {"crop": "crop box", "ground": "ground plane", "detail": "size of a detail"}
+"""What a drag with a tool changes."""
+
+
+@dataclass(frozen=True)
+class _State:
+    """What the picture depends on."""
+
+    frame: int
+    view: tuple[float, ...]
+    tool: str
+    show_removed: bool
+    edits: EditList
+    pending: EditList | None
+    stroke: Stroke | None
+    clicks: tuple[tuple[float, ...], ...]
+    held: str
+    background: str
+    trained: int
+    em: float
+
+
+class EditView(OrbitView):
+    """See the module.
+
+    Args:
+        workspace: the take.
+
+    Attributes:
+        tool: one of `TOOLS`.
+        show_removed: whether removed splats are drawn, in red.
+        pending: the edits with what is selected or being dragged; None if nothing is.
+        clicks: picked points, world.
+        brush: radius of the brush, relative to the height of the picture.
+        pointer: where the pointer is over the picture, relative to its width and height; None elsewhere.
+        distance_asked: two points whose distance is to be asked for; the window takes them.
+        refused: why the last change was refused, or what to do; the window takes it.
+        background: name of the background.
+        captured_up: (3,) up of the capture.
+    """
+
+    modes: ClassVar[tuple[str, ...]] = ("edit",)
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self._trained: Remembered[Take, int] = Remembered(lambda take: len(take.trained_files()[0]))
+        self.tool, self.show_removed = "look", False
+        self.pending: EditList | None = None
+        self.clicks: tuple[tuple[float, ...], ...] = ()
+        self.distance_asked: tuple[np.ndarray, np.ndarray] | None = None
+        self.refused, self.background = "", "dark"
+        self.captured_up = np.array([0.0, 0.0, 1.0])
+        self.brush = BRUSH
+        self.pointer: tuple[float, float] | None = None
+        self._plain: np.ndarray | None = None
+        self._circle: tuple[float, float, float] | None = None
+        self._stroke: Stroke | None = None
+        self._handle: Handle | None = None
+        self._from = (0.0, 0.0)
+        self._limiting = False
+        self._dragged: EditList | None = None
+        self._size: Size = (960, 540)
+        self._edited = EditedFrame()
+        self._proposed: Floaters | None = None
+        self._seen = self._reach = np.zeros((0, 3))
+        self.counts: dict[str, int] = {}
+
+    # What is edited
+
+    @property
+    def edits(self) -> EditList:
+        """The take's edits."""
+        return edits_of(self.workspace)
+
+    @property
+    def up(self) -> np.ndarray:
+        """(3,) up in the world of the capture."""
+        return up_of(self.edits, self.captured_up)
+
+    def begin(self, orbit: OrbitCamera, up: np.ndarray, reach: np.ndarray) -> None:
+        """Begin to edit.
+
+        Args:
+            orbit: the view on screen.
+            up: (3,) direction that points up in the capture.
+            reach: (N, 3) points of the performer in frames spread over the take.
+        """
+        self.captured_up, self.orbit, self._reach = up, orbit, reach
+        self.choose_tool("look")
+
+    def choose_tool(self, tool: str) -> None:
+        """Take another tool; what was selected but not removed is let go."""
+        self.tool, self.clicks, self._stroke, self._handle, self.pending = tool, (), None, None, None
+        self._proposed = None
+        self._suggest()
+
+    def step_brush(self, steps: int) -> None:
+        """Make the brush larger, or smaller, by a number of steps."""
+        self.brush = min(max(self.brush * BRUSH_STEP**steps, LEAST_BRUSH), MOST_BRUSH)
+
+    def _suggest(self) -> bool:
+        """Begin with a box around the performer, a plane under the feet, limits of floaters. Returns whether it did."""
+        edits, points = self.edits, np.concatenate([self._seen, self._reach])
+        if self.pending is not None:
+            return False
+        if self.tool == "crop" and edits.crop is None and len(points):
+            self.pending = edits.with_(crop=default_crop(points, edits, self.up))
+        elif self.tool == "ground" and edits.ground is None and len(points):
+            self.pending = edits.with_(ground=default_ground(points, self.up))
+        elif self.tool == "floaters" and (edits.floaters or self._proposed) is not None:
+            self.pending = edits.with_(floaters=edits.floaters or self._proposed)
+        return self.pending is not None
+
+    def press(self, key: str) -> None:
+        """Press a button that needs no dialog."""
+        if key in TOOLS:
+            self.choose_tool(key)
+        elif key == "removed":
+            self.show_removed = not self.show_removed
+        elif key in ("in", "out"):
+            self._trim(key)
+        elif key in ("remove", "remove here"):
+            self.remove_selected(key == "remove here")
+
+    @property
+    def pressed_buttons(self) -> set[str]:
+        """The pressed buttons."""
+        return {self.tool, *(["removed"] if self.show_removed else [])}
+
+    @property
+    def idle_buttons(self) -> set[str]:
+        """Buttons that would do nothing now. Limits may select in other groups only, or bring splats back."""
+        drawn = self.tool in ("lasso", "brush")
+        if self.pending is None or self.pending == self.edits or (drawn and not self.counts.get("selected")):
+            return {"remove", "remove here"}
+        return set() if drawn else {"remove here"}
+
+    def remove_selected(self, here: bool = False) -> None:
+        """Remove what is selected.
+
+        Args:
+            here: a lasso or brush holds in the group on screen only.
+        """
+        edits = self.pending
+        if edits is None:
+            self.refused = "Nothing is selected. Draw with the lasso or the brush, or choose Floaters."
+            return
+        if edits == self.edits:
+            self.refused = "That is removed already. Change it with Numbers (#)."
+            return
+        if self.tool in ("lasso", "brush") and self.settled and not self.counts.get("selected"):
+            self.refused = "Nothing is selected in this group. Select splats first."
+            return
+        if self.tool in ("lasso", "brush") and edits.regions:
+            frames = (self.frame, self.frame) if here else None
+            last = edits.regions[-1].model_copy(update={"frames": frames})
+            edits = edits.with_(regions=(*edits.regions[:-1], last))
+        elif here:
+            self.refused = "Only a lasso or a brush can hold in one group; the others hold in all frames."
+            return
+        self.commit(edits, f"{self.tool} removal" if self.tool in ("lasso", "brush") else self.tool)
+
+    def commit(self, edits: EditList, words: str) -> bool:
+        """Write the edits as one change; returns whether that was possible, and sets `refused` if not."""
+        self.refused = change(self.workspace, edits, words)
+        self.pending = None
+        if self.tool == "floaters":
+            self.tool = "look"
+        return not self.refused
+
+    def _trim(self, key: str) -> None:
+        edits, last = self.edits, max(self._trained_count() - 1, 0)
+        now = edits.trim or Trim(first=0, last=last)
+        first, end = (self.frame, now.last) if key == "in" else (now.first, self.frame)
+        if first > end:
+            first, end = (first, last) if key == "in" else (0, end)
+        whole = (first, end) == (0, last)
+        self.commit(
+            edits.with_(trim=None if whole else Trim(first=first, last=end)), f"trim to frames {first} to {end}"
+        )
+
+    def set_scale(self, start: np.ndarray, end: np.ndarray, distance: float) -> bool:
+        """Scale the world so that two points are `distance` apart; returns whether that was possible."""
+        apart = float(np.linalg.norm(end - start))
+        if not (apart > 0 and distance > 0):
+            self.refused = "The points must differ, and the distance must be above 0."
+            return False
+        world = self.edits.world or World()
+        try:
+            scaled = World.model_validate(world.model_dump() | {"scale": distance / apart})
+        except ValueError:
+            self.refused = "The scale must be from 0.000001 to 1000000."
+            return False
+        self.clicks = ()
+        return self.commit(self.edits.with_(world=scaled), f"scale {scaled.scale:.4g}")
+
+    # Gestures
+
+    def grabs(self, x: float, y: float) -> bool:
+        """Whether a press at a pixel grabs a handle or begins to draw."""
+        if self.tool == "floaters" and self._histogram.holds(x, y):
+            self._limiting = True
+            self._limit(x)
+            return True
+        view = self._view()
+        if self.tool in ("lasso", "brush"):
+            self.pending = None
+            self._stroke = Stroke(((x, y),), None if self.tool == "lasso" else self.brush * view.height)
+            return True
+        self._dragged = self.pending or self.edits
+        self._handle, self._from = grabbed(self._handles(self._dragged), view, x, y), (x, y)
+        return self._handle is not None
+
+    def pull(self, x: float, y: float) -> None:
+        """Drag what was grabbed to a pixel."""
+        if self._limiting:
+            self._limit(x)
+            return
+        if self._stroke is not None:
+            last = self._stroke.points[-1]
+            if abs(x - last[0]) + abs(y - last[1]) >= 2:
+                self._stroke = Stroke((*self._stroke.points, (x, y)), self._stroke.radius)
+            return
+        handle, edits = self._handle, self._dragged
+        if handle is None or edits is None:
+            return
+        distance = handle.distance(self._view(), self._from, (x, y))
+        if handle.name == "ground" and edits.ground is not None:
+            ground = edits.ground.model_copy(update={"height": edits.ground.height + distance})
+            self.pending = edits.with_(ground=ground)
+        elif handle.name.startswith("detail"):
+            self.pending = resized(edits, handle, distance)
+        elif edits.crop is not None:
+            self.pending = edits.with_(crop=moved_crop(edits.crop, handle, distance))
+
+    def release(self) -> None:
+        """Let go: a drag is written, a drawing selects."""
+        self._limiting = False
+        stroke, self._stroke = self._stroke, None
+        if stroke is not None:
+            self._select(stroke)
+        elif self._handle is not None:
+            self._handle = None
+            if self.pending is not None and self.pending != self.edits:
+                self.commit(self.pending, _DRAGGED[self.tool])
+
+    @property
+    def _histogram(self) -> HistogramPlace:
+        return HistogramPlace.of(self._size, self.em)
+
+    def _limit(self, x: float) -> None:
+        """Select splats below the opacity at a column of the histogram, besides what other limits select."""
+        edits = self.pending or self.edits
+        floaters = edits.floaters or Floaters(opacity=1.0)
+        limits = floaters.model_copy(update={"opacity": self._histogram.opacity_at(x)})
+        self.pending = edits.with_(floaters=limits)
+
+    def _select(self, stroke: Stroke) -> None:
+        edits, points = self.edits, stroke.points
+        if len(points) < (3 if stroke.radius is None else 1):
+            return
+        points = points[:: -(-len(points) // MOST_POINTS)]
+        try:
+            region = Region(
+                view=RegionView.of(self._view()), outline=points, radius=stroke.radius, frames=(self.frame,) * 2
+            )
+            self.pending = edits.with_(regions=(*edits.regions, region))
+        except ValueError:
+            self.refused = "There are too many regions already. Take some back with List."
+
+    def click(self, x: float, y: float) -> None:
+        """See `StageView`."""
+        if self.tool == "detail":
+            self._mark_detail(x, y)
+        if self.tool not in ("origin", "up", "scale"):
+            return
+        point = picked(self._view(), self._seen, x, y)
+        if point is None:
+            self.refused = NOBODY
+            return
+        edits = self.edits
+        world = edits.world or World()
+        if self.tool == "origin":
+            self.commit(edits.with_(world=world.model_copy(update={"origin": tuple(point.tolist())})), "origin")
+            return
+        self.clicks = (*self.clicks[-1:], tuple(point.tolist())) if len(self.clicks) < 2 else (tuple(point.tolist()),)
+        if len(self.clicks) < 2:
+            return
+        start, end = (np.array(one) for one in self.clicks)
+        if np.linalg.norm(end - start) < 1e-9:
+            self.clicks = self.clicks[:1]
+        elif self.tool == "scale":
+            self.distance_asked = (start, end)
+        else:
+            up = (end - start) / np.linalg.norm(end - start)
+            if self.commit(edits.with_(world=world.model_copy(update={"up": tuple(up.tolist())})), "up"):
+                self.clicks = ()
+                orbit = self.orbit or OrbitCamera()
+                self.orbit = OrbitCamera.from_to(orbit.eye, orbit.target, up, orbit.fov)
+
+    def _mark_detail(self, x: float, y: float) -> None:
+        take, edits = self.workspace.take, self.edits
+        if take is None:
+            return
+        try:
+            mark = marked(take, min(self.frame, max(self._trained_count() - 1, 0)), self._view(), self._seen, x, y)
+            if mark is None:
+                self.refused = NOBODY
+                return
+            after = edits.with_(details=(*edits.details, mark))
+        except StudioError as error:
+            self.refused = str(error.message)
+            return
+        except ValueError:
+            self.refused = "There are too many details already. Take some back with List."
+            return
+        self.commit(after, f"detail {len(after.details)}")
+
+    # The picture
+
+    def _view(self) -> Camera:
+        return (self.orbit or OrbitCamera()).camera(*self._size)
+
+    def _handles(self, edits: EditList) -> list[Handle]:
+        if self.tool == "crop" and edits.crop is not None:
+            return [handle for handle in crop_handles(edits.crop) if handle.movable(self._view())]
+        if self.tool == "ground" and edits.ground is not None and len(self._seen):
+            return [ground_handle(edits.ground, np.median(self._seen, axis=0))]
+        if self.tool == "detail":
+            return [one for one in detail_handles(edits, self.frame, self.up) if one.movable(self._view())]
+        return []
+
+    def _trained_count(self) -> int:
+        return self._trained.get(self.workspace.take) if self.workspace.take is not None else 0
+
+    def poll(self, size: Size) -> np.ndarray | None:
+        """See `StageView`."""
+        self._size = size
+        self._suggest()
+        found = super().poll(size)
+        if self._suggest():  # from what was just drawn
+            again = super().poll(size)
+            found = found if again is None else again
+        return self._with_brush(found)
+
+    def _with_brush(self, found: np.ndarray | None) -> np.ndarray | None:
+        """The new picture, or the last one if the pointer has moved, with a circle where the brush is; None if nothing
+        has changed. The splats are not drawn again for it."""
+        self._plain = found if found is not None else self._plain
+        if self._plain is None:
+            return None
+        high, wide = self._plain.shape[:2]
+        circle = None
+        if self.tool == "brush" and self.pointer is not None:
+            circle = (self.pointer[0] * wide, self.pointer[1] * high, self.brush * high)
+        before, self._circle = self._circle, circle
+        if found is None and circle == before:
+            return None
+        return self._plain if circle is None else picture.with_circle(self._plain, *circle)
+
+    def show_again(self) -> None:
+        """See `StageView`."""
+        super().show_again()
+        self._plain = self._circle = None
+
+    def state(self) -> Hashable:
+        """See `StageView`."""
+        orbit = self.orbit or OrbitCamera()
+        return _State(
+            self.frame, orbit.key, self.tool, self.show_removed, self.edits, self.pending, self._stroke, self.clicks,
+            self._handle.name if self._handle is not None else "", self.background, self._trained_count(), self.em,
+        )  # fmt: skip
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        assert isinstance(state, _State)
+        edited = self._edited
+        edited.read(self.workspace.take, state.frame)
+        found = edited.selection(state.edits)
+        removed = found.removed
+        selected = back = np.zeros_like(removed)
+        if state.pending is not None:
+            pending = edited.selection(state.pending).removed
+            selected, back = pending & ~removed, removed & ~pending
+        elif state.tool == "floaters":
+            self._proposed = edited.proposed_floaters(state.edits)
+        self._seen = edited.seen(removed)
+        sums = {"removed": removed, "selected": selected, "back": back}
+        self.counts = found.counts | {name: int(one.sum()) for name, one in sums.items()}
+        view = OrbitCamera(*_orbit_of(state.view)).camera(*size)
+        canvas = Canvas(1, 1)
+        shown = picture.colored(edited.gaussians, removed, selected, state.show_removed)
+        splats = draw_layer(shown, view)
+        canvas.pixels = picture.over(splats, BACKGROUNDS[state.background])
+        at = edited.indices.index(edited.number)
+        picture.draw_selected(canvas, view, edited.paths.means[at][selected])
+        self._draw_over(canvas, view, state, splats)
+        if state.tool == "floaters":
+            limits = (state.pending or state.edits).floaters
+            kept = ~(found.crop | found.ground | found.regions)
+            opacities, limit = edited.paths.opacities.max(axis=0), limits.opacity if limits is not None else None
+            below = int((kept & (opacities < limit)).sum()) if limit is not None else 0
+            draw_histogram(canvas, HistogramPlace.of(size, state.em), bars(opacities, kept), limit, below)
+        self._say(canvas, state)
+        return canvas.pixels
+
+    def _say(self, canvas: Canvas, state: _State) -> None:
+        """Write what is kept, and what to do next."""
+        edited, size = self._edited, round(0.9 * state.em)
+        trim, total = state.edits.trim, len(edited.gaussians)
+        outside = "   trimmed off" if trim is not None and edited.number not in trim.range else ""
+        kept = total - self.counts["removed"]
+        words = f"group {edited.group}: {kept:,} of {counted(total, 'splat')} kept{outside}"
+        compare.label(canvas, 0.6 * state.em, 0.6 * state.em, words, size=size)
+        pending, selected, back = state.pending, self.counts["selected"], self.counts["back"]
+        floaters = pending.floaters if pending is not None else None
+        in_use = floaters is not None and floaters == state.edits.floaters
+        words = hint(state.tool, None if pending is None else selected, back, floaters, in_use)
+        color = FAIR if pending is not None and selected + back else TEXT
+        lines = wrapped(words, size, canvas.width - 2 * state.em) if words else []
+        for number, line in enumerate(lines):
+            compare.label(canvas, 0.6 * state.em, (2.5 + 1.6 * number) * state.em, line, color=color, size=size)
+
+    def _draw_over(self, canvas: Canvas, view: Camera, state: _State, splats: SplatLayer) -> None:
+        edits = state.pending or state.edits
+        seen = self._seen if len(self._seen) else np.zeros((1, 3))
+        middle, reach = np.median(seen, axis=0), float(np.linalg.norm(np.ptp(seen, axis=0))) or 1.0
+        if edits.ground is not None:
+            lines = picture.ground_lines(edits.ground, middle, 0.6 * reach, state.tool == "ground")
+            picture.draw_lines(canvas, view, lines, splats)
+        if edits.crop is not None:
+            picture.draw_lines(canvas, view, picture.box_lines(edits.crop, state.tool == "crop"), splats)
+        for mark in edits.details:
+            draw_detail(canvas, view, mark, state.frame, state.tool == "detail")
+        if edits.world is not None or state.tool in ("origin", "up", "scale"):
+            picture.draw_world(canvas, view, edits, 0.25 * reach)
+        picture.draw_clicks(canvas, view, state.clicks)
+        picture.draw_handles(canvas, view, self._handles(edits), state.held)
+        if state.stroke is not None:
+            picture.draw_stroke(canvas, state.stroke)
+
+    @property
+    def status(self) -> str:
+        """See `StageView`."""
+        found = describe(self.edits)
+        if not found:
+            return "No edits. They change what is baked and exported."
+        # in a narrow window, more would not fit; List shows all
+        shown = {"details": "detail", "regions": "region"}  # each has a number
+
+        def short(name: str, text: str) -> str:
+            kind, _, number = name.partition(" ")
+            return f"trim to {text}" if name == "trim" else f"{shown[kind]} {number}" if number else name
+
+        return f"Edits: {', '.join(short(name, text) for name, text in found.items())}"
+
+
+def _orbit_of(key: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, float, float, float, float]:
+    """`OrbitCamera`'s arguments from its key."""
+    distance, yaw, pitch, fov = key[6:]
+    return np.array(key[:3]), np.array(key[3:6]), distance, yaw, pitch, fov

@@ -1,0 +1,220 @@
+"""StageView: the viewport's picture of a stage, drawn on a worker thread from a snapshot of the state."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, wrapped
+from gui.drawing.palette import DIM, GROUND, TEXT
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.take.inspector import Block
+from gui.models.take.workspace import Workspace
+from gui.models.worker import LatestWorker
+from studio.errors import StudioError
+
+PICK_MARGIN = 3.0
+"""Pixels by which a click may miss a camera: frustums far away are small."""
+
+Size = tuple[int, int]
+_Request = tuple[Size, str, Hashable]
+
+
+class StageView:
+    """Base of stage views. Subclasses define what the picture depends on (`state`) and draw it (`draw`, on a thread).
+
+    Args:
+        workspace: the take.
+
+    Attributes:
+        modes: pictures to choose from; the first is the default.
+        sharp: whether it is drawn at the resolution of the viewport once it rests, though it orbits.
+        mode: the selected picture.
+        em: the window's font size, pixels.
+        frame: the transport's current frame.
+        places: (camera, corners as (N, 2) pixels of the picture) of what shows a camera, those in front last.
+        camera: the marked camera; "" for none.
+    """
+
+    modes: ClassVar[tuple[str, ...]] = ()
+    sharp: ClassVar[bool] = False
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace = workspace
+        self.mode = self.modes[0] if self.modes else ""
+        self.em = 16.0
+        self.frame = 0
+        self.places: list[tuple[str, np.ndarray]] = []
+        self.camera = ""
+        self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._work, f"v3studio {type(self).__name__}")
+        self._asked: _Request | None = None
+
+    @property
+    def orbits(self) -> bool:
+        """Whether drags orbit; such a picture may be drawn smaller than the viewport, to stay fast."""
+        return False
+
+    def state(self) -> Hashable:
+        """Everything that the picture depends on except its size; compared for equality."""
+        raise NotImplementedError
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """(height, width, 3) uint8. Called on the view's thread.
+
+        Raises:
+            StudioError: shown as text instead of the picture.
+        """
+        raise NotImplementedError
+
+    @property
+    def blocks(self) -> Sequence[Block]:
+        """Figures for the inspector, as far as they are known; none by default."""
+        return ()
+
+    def poll(self, size: Size) -> np.ndarray | None:
+        """Return a new picture if there is one, and request one if anything has changed. Never blocks."""
+        request = (size, self.mode, self.state())
+        if request != self._asked:
+            self._asked = request
+            self._worker.ask(request)
+        done = self._worker.take()
+        if done is None or done.request[1] != self.mode:  # of a mode that was left meanwhile
+            return None
+        if done.result is not None:
+            return done.result
+        error = done.error
+        words = str(error) if isinstance(error, StudioError) else f"{type(error).__name__}: {error}"
+        return sentence(size, words, self.em)
+
+    def show_again(self) -> None:
+        """Request the picture again at the next poll, because the viewport has shown something else."""
+        self._asked = None
+        self._worker.take()  # drawn before: out of date
+
+    @property
+    def settled(self) -> bool:
+        """Whether the newest picture shows what was last requested."""
+        return self._worker.idle
+
+    def _work(self, request: _Request) -> np.ndarray:
+        size, _, state = request
+        return self.draw(size, state)
+
+    # Gestures; ignored by default
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Handle a drag in pixels; `turn`: orbit (left button), else pan."""
+
+    def wheel(self, notches: float) -> None:
+        """Handle the wheel."""
+
+    def click(self, x: float, y: float) -> None:
+        """Handle a click at a pixel of the picture."""
+
+    def right_click(self, x: float, y: float) -> None:
+        """Handle a right click at a pixel of the picture where no camera is shown."""
+
+    def camera_at(self, x: float, y: float) -> str:
+        """The camera shown at a pixel of the picture; "" if there is none."""
+        return shown_at(self.places, x, y)
+
+    def hover(self, x: float, y: float) -> None:
+        """Note the pointer position for the wheel."""
+
+    def reset(self) -> None:
+        """Return to the initial view."""
+
+    @property
+    def status(self) -> str:
+        """The status line."""
+        return ""
+
+    @property
+    def table_text(self) -> str:
+        """The table that is shown, lines of cells with tabs between them; "" without a table."""
+        return ""
+
+    def forget(self) -> None:
+        """Drop what is large of the take that was open."""
+
+    def close(self) -> bool:
+        """End the thread. Returns whether it ended in time."""
+        return self._worker.close()
+
+
+class OrbitView(StageView):
+    """A stage view of a 3D scene: drags orbit and pan, the wheel zooms.
+
+    Attributes:
+        orbit: the view; None for `_home`, which `draw` sets.
+    """
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self.orbit: OrbitCamera | None = None
+        self._home: OrbitCamera | None = None
+
+    @property
+    def orbits(self) -> bool:
+        """See `StageView`."""
+        return True
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """See `StageView`."""
+        orbit = self.orbit or self._home
+        if orbit is not None:
+            self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
+
+    def wheel(self, notches: float) -> None:
+        """See `StageView`."""
+        orbit = self.orbit or self._home
+        if orbit is not None:
+            self.orbit = orbit.zoom(notches)
+
+    def reset(self) -> None:
+        """Return to the initial view."""
+        self.orbit = None
+
+
+def shown_at(places: Sequence[tuple[str, np.ndarray]], x: float, y: float) -> str:
+    """The name of what is at a pixel, the last one if there are several; "" if there is none.
+
+    Args:
+        places: names and (N, 2) pixels, whose convex hull counts.
+        x, y: pixel.
+    """
+    import cv2
+
+    for name, corners in reversed(places):
+        hull = cv2.convexHull(corners.astype(np.float32))
+        if cv2.pointPolygonTest(hull, (float(x), float(y)), True) >= -PICK_MARGIN:
+            return name
+    return ""
+
+
+def rectangle(x: float, y: float, width: float, height: float) -> np.ndarray:
+    """(4, 2) corners."""
+    return np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]])
+
+
+def waiting(pixels: np.ndarray, words: str, em: float) -> np.ndarray:
+    """A dimmed copy of the picture on screen, for as long as it is not what was chosen, with a word why."""
+    canvas = Canvas(1, 1)
+    canvas.pixels = (0.3 * pixels + 0.7 * np.array(GROUND)).astype(np.uint8)
+    if words:
+        canvas.text(canvas.width / 2, canvas.height / 2 - 0.6 * em, words, round(em), TEXT, align="middle")
+    return canvas.pixels
+
+
+def sentence(size: Size, words: str, em: float) -> np.ndarray:
+    """Draw a picture with centered text."""
+    canvas = Canvas(*size, GROUND)
+    text_size = round(em)
+    lines = wrapped(words[:1].upper() + words[1:], text_size, 0.8 * size[0])
+    step = line_height(text_size)
+    top = (size[1] - step * len(lines)) / 2
+    for number, line in enumerate(lines):
+        canvas.text(size[0] / 2, top + number * step, line, text_size, DIM, align="middle")
+    return canvas.pixels

@@ -1,0 +1,531 @@
+"""The viewport's content for each stage: its stage view, or the player."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.palette import GROUND
+from gui.models.playback.player import PlayerPresenter
+from gui.models.scene.contents import PARTS
+from gui.models.scene.gizmo import along
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.rest import Rest
+from gui.models.take.workspace import Workspace
+from gui.pages.bake.view import BakeView
+from gui.pages.calibrate.points_view import PointsView
+from gui.pages.calibrate.view import CalibrateView
+from gui.pages.capture.view import GARBAGE, CaptureView
+from gui.pages.initialize import InitializeView, Mesh
+from gui.pages.review.tools import EDIT_CHOICES
+from gui.pages.review.view import EditView
+from gui.pages.stage_view import StageView, shown_at, waiting
+from gui.pages.train import TrainView
+
+Choice = tuple[str, str, str]
+
+REVIEW_CHOICES: tuple[Choice, ...] = (
+    ("truth", "Footage", "Footage of a capture camera, matted (1)"),
+    ("trained", "Trained", "Trained Gaussians (2)"),
+    ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
+    ("other", "Other bake", "Another bake or take to compare with; View > Bakes chooses it (4)"),
+    ("", "", ""),
+    ("side by side", "Side by side", "Show sources side by side (S)"),
+    ("wipe", "Wipe", "Wipe against footage or trained; drag the line (W)"),
+    ("difference", "Difference", "Difference heat map against footage or trained (D)"),
+    ("", "", ""),
+    ("scene", "Scene", "Splats with cameras, points, mesh, grid and axes; click a camera to look through it (O)"),
+    ("edit", "Edit", "Trim, crop, remove floaters, place the world; can be undone (X)"),
+)
+SCENE_CHOICES: tuple[Choice, ...] = (
+    ("scene", "Done", "Leave the scene and show the take again (O)"),
+    ("", "", ""),
+    ("trained", "Trained", "Trained Gaussians (2)"),
+    ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
+    ("", "", ""),
+    ("splats", "Splats", "The frame's splats"),
+    ("cameras", "Cameras", "Frusta of the capture cameras with their images; click one to look through it"),
+    ("points", "Points", "Sparse points of the calibration, else the initial points of training"),
+    ("mesh", "Mesh", "Visual hull of the group's keyframe"),
+    ("grid", "Grid", "A grid on the ground"),
+    ("axes", "Axes", "The axes of the world: x red, y green, z blue"),
+    ("volume", "Volume", "The box around the visual hull, and its size"),
+)
+EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
+
+LOADING = "loading"
+"""What the empty view says until its first picture is there."""
+
+DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
+"""Seconds after which a picture of something else, or of another frame, is dimmed: not at every quick change."""
+
+SLOW_TICK = 0.25
+"""Seconds between two ticks from which on the window is so slow that a wrong picture is dimmed at once: it would stay
+for another draw."""
+
+TOOLTIPS = {
+    "mask overlay": "Images with the background darkened and the matte's edge outlined",
+    "images": "Original images",
+    "performer": "Images cut out by the mattes",
+    "garbage mattes": "Draw where the performer never is: click a camera, then the corners of a polygon",
+    "cameras": "Camera frustums with their images, and sparse points",
+    "coverage": "Directions around the performer, and its surface, by how well the training cameras see them",
+    "report": "Reprojection error per camera",
+    "points by hand": "Mark tie points manually, for footage with too few automatic matches",
+    "mesh": "Visual hull of the group's keyframe",
+    "points": "Initial points for training",
+    "progress": "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage",
+    "gaussians": "Trained frames in the interactive viewer",
+    "camera colors": "Each camera's image as filmed and in the mean camera's colors, with train.camera_colors",
+    "bytes": "Size by attribute and by group",
+    "try other QPs": "Size and PSNR at other quantization parameters, measured on a whole group",
+    "planes": "Attribute planes of the frame as images",
+}
+
+
+class StageViews:
+    """The stage views, and which one is on screen.
+
+    Args:
+        workspace: the take.
+        player: the player.
+        read_mesh: see `InitializeView`.
+        now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        asked: ("look" or "menu", camera) after a click on a camera; the window takes it.
+        asked_bakes: whether another bake is wanted, but none is open; the window asks for it.
+        asked_edit: button of the edits that needs a dialog; the window takes it.
+        editing: whether Review shows the edits.
+        pressed: whether there was a click since the window last looked.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        player: PlayerPresenter,
+        read_mesh: Callable[[Path], Mesh],
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.workspace, self.player = workspace, player
+        self.capture = CaptureView(workspace)
+        self.stage_views: dict[str, StageView] = {
+            "capture": self.capture,
+            "calibrate": CalibrateView(workspace),
+            "initialize": InitializeView(workspace, read_mesh),
+            "train": TrainView(workspace),
+            "bake": BakeView(workspace),
+        }
+        self.points = PointsView(workspace)
+        self.editor = EditView(workspace)
+        self.editing = False
+        self.stage = "review"
+        self._left_scene_of: object = None
+        self._looks: tuple[str, OrbitCamera | None] = ("", None)
+        self._now = now
+        self._shown: object = None
+        self._pixels: np.ndarray | None = None
+        self._missing_since: float | None = None
+        self._ticked = now()
+        self._waits = ""
+        self._rest = Rest(now)
+        self.asked: tuple[str, str] | None = None
+        self.asked_bakes = False
+        self.asked_edit = ""
+        self.pressed = False
+
+    def choices(self) -> dict[str, tuple[Choice, ...]]:
+        """Buttons above the viewport, by stage."""
+        found: dict[str, tuple[Choice, ...]] = {
+            stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
+            for stage, stage_view in self.stage_views.items()
+        }
+        return {**found, "review": REVIEW_CHOICES, "edit": EDIT_CHOICES, "scene": SCENE_CHOICES}
+
+    @property
+    def row(self) -> str:
+        """Which of `choices` are offered."""
+        return "edit" if self.edits_take else "scene" if self.shows_scene else self.stage
+
+    @property
+    def edits_take(self) -> bool:
+        """Whether the edits are on screen."""
+        return self.editing and self.stage == "review"
+
+    @property
+    def shows_scene(self) -> bool:
+        """Whether the scene is on screen."""
+        return self.stage == "review" and not self.editing and self.player.mode == "scene"
+
+    def leave_scene(self) -> bool:
+        """Show the take again; returns whether the scene was on screen."""
+        return self.shows_scene and self.player.choose_mode("single")
+
+    def leave(self) -> bool:
+        """Leave the edits or the scene; returns whether one was on screen."""
+        return self.leave_edits() or self.leave_scene()
+
+    def edit(self) -> None:
+        """Show the edits of the take."""
+        player = self.player
+        if player.opened is None or self.workspace.take is None:
+            player.message = "Only a take can be edited. Open one, or create one from footage."
+            return
+        player.transport.pause()
+        self._go("review")
+        self.editing = True
+        self.editor.background = player.background
+        self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
+        self._looks = (player.camera, player.orbit)
+        self.shown_anew()
+
+    def leave_edits(self) -> bool:
+        """Show the take again; returns whether the edits were on screen. A selection is let go first."""
+        if not self.edits_take:
+            return False
+        if self.editor.pending is not None or self.editor.clicks:
+            self.editor.choose_tool("look")
+            return True
+        self.editing = False
+        if self.editor.orbit is not None:
+            self.player.orbit = self.editor.orbit
+        self.shown_anew()
+        return True
+
+    def chosen(self) -> set[str]:
+        """The pressed buttons."""
+        if self.edits_take:
+            return self.editor.pressed_buttons
+        if self.stage != "review":
+            return {self.stage_views[self.stage].mode}
+        if self.shows_scene:
+            return {self.player.what, *self.player.scene_parts}
+        return {self.player.what, self.player.mode}
+
+    @property
+    def idle(self) -> set[str]:
+        """Buttons that would do nothing now."""
+        return self.editor.idle_buttons if self.edits_take else set()
+
+    def choose(self, key: str) -> None:
+        """Press a button; pressing an active comparison turns it off. What only Review shows ends the edits."""
+        player = self.player
+        if self.edits_take and key in EDIT_KEYS:
+            self._choose_edit(key)
+            return
+        if self.edits_take and key != "edit":
+            self._choose_edit("done")
+            if key == player.mode:
+                return
+        if self.stage != "review":
+            self.stage_views[self.stage].mode = key
+            if self.stage == "capture" and key != GARBAGE:
+                self.capture.garbage.leave()
+            self.shown_anew()
+        elif self.shows_scene and key in PARTS:
+            player.scene_parts ^= {key}
+        elif key == "edit":
+            self.edit()
+        elif key == "other" and player.why_not(key):
+            self.asked_bakes = True
+        elif key in ("truth", "trained", "decoded", "other"):
+            if key == "truth" and player.mode != "single":
+                player.choose_mode("single")
+            player.choose(key)
+        else:
+            player.choose_mode("single" if player.mode == key else key)
+
+    def _choose_edit(self, key: str) -> None:
+        if key == "done":
+            self.editor.choose_tool("look")
+            self.leave_edits()
+        elif key in ("numbers", "list"):
+            self.asked_edit = key
+        else:
+            self.editor.press(key)
+
+    def select(self, stage: str) -> None:
+        """Show a stage."""
+        if stage != self.stage:
+            self._go(stage)
+            self.shown_anew()
+
+    def _go(self, stage: str) -> None:
+        """Set the stage. Only Review has a scene: it is left with Review, and is back with it."""
+        player = self.player
+        path = player.opened.path if player.opened is not None else None
+        if self.stage == "review" != stage and player.mode == "scene":
+            self._left_scene_of = path
+            player.choose_mode("single")
+        elif self.stage != "review" == stage:
+            if player.mode == "single" and path is not None and self._left_scene_of == path:
+                player.choose_mode("scene")
+            self._left_scene_of = None
+        self.stage = stage
+
+    def shown_anew(self) -> None:
+        """Redraw, because something else was on screen."""
+        self.player.show_again()
+        for stage_view in (*self.stage_views.values(), self.points, self.editor):
+            stage_view.show_again()
+
+    def forget(self) -> None:
+        """Drop what is large of the take that was open."""
+        for stage_view in (*self.stage_views.values(), self.points, self.editor):
+            stage_view.forget()
+
+    @property
+    def shows_player(self) -> bool:
+        """Whether the viewport shows the player."""
+        if self.edits_take:
+            return False
+        return self.stage == "review" or (self.stage == "train" and self.stage_views["train"].mode == "gaussians")
+
+    @property
+    def stage_view(self) -> StageView | None:
+        """The stage view on screen; None if it is the player."""
+        if self.shows_player:
+            return None
+        if self.edits_take:
+            return self.editor
+        return self.points if self.edits_points else self.stage_views[self.stage]
+
+    @property
+    def edits_points(self) -> bool:
+        """Whether the view of manual tie points is on screen."""
+        return self.stage == "calibrate" and self.stage_views["calibrate"].mode in self.points.modes
+
+    def fit_transport(self) -> bool:
+        """Set the transport's range to the frames of the selected stage; returns whether it changed."""
+        found, player = self.workspace.assessment, self.player
+        trained = player.opened.sources.get("trained") if player.opened is not None else None
+        if self.edits_take and trained is not None:  # all, so that frames that are trimmed off can be brought back
+            return player.span(trained.frame_count, trained.group_starts, trained.fps)
+        over_footage = not (self.shows_player or self.stage in ("bake", "review")) or self.player.source is None
+        if over_footage and found.numbers:
+            return self.player.span(len(found.numbers), found.group_starts, found.fps)
+        return self.player.span_source()
+
+    def poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
+        """Return a new picture if there is one. Never blocks; call at each tick.
+
+        A picture is never left under another label: while the chosen one is being made, the old one is dimmed.
+
+        Args:
+            size: size of the viewport, pixels.
+            drawn_size: size of pictures rendered from splats.
+            em: font size, pixels.
+        """
+        pixels = self._poll(size, drawn_size, em)
+        before, self._ticked = self._ticked, self._now()
+        if pixels is not None:
+            self._shown, self._pixels, self._missing_since, self._waits = self._wanted, pixels, None, ""
+            return pixels
+        if self._pixels is None:
+            return self._loading(size, em)
+        if self._wanted == self._shown and self._frame_shown:
+            self._missing_since = None
+            return None
+        now = self._ticked
+        if self._missing_since is None:
+            self._missing_since = before if now - before >= SLOW_TICK else now
+        if now - self._missing_since < (DIMMED_AFTER if self._wanted != self._shown else FRAME_DIMMED_AFTER):
+            return None
+        words = "not available" if self._finished else "drawing"
+        if words == self._waits:
+            return None
+        self._waits = words
+        return waiting(self._pixels, "" if self.message else words, em)
+
+    def _loading(self, size: tuple[int, int], em: float) -> np.ndarray | None:
+        """An empty picture with a word, while the very first one is being made; without, if there will be none."""
+        if self._finished or self.message:
+            self._missing_since = None
+            if self._waits:
+                self._waits = ""
+                return np.full((size[1], size[0], 3), GROUND, np.uint8)
+        elif self._missing_since is None:
+            self._missing_since = self._now()
+        elif not self._waits and self._now() - self._missing_since >= DIMMED_AFTER:
+            self._waits = LOADING
+            return waiting(np.full((size[1], size[0], 3), GROUND, np.uint8), self._waits, em)
+        return None
+
+    @property
+    def _wanted(self) -> object:
+        """What the chosen picture is a picture of."""
+        return self.player.label if self.shows_player else (self.row, self.stage_view and self.stage_view.mode)
+
+    @property
+    def _frame_shown(self) -> bool:
+        return not self.shows_player or self.player.opened is None or self.player.current
+
+    def _follow_camera(self) -> None:
+        """Leave a capture camera, as in Review, once the edits' view is not its own any more; if another one is chosen
+        over the edits, look from there. The free view is the edits' own."""
+        player, editor = self.player, self.editor
+        camera, orbit = self._looks
+        if player.camera != camera:
+            if player.camera:
+                editor.orbit = player.orbit
+        elif camera and editor.orbit is not orbit:
+            player.look_through("")
+        if not player.camera and editor.orbit is not None:
+            player.orbit = editor.orbit
+        self._looks = (player.camera, editor.orbit)
+
+    def _poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
+        stage_view = self.stage_view
+        self.player.on_screen = stage_view is None
+        if self.edits_take:
+            self._follow_camera()
+            self.player.context = self.workspace.context  # whose edits the inspector asks
+        if stage_view is None:
+            self.player.context = self.workspace.context
+            found = self.workspace.assessment
+            self.player.filmed = found.numbers
+            self.player.filmed_groups = found.group_starts if found.numbers else ()
+            wanted = size if self.player.rests(size) else drawn_size
+            self.player.em = em * wanted[0] / max(size[0], 1)  # texts of a smaller picture are enlarged with it
+            self.player.resize(*wanted)
+            picture = self.player.poll()
+            return picture.image if picture is not None else None
+        resting = stage_view.sharp and self._rest.rests((stage_view.state(), size), self.player.transport.playing)
+        wanted = drawn_size if stage_view.orbits and not resting else size
+        stage_view.em = em * wanted[0] / max(size[0], 1)
+        stage_view.frame = self.player.transport.frame
+        return stage_view.poll(wanted)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the newest picture shows what was last requested."""
+        return self._finished and self._waits != LOADING
+
+    @property
+    def _finished(self) -> bool:
+        stage_view = self.stage_view
+        return self.player.settled if stage_view is None else stage_view.settled
+
+    @property
+    def message(self) -> str:
+        """Message over the viewport; stage views draw their own messages."""
+        if self.player.opened is None or self.stage_view is None:
+            return self.player.message
+        return ""
+
+    # Gestures, see gui.widgets.viewport.Gestures
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Orbit or pan."""
+        stage_view = self.stage_view
+        if stage_view is not None:
+            stage_view.drag(dx, dy, turn, height)
+        elif turn:
+            self.player.drag_orbit(dx, dy)
+        else:
+            self.player.drag_pan(dx, dy)
+
+    def wheel(self, notches: float) -> None:
+        """Zoom."""
+        stage_view = self.stage_view
+        if stage_view is not None:
+            stage_view.wheel(notches)
+        else:
+            self.player.wheel(notches)
+
+    def click(self, x: float, y: float) -> None:
+        """Handle a click."""
+        self.pressed = True
+        if self.stage_view is not None:
+            camera = self.stage_view.camera_at(x, y)
+            if camera:
+                self.asked = ("look", camera)
+            self.stage_view.click(x, y)
+        elif self.shows_scene:
+            self._click_scene(x, y)
+
+    def _click_scene(self, x: float, y: float) -> None:
+        player = self.player
+        cameras, ends = player.scene_places
+        end, camera = shown_at(ends, x, y), shown_at(cameras, x, y)
+        if end:
+            player.look_through("")
+            player.orbit = along(player.orbit, end)
+        elif camera:
+            self.asked = ("look", camera)
+
+    def context(self, x: float, y: float) -> None:
+        """Handle a right click."""
+        self.pressed = True
+        view = self.stage_view
+        if view is not None:
+            camera = view.camera_at(x, y)
+        else:
+            hit = shown_at(self.player.scene_places[0], x, y) if self.shows_scene else ""
+            camera = hit or self.player.camera
+        if camera:
+            self.asked = ("menu", camera)
+        elif view is not None:
+            view.right_click(x, y)
+
+    def show_alone(self, camera: str, toggle: bool = True) -> None:
+        """Show one camera in Capture; all of them if it is shown alone and `toggle`."""
+        self.capture.garbage.leave()
+        self.capture.camera = "" if toggle and self.capture.camera == camera else camera
+
+    def leave_camera(self) -> bool:
+        """Show all cameras in Capture again; returns whether one was shown alone. A polygon that is being drawn is let
+        go first."""
+        if self.stage == "capture" and self.capture.garbage.leave():
+            return True
+        alone = self.stage == "capture" and self.capture.camera != ""
+        if alone:
+            self.capture.camera = ""
+        return alone
+
+    def mark_camera(self, camera: str) -> None:
+        """Mark a camera in Calibrate."""
+        self.stage_views["calibrate"].camera = camera
+
+    def hover(self, x: float, y: float) -> None:
+        """Note the pointer position."""
+        if self.stage_view is not None:
+            self.stage_view.hover(x, y)
+
+    def grabs(self, x: float, y: float) -> bool:
+        """Whether a press at a pixel grabs the wipe's line, or a handle of an edit, or begins a lasso."""
+        if self.edits_take:
+            return self.editor.grabs(x, y)
+        return self.stage_view is None and self.player.wipe_at(x)
+
+    def pull(self, x: float, y: float) -> None:
+        """Move what is grabbed."""
+        if self.edits_take:
+            self.editor.pull(x, y)
+        else:
+            self.player.move_wipe(x)
+
+    def release(self) -> None:
+        """Let go of what is grabbed."""
+        if self.edits_take:
+            self.editor.release()
+
+    def reset(self) -> None:
+        """Return to the initial view."""
+        stage_view = self.stage_view
+        if stage_view is None:
+            self.player.reset_view()
+        elif self.edits_take:
+            self.editor.orbit = self.player.home
+        else:
+            stage_view.reset()
+
+    def close(self) -> bool:
+        """End all threads. Returns whether they ended in time."""
+        return all(
+            [stage_view.close() for stage_view in (*self.stage_views.values(), self.points, self.editor)]
+            + [self.player.close()]
+        )

@@ -1,0 +1,223 @@
+"""Card: what the start page tells about a recent take or stream. Reads files: use on a worker thread."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from gui.models.stage_rows import TITLES, pipeline_name
+from pipelines.batch.progress import progress_words
+from pipelines.config import load_config
+from pipelines.reports.summary_words import size_words
+from pipelines.runs.staleness import StageStatus
+from pipelines.takes.evaluation import read_evaluation
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+from studio.stream import is_address
+
+PIPELINE = {pipeline_name(key): title for key, title in TITLES.items() if key != "capture"}
+"""Titles of the stages that `pipelines.runs.runner.status` tells of, in order."""
+
+
+Sizes = tuple[int | None, int | None]
+"""`Card.stream_bytes` and `Card.total_bytes`."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """A recent take or stream.
+
+    Attributes:
+        place: folder, file or URL.
+        kind: "take", "stream", "web", "missing" or "damaged".
+        state: how far it is, or what is wrong with it, in words.
+        tone: "done", "stale", "failed", "running" or "missing": a key of `drawing.palette.STATE_COLORS`.
+        changed: when its results or settings last changed, seconds since 1970; None if unknown.
+        psnr: mean PSNR of the decoded stream, dB; None if it was not measured.
+        psnr_of: "held out" or "training": the cameras that `psnr` is of.
+        stream_bytes: size of the stream; None if there is none, or if it is on another machine.
+        total_bytes: size of the folder; None as above.
+    """
+
+    place: str
+    kind: str
+    state: str = ""
+    tone: str = "missing"
+    changed: float | None = None
+    psnr: float | None = None
+    psnr_of: str = ""
+    stream_bytes: int | None = None
+    total_bytes: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the folder or file."""
+        return self.place.rstrip("/").rsplit("/", 1)[-1] or self.place
+
+    @property
+    def folder(self) -> str:
+        """Where it is, with "~" for the home folder."""
+        if self.kind == "web":
+            return self.place
+        parent, home = str(Path(self.place).parent), str(Path.home())
+        return "~" + parent[len(home) :] if parent == home or parent.startswith(home + "/") else parent
+
+    def quality(self) -> str:
+        """ "30.65 dB"; "" if it was not measured."""
+        return "" if self.psnr is None else f"{self.psnr:.2f} dB"
+
+    def sizes(self) -> tuple[str, ...]:
+        """The same in words, the longest first: "930.0 KB stream, 214 MB in all", "stream 930.0 KB of 214 MB"; () if
+        nothing is known."""
+        stream = None if self.stream_bytes is None else megabytes(self.stream_bytes)
+        total = None if self.total_bytes is None or self.kind != "take" else megabytes(self.total_bytes)
+        if stream is None or total is None:
+            return tuple(f"{size} {of}" for size, of in ((stream, "stream"), (total, "in all")) if size is not None)
+        return f"{stream} stream, {total} in all", f"stream {stream} of {total}", f"{stream} of {total}"
+
+
+def megabytes(count: int) -> str:
+    """ "930.0 KB", "2.13 MB", "214 MB", "1.20 GB" (1 MB = 1,000,000 bytes)."""
+    if count < 1e6:
+        return size_words(count)
+    value, unit = (count / 1e9, "GB") if count >= 1e9 else (count / 1e6, "MB")
+    return f"{value:.2f} {unit}" if value < 10 else f"{value:.0f} {unit}"
+
+
+def date_words(when: float | None, now: float | None = None) -> str:
+    """ "today 14:05", "yesterday 09:30", "3 Mar", "3 Mar 2025", in local time; "" for None and for what is
+    no date.
+
+    Args:
+        when: seconds since 1970.
+        now: the same; None for the clock.
+    """
+    if when is None:
+        return ""
+    try:
+        moment = datetime.datetime.fromtimestamp(when)
+    except (OverflowError, ValueError, OSError):  # a file's time can be anything
+        return ""
+    today = datetime.datetime.fromtimestamp(time.time() if now is None else now).date()
+    days = (today - moment.date()).days
+    if days in (0, 1):
+        return f"{'today' if days == 0 else 'yesterday'} {moment:%H:%M}"
+    day = f"{moment.day} {moment:%b}"
+    return day if moment.year == today.year else f"{day} {moment.year}"
+
+
+def describe(place: str, sizes: Sizes | None = None) -> Card:
+    """Read what a card shows. Of a URL nothing is fetched.
+
+    Args:
+        place: folder, file or URL.
+        sizes: measured lately, to be shown while a take is running; None to measure.
+    """
+    if is_address(place):
+        return Card(place, "web", "stream on the web")
+    path = Path(place)
+    if not path.exists():
+        return Card(place, "missing", "missing: moved or deleted", "failed")
+    if (path / "take.json").is_file():
+        try:
+            return _take(Take.open(path), sizes)
+        except StudioError as error:
+            return Card(place, "damaged", str(error.message.problem), "failed", _newest([path]))
+    if (path / "manifest.json").is_file() or path.suffix.lower() == ".v3s":
+        size = folder_bytes(path)
+        return Card(place, "stream", "stream", "done", _newest([path, path / "manifest.json"]), None, "", size, size)
+    return Card(place, "damaged", "neither a take nor a stream any more", "failed", _newest([path]))
+
+
+def _take(take: Take, sizes: Sizes | None) -> Card:
+    changed = _newest([take.config, take.log, take.stream / "manifest.json", take.evaluation, take.private / "stages"])
+    running = take.running() is not None
+    if not running or sizes is None or sizes[1] is None:
+        stream = folder_bytes(take.stream) if (take.stream / "manifest.json").is_file() else None
+        sizes = (stream, folder_bytes(take.root))
+    psnr, psnr_of = None, ""
+    with contextlib.suppress(StudioError):
+        if take.evaluation.is_file():
+            found = read_evaluation(take.evaluation)
+            psnr, psnr_of = found.summary.psnr_decoded, "held out" if found.protocol.held_out else "training"
+    if running:
+        return Card(str(take.root), "take", progress_words(take), "running", changed, psnr, psnr_of, *sizes)
+    from pipelines.runs.runner import status
+
+    try:
+        state, tone = state_words(status(take, load_config(take.config)))
+    except StudioError as error:
+        state, tone = error.message.problem, "failed"
+    return Card(str(take.root), "take", state, tone, changed, psnr, psnr_of, *sizes)
+
+
+def state_words(stages: dict[str, StageStatus]) -> tuple[str, str]:
+    """A take's state in words and its tone, see `Card`.
+
+    Args:
+        stages: as printed by `v3studio status`.
+    """
+    found = {PIPELINE[name]: status for name, status in stages.items() if name in PIPELINE}
+    for state in ("failed", "stale"):
+        titles = [title for title, status in found.items() if status.state == state]
+        if titles:
+            return f"{_listed(titles)} {state}", state
+    done = [title for title, status in found.items() if status.state == "done"]
+    if len(done) == len(found):
+        return "all stages done", "done"
+    for title, status in found.items():
+        if status.state == "partial":
+            return f"{title}: {status.units_done} of {status.units} {status.unit}", "stale"
+    following = next(title for title in found if title not in done)
+    return (f"next: {following}" if done else "not started"), "missing"
+
+
+def _listed(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def folder_bytes(path: Path) -> int:
+    """Size of a file, or of all files in a folder, bytes; links are not followed."""
+    if path.is_file():
+        return path.stat().st_size
+    total, waiting = 0, [path]
+    while waiting:
+        try:
+            with os.scandir(waiting.pop()) as entries:
+                for entry in entries:
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append(Path(entry.path))
+                    else:
+                        total += entry.stat(follow_symlinks=False).st_size
+        except OSError:  # it is being changed, or must not be read: the rest still counts
+            continue
+    return total
+
+
+def fingerprint(place: str) -> tuple[object, ...]:
+    """Changes with everything that a card depends on, except the progress of a run."""
+    path = Path(place)
+    files = (
+        "take.json",
+        "config.yaml",
+        "edits.json",
+        "evaluation.json",
+        "manifest.json",
+        "stream",
+        "stream/manifest.json",
+    )
+    private = (".v3studio", ".v3studio/stages", ".v3studio/events.jsonl")
+    return (path.exists(), *(_newest([path / name]) for name in (*files, *private)))
+
+
+def _newest(paths: Iterable[Path]) -> float | None:
+    times = []
+    for path in paths:
+        with contextlib.suppress(OSError):
+            times.append(path.stat().st_mtime)
+    return max(times, default=None)

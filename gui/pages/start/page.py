@@ -1,0 +1,191 @@
+"""StartPage: the cards of what was open recently, the queue of takes, and which of them has the keyboard focus."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.models.take.take_queue import TakeQueue
+from gui.models.worker import LatestWorker
+from gui.pages.start.cards import Card, Sizes, describe, fingerprint
+from gui.pages.start.thumbnail import thumbnail
+from studio.stream import is_address
+
+LOOK_EVERY = 2.0
+"""Seconds between two looks at a card's files."""
+
+MEASURE_EVERY = 60.0
+"""Seconds between two measurements of the size of a take that is running: all its files are looked at."""
+
+Box = tuple[float, float, float, float]
+"""x, y, width, height in pixels."""
+
+
+@dataclass(frozen=True)
+class _Request:
+    place: str
+    known: object = None
+    picture: bool = False
+    sizes: Sizes | None = None
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """What was found: a card, unless nothing has changed; or a picture."""
+
+    stamp: object = None
+    card: Card | None = None
+    picture: np.ndarray | None = None
+
+
+def _look(request: _Request) -> _Facts:
+    if request.picture:
+        return _Facts(picture=thumbnail(request.place))
+    stamp = "web" if is_address(request.place) else fingerprint(request.place)
+    return _Facts(stamp) if stamp == request.known else _Facts(stamp, describe(request.place, request.sizes))
+
+
+class StartPage:
+    """See the module. Call `poll` at each tick while it is on screen; it does not block.
+
+    Args:
+        queue: the queue of takes.
+        now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        cards: by place, as far as they are known.
+        pictures: thumbnails by place; None where there is nothing to see.
+        focus: name of what has the keyboard focus, see `drawing`: "new", "card 0", ...
+        sample: whether the sample capture is there.
+        back: name of what is open below the page; "" if nothing is.
+    """
+
+    def __init__(self, queue: TakeQueue, sample: bool, now: Callable[[], float] = time.monotonic) -> None:
+        self.queue, self.sample, self._now = queue, sample, now
+        self.places: tuple[str, ...] = ()
+        self.cards: dict[str, Card] = {}
+        self.pictures: dict[str, np.ndarray | None] = {}
+        self.focus, self.back = "new", ""
+        self._stamps: dict[str, object] = {}
+        self._looked: dict[str, float] = {}
+        self._measured: dict[str, float] = {}
+        self._pictured: dict[str, object] = {}
+        self._worker: LatestWorker[_Request, _Facts] | None = None
+        self._asked: _Request | None = None
+
+    def poll(self, places: Sequence[str]) -> bool:
+        """Read cards and pictures one by one; returns whether anything visible changed.
+
+        Args:
+            places: what was open recently, newest first.
+        """
+        changed = self.queue.poll()
+        if tuple(places) != self.places:
+            self.places = tuple(places)
+            changed = True
+            for known in (self.cards, self.pictures, self._stamps, self._looked, self._measured, self._pictured):
+                for gone in set(known) - set(places):
+                    del known[gone]
+        if self._worker is None:
+            self._worker = LatestWorker(_look, "v3studio start")
+        done = self._worker.take()
+        if done is not None:
+            changed |= self._received(done.request, done.result, done.error)
+            self._asked = None
+        if self._asked is None:
+            self._asked = self._next()
+            if self._asked is not None:
+                self._worker.ask(self._asked)
+        return changed
+
+    def _received(self, request: _Request, facts: _Facts | None, error: Exception | None) -> bool:
+        place = request.place
+        if place not in self.places:
+            return False
+        if request.picture:
+            self.pictures[place] = facts.picture if facts is not None else None
+            return True
+        if facts is None:
+            self._stamps[place] = "failed"
+            self.cards[place] = Card(place, "damaged", f"cannot be read: {error}", "failed")
+            return True
+        self._stamps[place] = facts.stamp
+        if facts.card is None:
+            return False
+        self.cards[place] = facts.card
+        return True
+
+    def _next(self) -> _Request | None:
+        """What to read next: cards that are not known, then pictures, then cards that may have changed."""
+        now = self._now()
+        for place in self.places:
+            if place not in self.cards:
+                self._looked[place] = self._measured[place] = now
+                return _Request(place)
+        for place in self.places:
+            card = self.cards[place]
+            wanted = (card.kind, card.stream_bytes, card.changed if card.tone != "running" else None)
+            if self._pictured.get(place) != wanted and card.kind in ("take", "stream"):
+                self._pictured[place] = wanted
+                return _Request(place, picture=True)
+        for place in self.places:
+            if now >= self._looked.get(place, now) + LOOK_EVERY:
+                self._looked[place] = now
+                if now >= self._measured.get(place, now) + MEASURE_EVERY:
+                    self._measured[place] = now
+                    return _Request(place, self._stamps.get(place))
+                card = self.cards[place]
+                return _Request(place, self._stamps.get(place), sizes=(card.stream_bytes, card.total_bytes))
+        return None
+
+    def card(self, number: int) -> Card | None:
+        """The card of the n-th recent place; None while it is not known."""
+        return self.cards.get(self.places[number]) if number < len(self.places) else None
+
+    @property
+    def running(self) -> tuple[str, str, float | None] | None:
+        """Name, stage and fraction of the take of the queue that runs; None if none does."""
+        for row in self.queue.view.rows:
+            if row.state == "running" and self.queue.view.is_run:
+                return row.take.name, row.stage, row.fraction
+        return None
+
+    def state(self) -> tuple[object, ...]:
+        """Everything that the page shows except sizes and pointer; compared for equality."""
+        pictures = tuple((place, id(picture)) for place, picture in self.pictures.items())
+        return (self.places, tuple(self.cards.items()), pictures, self.focus, self.queue.state, self.sample, self.back)
+
+    def move(self, boxes: Sequence[tuple[Box, str]], across: int, down: int) -> None:
+        """Move the focus to the nearest in a direction, if there is one.
+
+        Args:
+            boxes: what can have the focus.
+            across, down: the direction: -1, 0 or 1.
+        """
+        at = {name: (x + width / 2, y + height / 2) for (x, y, width, height), name in boxes}
+        if self.focus not in at:
+            self.focus = next(iter(at), "new")
+            return
+        x, y = at[self.focus]
+        best = None
+        for name, (other_x, other_y) in at.items():
+            ahead = (other_x - x) * across + (other_y - y) * down
+            aside = abs((other_x - x) * down) + abs((other_y - y) * across)
+            if ahead > 1 and (across == 0 or aside < ahead) and (best is None or ahead + 2 * aside < best[0]):
+                best = (ahead + 2 * aside, name)
+        if best is not None:
+            self.focus = best[1]
+
+    def step(self, boxes: Sequence[tuple[Box, str]], by: int) -> None:
+        """Move the focus to the next (1) or previous (-1) in order, around the end."""
+        names = [name for _, name in boxes]
+        if names:
+            at = names.index(self.focus) if self.focus in names else -1
+            self.focus = names[(at + by) % len(names)]
+
+    def close(self) -> bool:
+        """End the thread. Returns whether it ended in time."""
+        return self._worker is None or self._worker.close()

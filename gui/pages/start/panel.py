@@ -1,0 +1,126 @@
+"""The start page as a widget that covers the window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from open3d.visualization import gui
+
+from gui.pages.start.cards import Card
+from gui.pages.start.drawing import HINTS, StartPicture
+from gui.pages.start.page import StartPage
+from gui.widgets.picture import PictureWidget
+
+_MOVES = {
+    gui.KeyName.LEFT: (-1, 0),
+    gui.KeyName.RIGHT: (1, 0),
+    gui.KeyName.UP: (0, -1),
+    gui.KeyName.DOWN: (0, 1),
+}
+
+
+class StartPanel:
+    """See the module.
+
+    Args:
+        page: what it shows.
+        em: font size, pixels.
+        act: called with the name of what was chosen, see `StartPicture`.
+        changed: called when something must be drawn again.
+
+    Attributes:
+        shown: whether it covers the window.
+    """
+
+    def __init__(self, page: StartPage, em: float, act: Callable[[str], None], changed: Callable[[], None]) -> None:
+        self._page, self._em, self._act, self._changed = page, em, act, changed
+        self.shown = False
+        self.picture = PictureWidget(self._on_mouse)
+        self.picture.widget.visible = False
+        self._list = StartPicture(16, 16, em)
+        self._hover = self._pressed = ""
+        self._down = 0.0
+        self._drawn: object = None
+
+    @property
+    def cards(self) -> list[Card]:
+        """The cards that are known, newest first."""
+        return [self._page.cards[place] for place in self._page.places if place in self._page.cards]
+
+    @property
+    def focus(self) -> str:
+        """Name of what has the keyboard focus."""
+        return self._page.focus
+
+    @property
+    def places(self) -> dict[str, list[float]]:
+        """The middle of what can be chosen, 0 to 1 across and down the page, by name."""
+        width, height = self.picture.size
+        return {
+            name: [round((x + wide / 2) / width, 3), round((y + high / 2) / height, 3)]
+            for (x, y, wide, high), name in (*self._list.boxes, *self._list.crosses)
+        }
+
+    def update(self, line: str) -> bool:
+        """Draw what has changed; returns whether anything did.
+
+        Args:
+            line: a passing notice; "" for none.
+        """
+        if not self.shown:
+            return False
+        size = self.picture.size
+        state = (size, self._page.state(), self._hover, self._down, line)
+        if state == self._drawn:
+            return False
+        self._drawn = state
+        self._list = StartPicture(*size, self._em, self._down)
+        pixels = self._list.draw(self._page, self._hover, line)
+        if self._down > self._list.most_down:
+            self._down = self._list.down = self._list.most_down
+            pixels = self._list.draw(self._page, self._hover, line)
+        self.picture.show(pixels)
+        return True
+
+    def key(self, event: gui.KeyEvent, shift: bool) -> bool:
+        """Handle a key that is pressed; returns whether it is one of the page."""
+        key, page = event.key, self._page
+        if key in _MOVES:
+            page.move(self._list.boxes, *_MOVES[key])
+        elif key == gui.KeyName.TAB:
+            page.step(self._list.boxes, -1 if shift else 1)
+        elif key == gui.KeyName.ENTER:
+            if any(name == page.focus for _, name in self._list.boxes):
+                self._act(page.focus)
+        elif key in (gui.KeyName.DELETE, gui.KeyName.BACKSPACE) and page.focus.startswith("card "):
+            self._act(page.focus.replace("card", "remove"))
+        else:
+            return False
+        self._down = self._list.scrolled_to(page.focus)
+        self._changed()
+        return True
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        kind = gui.MouseEvent.Type
+        if event.type == kind.WHEEL:
+            self._down = min(max(self._down - 3 * self._em * event.wheel_dy, 0.0), self._list.most_down)
+            self._changed()
+            return True
+        name = self._list.at(x, y)
+        if event.type == kind.MOVE and name != self._hover:
+            self._hover = name
+            self.picture.widget.tooltip = HINTS.get(name.split(" ")[0], "")
+            self._changed()
+        elif event.type == kind.BUTTON_DOWN:
+            self._pressed = name
+            if name and not name.startswith("remove"):
+                self._page.focus = name
+            self._changed()
+        elif event.type == kind.BUTTON_UP:
+            pressed, self._pressed = self._pressed, ""
+            if name and name == pressed:
+                self._act(name)
+            self._changed()
+        else:
+            return False
+        return True

@@ -1,0 +1,126 @@
+"""Small pictures of takes and streams, kept in the user's cache folder. Slow: use on a worker thread."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+
+from gui.models.playback.loading import first_whole
+from gui.models.playback.sources import Opened, body_of, open_path
+from gui.models.playback.viewpoint import BACKGROUNDS
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.splats import draw
+from pipelines.config import load_config
+from pipelines.stages.base import Context
+from studio.atomic_files import write_bytes
+from studio.stream import is_address
+
+SIZE = (480, 270)
+"""Width and height of a thumbnail, pixels: enough for a card on a screen of double density."""
+
+KEPT = 100
+"""Files that are kept in the cache folder."""
+
+_VERSION = "1"
+"""To be changed whenever a thumbnail of the same take would look different."""
+
+
+def cache_folder() -> Path:
+    """Following the XDG base directory rules."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "v3studio" / "thumbnails"
+
+
+def thumbnail(place: str) -> np.ndarray | None:
+    """(270, 480, 3) uint8 RGB of what a recent place shows: its first frame, or an image of its footage; None for a URL
+    and where there is nothing to see.
+
+    Raises:
+        StudioError: it is damaged.
+    """
+    if is_address(place):
+        return None
+    name = hashlib.sha256(repr((_VERSION, place, _contents(place))).encode()).hexdigest()
+    kept = cache_folder() / f"{name[:32]}.png"
+    found = _read(kept)
+    if found is None:
+        found = _made(place)
+        if found is not None:
+            _write(kept, found)
+    return found
+
+
+def _contents(place: str) -> list[int]:
+    """Changes with what the thumbnail shows."""
+    names = ("", "manifest.json", "stream/manifest.json", "train", "config.yaml", "edits.json")
+    paths = [Path(place) / name for name in names]
+    return [path.stat().st_mtime_ns if path.exists() else 0 for path in paths]
+
+
+def _made(place: str) -> np.ndarray | None:
+    opened = open_path(place)
+    try:
+        source = opened.default
+        if source is not None:
+            return _splats(opened)
+        return _footage(opened) if opened.take is not None else None
+    finally:
+        for one in opened.sources.values():
+            one.close()
+
+
+def _splats(opened: Opened) -> np.ndarray:
+    assert opened.default is not None
+    gaussians = first_whole(opened.default)
+    orbit = OrbitCamera.around(body_of(gaussians), opened.up)
+    if opened.view is not None:  # from the side that the first camera sees
+        away = opened.view.center - orbit.target
+        away *= orbit.distance / max(float(np.linalg.norm(away)), 1e-9)
+        orbit = OrbitCamera.from_to(orbit.target + away, orbit.target, opened.up, orbit.fov)
+    return draw(gaussians, orbit.camera(*SIZE), BACKGROUNDS["dark"])
+
+
+def _footage(opened: Opened) -> np.ndarray:
+    assert opened.take is not None
+    footage = Context(opened.take, load_config(opened.take.config)).footage.raw
+    try:
+        return cropped(footage.raw_image(footage.camera_names[0], footage.frames[0]))
+    finally:
+        footage.close()
+
+
+def cropped(image: np.ndarray) -> np.ndarray:
+    """An (h, w, 3) image scaled to fill a thumbnail, its middle."""
+    import cv2
+
+    scale = max(SIZE[0] / image.shape[1], SIZE[1] / image.shape[0])
+    size = max(round(image.shape[1] * scale), SIZE[0]), max(round(image.shape[0] * scale), SIZE[1])
+    scaled = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    left, top = (size[0] - SIZE[0]) // 2, (size[1] - SIZE[1]) // 2
+    return np.ascontiguousarray(scaled[top : top + SIZE[1], left : left + SIZE[0]])
+
+
+def _read(path: Path) -> np.ndarray | None:
+    import cv2
+
+    if not path.is_file():
+        return None
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None or image.shape != (SIZE[1], SIZE[0], 3):
+        return None
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+def _write(path: Path, image: np.ndarray) -> None:
+    import cv2
+
+    with contextlib.suppress(OSError):  # without a cache, it is drawn again next time
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, cv2.imencode(".png", image[..., ::-1])[1].tobytes())
+        kept = sorted(path.parent.glob("*.png"), key=lambda one: one.stat().st_mtime)
+        for old in kept[:-KEPT]:
+            old.unlink(missing_ok=True)

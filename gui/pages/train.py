@@ -1,0 +1,206 @@
+"""Train: live curves, the latest render of a held-out camera next to its footage, and the colors of the cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height
+from gui.drawing.compare import label
+from gui.drawing.lanes import draw_lanes
+from gui.drawing.palette import DIM, GROUND, RAISED, SECOND
+from gui.drawing.plots import curve, legend
+from gui.models.playback.frame_renderer import RenderRequest, ground_truth
+from gui.models.playback.image_zoom import ImageZoom
+from gui.models.remembered import Remembered
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.splats import draw
+from gui.models.take.run_state import Curve
+from gui.models.take.workspace import Workspace
+from gui.pages.capture.camera_color_pairs import CameraColorPairs
+from gui.pages.stage_view import Size, StageView
+from pipelines.runs.staleness import MISSING
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+CURVES = (
+    ("loss", "Loss", "{:.4f}"),
+    ("psnr", "PSNR of the training views (dB)", "{:.2f}"),
+    ("splats", "Splats", "{:,.0f}"),
+)
+
+
+COLORS = "camera colors"
+"""The mode in which the cameras' colors are compared."""
+
+NOT_RUN = "not run yet"
+
+_LANES = 0.6
+"""Share of the width that the groups of a run on several machines take."""
+
+
+class TrainView(StageView):
+    """See the module. In mode "gaussians" the window shows the player instead."""
+
+    modes = ("progress", "gaussians", COLORS)
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self._pairs = CameraColorPairs(workspace)
+        self._count: Remembered[Take, int] = Remembered(lambda take: len(take.trained_files()[0]))
+
+    def state(self) -> Hashable:
+        """The run's metrics and previews, and the trained frames."""
+        run, take = self.workspace.run, self.workspace.take
+        if self.mode == COLORS:
+            return (self._pairs.stamp, self.em)
+        preview = max((event.time for event in run.previews.values()), default=0.0)
+        points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
+        frames = self._count.get(take) if take is not None else 0
+        lanes = tuple(run.lanes.get("train", {}).values())
+        return (take, frames, preview, points, run.stage, run.outcome, lanes, self._nothing, self.em)
+
+    @property
+    def _nothing(self) -> str:
+        """What is said instead of curves where there are none."""
+        status = self.workspace.assessment.stages.get("train")
+        return NOT_RUN if status is not None and status.state == MISSING else "no data from the last run"
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        if self.mode == COLORS:
+            picture = self._pairs.draw(size, self.em)
+            self.places = self._pairs.places
+            return picture
+        self.places = []
+        canvas = Canvas(*size, GROUND)
+        run, em = self.workspace.run, self.em
+        share = 0.44 * size[1]
+        each = (size[0] - 4 * em) / 3
+        small, top = round(0.85 * em), 0.7 * em
+        numbers = [f"{group}" for group in sorted(run.curves.get("loss", {}))]
+        if len(numbers) > 1:  # their curves have different colors
+            legend(canvas, em, 0.5 * em, size[0] - 2 * em, small, "Groups", numbers)
+            top += line_height(small)
+        for number, (name, title, form) in enumerate(CURVES):
+            groups = sorted(run.curves.get(name, {}).items())
+            lines = [line for _, line in groups]
+            last = max((line for line in lines if line.values), key=lambda line: line.positions[-1], default=None)
+            newest = form.format(last.values[-1]) if last is not None else ""
+            area = (em + number * (each + em), top, each, share - top - 0.3 * em)
+            if name == "splats" and last is not None and last.values[-1] > self._most_splats:
+                title += " before pruning"
+            short = title if each > 15 * em else title.split(" of ")[0]
+            series = [snapshot(line) for line in lines]
+            curve(canvas, area, short, series, SECOND, em, (0.0, 1.0), ("0%", "100%"), newest, self._nothing)
+        lanes = list(run.lanes.get("train", {}).values())
+        if lanes:
+            draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)
+        self._pictures(canvas, share, _LANES * canvas.width if lanes else 0.0)
+        return canvas.pixels
+
+    @property
+    def _most_splats(self) -> float:
+        """What pruning leaves of the splats; before it, densification may make more."""
+        config = self.workspace.config
+        return config.train.max_splats if config is not None else float("inf")
+
+    def _pictures(self, canvas: Canvas, top: float, left: float) -> None:
+        """The newest render beside its footage, right of `left`."""
+        em, small = self.em, round(0.85 * self.em)
+        height = canvas.height - top - 1.2 * em - line_height(small)
+        whole = canvas.width - left
+        try:
+            words, render, truth = self._newest()
+        except StudioError as error:
+            canvas.text(left + em, top + em, str(error), small, DIM, width=whole - 2 * em)
+            return
+        canvas.text(left + em, top, words, small, DIM, width=whole - 2 * em)
+        y = top + line_height(small)
+        beside = ((whole - 3 * em) / 2, height)
+        stacked = (whole - 2 * em, (height - 0.5 * em) / 2)
+        width, height = max(
+            (beside, stacked), key=lambda size: min(size[0], size[1] * render.shape[1] / render.shape[0])
+        )
+        beside_each_other = (width, height) == beside
+        height = min(height, width * render.shape[0] / render.shape[1])  # the pictures are right below their caption
+        across, down = (width + em, 0.0) if beside_each_other else (0.0, height + 0.5 * em)
+        for number, (name, picture) in enumerate((("footage", truth), ("trained", render))):
+            x, y = left + em + number * across, y + number * down
+            if picture is None:
+                canvas.rect(x, y, width, height, RAISED)
+                canvas.text(x + em, y + em, "footage cannot be read", small, DIM)
+                continue
+            edge, upper, _, _ = canvas.fit_image(x, y, width, height, picture)
+            label(canvas, edge + 6, upper + 6, name, size=round(0.88 * self.em))
+
+    def _newest(self) -> tuple[str, np.ndarray, np.ndarray | None]:
+        """Caption, latest render from a held-out camera, and the camera's footage."""
+        import cv2
+
+        take, context = self.workspace.take, self.workspace.context
+        if take is None or context is None:
+            raise StudioError("gui.no_take", "no take is open", fix="Open a take.")
+        if not take.rig.is_file():
+            raise StudioError(
+                "take.no_cameras",
+                "no trained frames and no cameras yet",
+                fix="Run Train: it runs earlier stages first.",
+            )
+        footage = context.footage.calibrated
+        held_out = footage.held_out_cameras
+        run = self.workspace.run
+        preview = max(run.previews.values(), key=lambda event: event.time, default=None)
+        if preview is not None and Path(preview.path).is_file() and preview.camera and preview.frame is not None:
+            pixels = cv2.imread(preview.path)
+            if pixels is not None and preview.camera in footage.camera_names and preview.frame in footage.frames:
+                index = footage.frames.index(preview.frame)
+                step = f", step {preview.iteration}" if preview.iteration is not None else ""
+                render = np.ascontiguousarray(pixels[..., ::-1])
+                words = f"{_kind(preview.camera, held_out)}, frame {preview.frame}{step}"
+                return words, render, self._truth(preview.camera, index, render.shape[1::-1])
+        files, _ = take.trained_files()
+        if not files:
+            raise StudioError(
+                "take.not_trained", "no trained frames yet", fix="Run Train. Renders appear here as it progresses."
+            )
+        camera = (*held_out, *footage.train_cameras)[0]
+        index = len(files) - 1
+        view = footage.rig[camera]
+        view = view.scaled(min(1.0, 640 / view.width))
+        background = context.config.capture.background
+        render = draw(read_frame(files[index]), view, background)
+        words = f"{_kind(camera, held_out)}, frame {footage.frames[index]}"
+        return words, render, self._truth(camera, index, (view.width, view.height))
+
+    def _truth(self, camera: str, index: int, size: tuple[int, int]) -> np.ndarray | None:
+        context = self.workspace.context
+        assert context is not None
+        request = RenderRequest(
+            {}, index, "single", "truth", "truth", OrbitCamera(), camera, ImageZoom(), size,
+            context.config.capture.background, 0.5, context, None,
+        )  # fmt: skip
+        try:
+            return ground_truth(request, *size)
+        except StudioError:
+            return None
+
+    @property
+    def status(self) -> str:
+        """The current training step."""
+        progress = self.workspace.run.progress
+        return progress.label if progress is not None and progress.stage == "train" else ""
+
+
+def snapshot(line: Curve) -> tuple[list[float], list[float]]:
+    """Positions and values, of equal length although the window's thread may be appending."""
+    xs, ys = list(line.positions), list(line.values)
+    count = min(len(xs), len(ys))
+    return xs[:count], ys[:count]
+
+
+def _kind(camera: str, held_out: tuple[str, ...]) -> str:
+    return f"{camera}, held out" if camera in held_out else f"{camera}, training camera"

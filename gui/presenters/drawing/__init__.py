@@ -1,1 +1,0 @@
-"""Drawing into arrays: canvas, lines, plots, colors, splats."""

@@ -1,1 +1,0 @@
-"""Playing a take or a stream: sources, transport, camera, timeline."""

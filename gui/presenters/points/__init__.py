@@ -1,1 +1,0 @@
-"""Marking points by hand."""

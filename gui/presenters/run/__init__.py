@@ -1,1 +1,0 @@
-"""The take that is open: jobs, settings, exports."""

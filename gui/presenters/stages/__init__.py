@@ -1,1 +1,0 @@
-"""One view per stage, and the list of stages."""

@@ -1,0 +1,92 @@
+"""A menu at the pointer: what is known about a camera, and what can be done with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from open3d.visualization import gui
+
+from gui.drawing.palette import LINE, RAISED, TEXT
+from gui.widgets.picture import color
+
+Item = tuple[str, str, Callable[[], object]]
+"""Key, label, action."""
+
+
+class CameraMenu:
+    """See the module. The toolkit has no context menus, so this is a widget over the viewport.
+
+    Args:
+        em: font size, pixels.
+        changed: called when an item was chosen.
+
+    Attributes:
+        camera: the camera it is open for; "" while it is closed.
+        buttons: its items by key.
+    """
+
+    def __init__(self, em: float, changed: Callable[[], None]) -> None:
+        self._em, self._changed = em, changed
+        self._at = (0.0, 0.0)
+        self.camera = ""
+        self.buttons: dict[str, gui.Button] = {}
+        self._content = gui.WidgetProxy()
+        margins = gui.Margins(round(0.6 * em), round(0.5 * em), round(0.6 * em), round(0.6 * em))
+        self.widget = gui.Vert(0, margins)
+        self.widget.background_color = color(LINE)
+        self.widget.add_child(self._content)
+        self.widget.visible = False
+
+    def open(
+        self, at: tuple[float, float], camera: str, use: str, facts: Sequence[tuple[str, str]], items: Sequence[Item]
+    ) -> None:
+        """Show the menu.
+
+        Args:
+            at: the pointer, window pixels.
+            camera: its title.
+            use: what the camera is used for.
+            facts: (name, value).
+            items: what can be done.
+        """
+        em = self._em
+        self.camera, self._at, self.buttons = camera, at, {}
+        column = gui.Vert(round(0.3 * em))
+        title = gui.Label(f"{camera}, {use}")
+        title.text_color = color(TEXT)
+        column.add_child(title)
+        for name, value in facts:
+            label = gui.Label(f"{name}: {value}")
+            label.text_color = color(TEXT)
+            column.add_child(label)
+        for key, label, action in items:
+            button = gui.Button(label)
+            button.vertical_padding_em = 0.1
+            button.background_color = color(RAISED)
+            button.set_on_clicked(self._then(action))
+            column.add_child(button)
+            self.buttons[key] = button
+        self._content.set_widget(column)
+        self.widget.visible = True
+
+    def _then(self, action: Callable[[], object]) -> Callable[[], None]:
+        def go() -> None:
+            self.close()
+            action()
+            self._changed()
+
+        return go
+
+    def close(self) -> bool:
+        """Close it; returns whether it was open."""
+        was_open = self.camera != ""
+        self.camera, self.buttons = "", {}
+        self.widget.visible = False
+        return was_open
+
+    def place(self, context: gui.LayoutContext, area: gui.Rect) -> None:
+        """Place it at the pointer, inside `area` (window pixels)."""
+        wanted = self.widget.calc_preferred_size(context, gui.Widget.Constraints())
+        x = max(min(self._at[0], area.x + area.width - wanted.width), area.x)
+        y = max(min(self._at[1], area.y + area.height - wanted.height), area.y)
+        self.widget.frame = gui.Rect(int(x), int(y), int(wanted.width), int(wanted.height))

@@ -1,0 +1,344 @@
+"""Modal dialogs: messages, questions, a text field, a list of choices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
+from pathlib import Path
+
+from open3d.visualization import gui
+
+from gui.drawing.palette import ACCENT_DARK, DIM, RAISED
+from gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
+from gui.platform.keyboard import BACKSPACE, END, HOME, KEYS, TAB, send_key, tap_key, type_keys
+from gui.widgets.picture import PictureWidget, color
+
+TAB_DOWN, TAB_UP = 3, 5
+"""Number of frames drawn of a dialog with a text field before Tab is pressed, and has surely had its effect."""
+
+FRAMES_BEFORE_ENTER = 2
+"""Number of frames drawn between the Enter key and its action."""
+
+BUTTON_PADDING = 0.2
+"""Room above and below the text of a button, em, besides the toolkit's."""
+
+SHADE = 0.5
+"""How dark everything below a dialog becomes, 0 to 1."""
+
+_MODIFIERS = (
+    gui.KeyName.LEFT_CONTROL, gui.KeyName.RIGHT_CONTROL, gui.KeyName.ALT, gui.KeyName.META,
+)  # fmt: skip
+
+Answer = tuple[str, str, Callable[[], None]]
+"""Key, label, action."""
+
+
+class Dialogs:
+    """Shows one dialog at a time over a window, which is darker meanwhile.
+
+    Args:
+        window: the window.
+        titles: number of the font of titles.
+
+    Attributes:
+        widgets: widgets of the open dialog by key; empty if none is open.
+        name: name of the open dialog; "" if none is open.
+        typing: whether its text field has the keyboard focus.
+        lines: what the list in it shows, where that changes by itself.
+        last_folder: the folder in which something was chosen last; "" if nothing was.
+        remembered: called when that changes.
+        pictures: pictures in the open dialog, which are drawn exactly some draws later.
+        on_key: handles keys once the text field has the focus, and returns whether it did; None for none.
+        on_press: is told the X key codes of presses and repeats, which the text field keeps for itself, where they are
+            known; None for none.
+        expected: whether a dialog with a text field is about to open, for which what is typed is kept.
+        shade: what makes the window darker, to be its last child and as large as it.
+    """
+
+    def __init__(self, window: gui.Window, titles: int) -> None:
+        self._window, self._titles = window, titles
+        self.shade = gui.Vert()
+        self.shade.background_color = gui.Color(0.0, 0.0, 0.0, SHADE)
+        self.shade.visible = False
+        self.em = window.theme.font_size
+        self.widgets: dict[str, gui.Widget] = {}
+        self.name = ""
+        self.typing = False
+        self.lines: list[str] = []
+        self.last_folder = ""
+        self.remembered: Callable[[str], object] = lambda _folder: None
+        self.pictures: list[PictureWidget] = []
+        self.on_key: Callable[[gui.KeyEvent], bool] | None = None
+        self.on_press: Callable[[int], object] | None = None
+        self.expected = False
+        self._drawn: int | None = None
+        self._confirm: int | None = None  # frames to draw until the dialog is confirmed
+        self._field: gui.TextEdit | None = None
+        self._before = ""
+        self._early: list[tuple[int, bool]] = []  # keys pressed before the field had the focus
+        self._early_enter = self._early_first = self._shift = False
+        self._on_enter: Callable[[], None] | None = None
+        self._on_escape: Callable[[], None] = self.close
+
+    @property
+    def room(self) -> int:
+        """Largest width of what a dialog shows, pixels: the toolkit makes none wider than 0.8 of the window."""
+        return round(0.78 * self._window.content_rect.width - 2 * self.em)
+
+    def close(self) -> None:
+        """Close the open dialog, if any."""
+        self._on_enter = self._drawn = self._confirm = self._field = None
+        self.typing = self._early_enter = False
+        self._early = []
+        if self.name:
+            self._window.close_dialog()
+        self.shade.visible = False
+        self.widgets, self.name, self.lines = {}, "", []
+        self.pictures, self.on_key, self.on_press = [], None, None
+        self.expected = False
+
+    def show(
+        self,
+        name: str,
+        title: str,
+        parts: Sequence[gui.Widget],
+        answers: Sequence[Answer],
+        width: float,
+        on_enter: Callable[[], None] | None = None,
+        accent: str | None = None,
+    ) -> None:
+        """Show a dialog made of `parts`, replacing the open one.
+
+        Args:
+            name: identifies the dialog.
+            title: heading.
+            parts: widgets, top to bottom.
+            answers: buttons at the bottom.
+            width: approximate width in characters.
+            on_enter: action of the Enter key; None for none.
+            accent: key of the highlighted answer; None for the first.
+        """
+        made = self.widgets
+        early = (self._early, self._early_enter) if self.expected else ([], False)
+        self.close()
+        self._early, self._early_enter = early
+        self.widgets, self._on_enter = made, on_enter
+        self._on_escape = next((action for key, _, action in answers if key == "close"), self.close)
+        em = self.em
+        dialog = gui.Dialog(title)
+        column = gui.Vert(0.6 * em, gui.Margins(em, em, em, em))
+        # the widest line gives the dialog its width
+        heading = gui.Label(title + " " * max(int(width * TEXT_SIZE / TITLE_SIZE - len(title)), 0))
+        heading.font_id = self._titles
+        column.add_child(heading)
+        for part in parts:
+            column.add_child(part)
+        row = gui.Horiz(0.5 * em)
+        row.add_stretch()
+        accent = answers[0][0] if accent is None else accent
+        for key, label, action in answers:
+            row.add_child(self.button(key, label, action, accent=key == accent))
+        column.add_child(row)
+        dialog.add_child(column)
+        self.name, self.shade.visible = name, True
+        self._window.show_dialog(dialog)
+
+    def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:
+        """Make a button for the dialog being built."""
+        button = gui.Button(label)
+        button.vertical_padding_em = BUTTON_PADDING
+        button.background_color = color(ACCENT_DARK if accent else RAISED)
+        button.set_on_clicked(action)
+        self.widgets[key] = button
+        return button
+
+    def label(self, text: str, dim: bool = True) -> gui.Label:
+        """Make a label for the dialog being built."""
+        label = gui.Label(text)
+        if dim:
+            label.text_color = color(DIM)
+        return label
+
+    def remember(self, folder: str) -> None:
+        """Note the folder in which something was chosen."""
+        self.last_folder = folder
+        self.remembered(folder)
+
+    def usual_folder(self, *others: Path) -> Path:
+        """Where a dialog for a path begins: the last folder, the first of `others` that there is, or home."""
+        last = [Path(self.last_folder)] if self.last_folder else []
+        return next((path for path in (*last, *others) if path.is_dir()), Path.home())
+
+    def laid_out(self) -> None:
+        """Lay out the dialog again."""
+        self._window.set_needs_layout()
+
+    def enter(self) -> None:
+        """Handle the release of the Enter key (a field being edited consumes the press). Text typed just before reaches
+        the field only when the window is drawn, so the dialog is confirmed a few frames later."""
+        if self.focusing:
+            self._early_enter = True
+        elif self._on_enter is not None and self._confirm is None:
+            self._confirm = FRAMES_BEFORE_ENTER
+
+    def key(self, event: gui.KeyEvent) -> bool:
+        """Keep a key that is pressed before the text field has the focus, to be typed once it has. Returns whether the
+        key is handled."""
+        down = event.type == gui.KeyEvent.Type.DOWN
+        if event.key in (gui.KeyName.LEFT_SHIFT, gui.KeyName.RIGHT_SHIFT):
+            self._shift = down
+            return False
+        if event.key in _MODIFIERS and not down:
+            return False  # of Ctrl+K: the toolkit would think that it is still held, and take no text
+        if not self.focusing:
+            return self.on_key is not None and self.on_key(event)
+        code = int(event.key)
+        keycode = BACKSPACE if event.key == gui.KeyName.BACKSPACE else KEYS.get(chr(code).lower() if code < 128 else "")
+        if down and keycode is not None and not self._early_enter:
+            self._early.append((keycode, self._shift))
+        return True
+
+    def tick(self) -> bool:
+        """Focus a new dialog's text field once it has been drawn, and confirm the dialog after Enter. Call at each
+        drawn tick. Returns whether the window must be drawn again."""
+        unsettled = [picture.settle() for picture in self.pictures]
+        if self._confirm is not None:
+            self._confirm -= 1
+            if self._confirm == 0:
+                self._confirm = None
+                if self._on_enter is not None:
+                    self._on_enter()
+            return True
+        if self._drawn is None:
+            return any(unsettled)
+        self._drawn += 1
+        if self._drawn == TAB_DOWN:
+            tap_key(TAB)
+        elif self._drawn > TAB_UP and not self._type_early(self._drawn - TAB_UP - 1):
+            self._drawn = None
+            self.typing = True
+            if self._early_enter:
+                self._early_enter = False
+                self._confirm = FRAMES_BEFORE_ENTER
+        return True
+
+    def _type_early(self, step: int) -> bool:
+        """Type the kept keys, in several draws; returns whether another one is needed. Keys that came after them may
+        have reached the field already, as its focus comes between two draws: the kept ones belong before these."""
+        if not self._early or self._field is None:
+            return False
+        if step == 0:
+            self._early_first = self._field.text_value != self._before
+        if self._early_first and step in (0, 2):
+            send_key(HOME if step == 0 else END, True)
+        if self._early_first and step in (1, 3):
+            send_key(HOME if step == 1 else END, False)
+        if step == 1:
+            type_keys(self._early)
+        return step < 3
+
+    def escape(self) -> None:
+        """Handle the Escape key: like Cancel or Close, if there is one."""
+        self._on_escape()
+
+    def message(self, title: str, text: str) -> None:
+        """Show a message."""
+        self.widgets = {}
+        self.show("message", title, [self.label(text, dim=False)], [("close", "Close", self.close)], 60, self.close)
+
+    def ask(self, title: str, text: str, answers: Sequence[Answer]) -> None:
+        """Ask a question; each answer closes the dialog first."""
+        self.widgets = {}
+        closing = [(key, label, self._closing(action)) for key, label, action in answers]
+        self.show("ask", title, [self.label(text, dim=False)], closing, 60)
+
+    def line(
+        self, name: str, title: str, text: str, value: str, answers: Sequence[tuple[str, str, Callable[[str], None]]]
+    ) -> None:
+        """Ask for a line of text; answers receive the text, and Enter triggers the first."""
+        self.widgets = {}
+        edit = gui.TextEdit()
+        edit.text_value = value
+        typed = [value]
+
+        def changed(now: str) -> None:
+            typed[0] = now
+
+        edit.set_on_text_changed(changed)
+
+        def answer(action: Callable[[str], None]) -> Callable[[], None]:
+            return self._closing(lambda: action(typed[0]))
+
+        parts: list[gui.Widget] = [
+            self.label(text),
+            edit,
+            self.label("Enter to confirm."),
+        ]
+        buttons: list[Answer] = [(key, label, answer(action)) for key, label, action in answers]
+        self.show(name, title, parts, buttons, 70, buttons[0][2])
+        self.widgets["line"] = edit
+        self.focus(edit)
+
+    def focus(self, field: gui.TextEdit) -> None:
+        """Give the first text field of the dialog the keyboard focus."""
+        self._field, self._before, self._drawn = field, field.text_value, 0
+
+    @property
+    def focusing(self) -> bool:
+        """Whether a text field is about to get the keyboard focus, for which the window must be drawn often."""
+        return self._drawn is not None or self.expected
+
+    def expect(self) -> None:
+        """A dialog with a text field is about to open. No effect while one is open."""
+        if not self.name:
+            self.expected, self._early, self._early_enter = True, [], False
+            self._on_escape = self.close
+
+    def pressed(self, code: int) -> None:
+        """Note that a key was pressed or repeats, by its X key code."""
+        if self.on_press is not None and not self.focusing:
+            self.on_press(code)
+
+    def choose(
+        self,
+        name: str,
+        title: str,
+        choices: Sequence[str],
+        chosen: Callable[[str], object],
+        gone: Collection[str] = (),
+        answers: Sequence[tuple[str, str, Callable[[], object]]] = (),
+        nothing: str = "The list is empty.",
+    ) -> None:
+        """Choose from a list; items in `gone` are disabled. Answers are placed before Close. `nothing` is said of an
+        empty list."""
+        self.widgets = {}
+        parts: list[gui.Widget] = []
+        for number, choice in enumerate(choices):
+            words = f"{choice}   (missing)" if choice in gone else choice
+            button = self.button(f"choice{number}", words, self._closing(partial(chosen, choice)))
+            button.enabled = choice not in gone
+            parts.append(button)
+        if not choices:
+            parts.append(self.label(nothing))
+        row: list[Answer] = [(key, label, self._closing(action)) for key, label, action in answers]
+        row.append(("close", "Close", self.close))
+        self.show(name, title, parts, row, 60, accent="close")
+
+    def _closing(self, action: Callable[[], object]) -> Callable[[], None]:
+        def go() -> None:
+            self.close()
+            action()
+
+        return go
+
+
+def filled(lines: Sequence[str], count: int) -> list[str]:
+    """Lines with blank ones after them, `count` at least: a dialog does not resize while what it shows changes."""
+    return [*lines, *[" "] * (count - len(lines))]
+
+
+def broken(text: str) -> str:
+    """Wrap text to the width of a dialog."""
+    import textwrap
+
+    return "\n".join(line for part in text.splitlines() for line in textwrap.wrap(part, 100) or [""])

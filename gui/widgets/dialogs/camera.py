@@ -1,0 +1,94 @@
+"""A dialog with all cameras: which of them are used, and which are held out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from open3d.visualization import gui
+
+from gui.models.take.cameras import CameraUses
+from gui.widgets.dialogs.base import Dialogs
+from gui.widgets.dialogs.options import refusal
+from gui.widgets.picture import lowered
+
+ROWS, COLUMNS = 18, 2
+"""Of a page of cameras."""
+
+
+def ask_cameras(
+    dialogs: Dialogs,
+    uses: CameraUses,
+    figures: Mapping[str, str],
+    save: Callable[[CameraUses], str],
+    error: str = "",
+    page: int = 0,
+) -> None:
+    """Ask for the use of every camera.
+
+    Args:
+        dialogs: shows it.
+        uses: the present uses.
+        figures: PSNR beside a camera's name; empty before any was measured.
+        save: called with the new uses; returns why they are refused, "" if they are not.
+        error: why they were refused.
+        page: the first is 0.
+    """
+    dialogs.widgets = {}
+    em = dialogs.em
+    chosen = [uses]
+    boxes: dict[str, tuple[gui.Checkbox, gui.Checkbox]] = {}
+
+    def ticked(camera: str, use: str) -> None:
+        chosen[0] = chosen[0].with_use(camera, use)
+        used, held_out = boxes[camera]
+        used.checked, held_out.checked = use != "not used", use == "held out"
+
+    names = list(uses.uses)
+    pages = -(-len(names) // (ROWS * COLUMNS))
+    here = names[page * ROWS * COLUMNS :][: ROWS * COLUMNS]
+    count = -(-len(here) // ROWS)
+    # columns, since a grid of the toolkit asks for almost twice its height and breaks titles
+    heads = ("camera", "use", "hold\u00a0out", *(("PSNR",) if figures else ()))
+    columns = [gui.Vert(round(0.25 * em)) for _ in range(len(heads) * count)]
+    for column, head in zip(columns, heads * count, strict=True):
+        column.add_child(dialogs.label(head))
+    for row in range(min(ROWS, len(here))):
+        for block, name in enumerate(here[row::ROWS]):
+            used, held_out = gui.Checkbox(""), gui.Checkbox("")
+            used.tooltip = "Use this camera at all"
+            held_out.tooltip = "Do not train on this camera; evaluate with it"
+            used.checked, held_out.checked = uses.uses[name] != "not used", uses.uses[name] == "held out"
+            used.set_on_checked(lambda on, name=name: ticked(name, "training" if on else "not used"))
+            held_out.set_on_checked(lambda on, name=name: ticked(name, "held out" if on else "training"))
+            boxes[name] = (used, held_out)
+            dialogs.widgets |= {f"use {name}": used, f"hold out {name}": held_out}
+            cells = [lowered(dialogs.label(name, dim=False)), used, held_out]
+            if figures:
+                cells.append(lowered(dialogs.label(figures.get(name, "-"))))
+            for column, widget in zip(columns[len(heads) * block :], cells, strict=False):
+                column.add_child(widget)
+    table = gui.Horiz(round(0.5 * em))
+    for column in columns:
+        table.add_child(column)
+    table.add_stretch()
+    parts: list[gui.Widget] = [
+        dialogs.label("Training learns from cameras that are used and not held out. Evaluation uses held-out ones."),
+        table,
+    ]
+    if error:
+        parts.append(refusal(dialogs, error))
+
+    def done() -> None:
+        refused = save(chosen[0])
+        if refused:
+            ask_cameras(dialogs, chosen[0], figures, save, refused, page)
+        else:
+            dialogs.close()
+
+    def turn() -> None:
+        ask_cameras(dialogs, chosen[0], figures, save, page=(page + 1) % pages)
+
+    answers = [("save", "Save", done), ("close", "Cancel", dialogs.close)]
+    if pages > 1:
+        answers.insert(1, ("page", f"Next page ({page + 1} of {pages})", turn))
+    dialogs.show("cameras", "Cameras", parts, answers, 90, done)

@@ -1,0 +1,155 @@
+"""A dialog that finds commands by typing, and runs one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from open3d.visualization import gui
+
+from gui.platform.keyboard import DOWN, PAGE_DOWN, PAGE_UP, UP
+from gui.widgets.command_list import ROWS, Command, CommandList, row_height, search
+from gui.widgets.dialogs.base import Dialogs
+from gui.widgets.picture import PictureWidget
+
+NAME = "commands"
+WIDTH = 42
+"""Width of the list, em."""
+
+KEYS = "Up and Down select, Enter runs, Escape closes."
+
+ABOVE, AROUND = 2.8, 1.0
+"""From the field to the top of the dialog, and from what is in the dialog to its other edges, em."""
+
+_CODES = {UP: -1, DOWN: 1, PAGE_UP: -ROWS, PAGE_DOWN: ROWS}
+"""Rows by the X key code."""
+
+_STEPS = {gui.KeyName.UP: -1, gui.KeyName.DOWN: 1, gui.KeyName.PAGE_UP: -ROWS, gui.KeyName.PAGE_DOWN: ROWS}
+
+
+class CommandDialog:
+    """See the module.
+
+    Args:
+        dialogs: shows it.
+        run: called with the key of the chosen command, after the dialog has closed.
+    """
+
+    def __init__(self, dialogs: Dialogs, run: Callable[[str], object]) -> None:
+        self._dialogs, self._run = dialogs, run
+        self._commands: Sequence[Command] = ()
+        self._list = CommandList(())
+        self._typed = ""
+        self._searched: str | None = None
+        self._drawn: object = None
+        self._picture: PictureWidget | None = None
+        self._hint = gui.Label("")
+        self._images: dict[tuple[int, ...], gui.UIImage] = {}  # of all openings
+        self._pressed: Command | None = None  # by the mouse
+        self._moved: set[int] = set()  # steps of keys whose press has counted
+
+    def show(self, commands: Sequence[Command]) -> None:
+        """Show the dialog."""
+        dialogs = self._dialogs
+        self._commands, self._typed, self._searched, self._drawn = commands, "", None, None
+        self._pressed, self._moved = None, set()
+        dialogs.widgets = {}
+        edit = gui.TextEdit()
+        edit.placeholder_text = "type part of a command"
+        edit.set_on_text_changed(self._type)
+        self._width = min(round(WIDTH * dialogs.em), dialogs.room)
+        picture = self._picture = PictureWidget(self._on_mouse, self._images)
+        hint = self._hint = dialogs.label("")
+        self.update()  # before it is shown, as the dialog does not resize
+        answers = [("run", "Run", self._enter), ("close", "Cancel", dialogs.close)]
+        dialogs.show(NAME, "Commands", [edit, picture.widget, hint], answers, 40, self._enter)
+        dialogs.widgets["line"] = edit
+        dialogs.widgets["list"] = picture.widget
+        dialogs.pictures, dialogs.on_key, dialogs.on_press = [picture], self._key, self._press
+        dialogs.focus(edit)
+        dialogs.laid_out()
+
+    def _type(self, text: str) -> None:
+        self._typed = text  # shown at the next tick: the toolkit tells of typing while it draws
+
+    def update(self) -> bool:
+        """Show what was typed and selected; returns whether anything changed. Call at each tick."""
+        if self._picture is None:
+            return False
+        if self._typed != self._searched:
+            self._searched = self._typed
+            self._list = CommandList(search(self._commands, self._typed))
+        self._dialogs.lines = [command.words for command in self._list.found]
+        if self._list == self._drawn:
+            return False
+        self._drawn = self._list
+        self._picture.show(self._list.picture(self._width, self._dialogs.em))
+        more = self._list.more
+        self._hint.text = f"{more}. {KEYS}" if more else KEYS
+        return True
+
+    def tick(self) -> bool:
+        """Call at each tick of the window; returns whether anything changed."""
+        if self._dialogs.name != NAME:
+            self._picture = None
+        return self.update()
+
+    def press(self, button: int, x: int, y: int) -> bool:
+        """A mouse button is pressed at a position in the window, pixels, while a dialog is open; returns whether that
+        closed this one: a click outside of it does."""
+        if self._dialogs.name != NAME or button not in (1, 2, 3) or self._dialogs.focusing:
+            return False
+        frames = [widget.frame for widget in self._dialogs.widgets.values()]
+        em, top = self._dialogs.em, min(frame.y for frame in frames)
+        left, right = min(frame.x for frame in frames), max(frame.x + frame.width for frame in frames)
+        bottom = max(frame.y + frame.height for frame in frames)
+        inside = left - AROUND * em <= x < right + AROUND * em and top - ABOVE * em <= y < bottom + AROUND * em
+        if not inside:
+            self._dialogs.close()
+        return not inside
+
+    def _key(self, event: gui.KeyEvent) -> bool:
+        """The field keeps the presses of keys for itself, so a release counts whose press was not told."""
+        step = _STEPS.get(event.key)
+        if step is None:
+            return False
+        if event.type == gui.KeyEvent.Type.UP:
+            if step not in self._moved:
+                self._list = self._list.moved(step)
+            self._moved.discard(step)
+        return True
+
+    def _press(self, code: int) -> None:
+        """A key was pressed, or repeats because it is held."""
+        step = _CODES.get(code)
+        if step is not None:
+            self._moved.add(step)
+            self._list = self._list.moved(step)
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        kind = gui.MouseEvent.Type
+        if event.type == kind.WHEEL:
+            self._list = self._list.moved(-round(event.wheel_dy))
+        elif event.type in (kind.BUTTON_DOWN, kind.BUTTON_UP):
+            row = self._list.row_at(y, ROWS * row_height(self._dialogs.em))
+            under = None if row is None else self._list.found[row]
+            if event.type == kind.BUTTON_DOWN:
+                self._pressed = under
+                if row is not None:
+                    self._list = self._list.moved(row - self._list.at)
+                return True
+            pressed, self._pressed = self._pressed, None
+            if pressed is not None and under is pressed and row is not None:
+                self._list = self._list.moved(row - self._list.at)
+                self._enter()
+        else:
+            return False
+        return True
+
+    def _enter(self) -> None:
+        """Run the selected command. One that is not possible now stays, with its reason."""
+        self.update()
+        command = self._list.selected
+        if command is None or command.reason:
+            return
+        self._dialogs.close()
+        self._run(command.key)

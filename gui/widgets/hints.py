@@ -1,0 +1,170 @@
+"""What buttons do, shown where there is room beside them: the toolkit's own tooltips cover their neighbors."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+
+from open3d.visualization import gui
+
+from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
+from gui.drawing.palette import LINE, TEXT
+from gui.widgets.picture import PictureWidget, holds
+
+DELAY = 0.4
+"""Seconds for which the pointer must rest on a button."""
+
+WIDEST = 0.6
+"""Widest hint over the view, as a part of its width; longer text wraps."""
+
+LEAST_WINDOW = 32
+"""Pixels: the toolkit takes the mouse in at least so many rows from the top of a widget on (`WindowMinSize` of Dear
+ImGui)."""
+
+STEP = 8
+"""Widths of hints are multiples of this, pixels, because the toolkit keeps a texture of each size."""
+
+Box = tuple[int, int, int, int]
+"""Left, top, width, height; pixels."""
+
+
+class Hints:
+    """See the module. Where the pointer cannot be followed, these are tooltips of the toolkit.
+
+    A picture, because the toolkit makes no label with a background less than 32 pixels high.
+
+    Args:
+        follows: whether `update` will be told where the pointer is.
+        em: font size, pixels.
+        now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        picture: the hint; its widget is to be added to the window.
+        text: what it says; "" if there is none.
+        listing: whether a list is open, as far as can be told: the toolkit does not tell, and a hint closes it.
+        bar: tells what is free of the menu bar.
+    """
+
+    def __init__(self, follows: bool, em: float, now: Callable[[], float] = time.monotonic) -> None:
+        self._follows, self._em, self._now = follows, em, now
+        self._texts: list[tuple[gui.Widget, gui.Widget, str]] = []
+        self._over: gui.Widget | None = None
+        self._row: gui.Widget | None = None
+        self._clicked: gui.Widget | None = None  # no hint of it until the pointer has left it
+        self._since = 0.0
+        self.text = ""
+        self.listing = False
+        self.bar: Callable[[], Box] = lambda: (0, 0, 0, 0)
+        self.picture = PictureWidget()
+        self.picture.widget.visible = False
+
+    def give(self, widget: gui.Widget, text: str, row: gui.Widget) -> None:
+        """Set the hint of a widget in a row, which is hidden with it."""
+        if not self._follows:
+            widget.tooltip = text
+            return
+        self._texts = [one for one in self._texts if one[0] is not widget]
+        self._texts.append((widget, row, text))
+
+    def press(self, x: int, y: int, lists: Iterable[gui.Widget]) -> None:
+        """The left button is pressed at a position in the window, pixels.
+
+        Args:
+            x, y: the position.
+            lists: the widgets that open a list when they are clicked; a click elsewhere closes it.
+        """
+        found = self._at(x, y)
+        self._clicked = found[0] if found is not None else None
+        self.listing = not self.listing and any(widget.visible and holds(widget, x, y) for widget in lists)
+
+    def update(self, pointer: tuple[int, int] | None, hidden: bool) -> bool:
+        """Show the hint of what the pointer rests on; returns whether anything changed, which needs a layout.
+
+        Args:
+            pointer: its position in the window, pixels; None if it is not known.
+            hidden: whether a button is pressed, or something covers the panels.
+        """
+        found = self._at(*pointer) if pointer is not None else None
+        if found is None or found[0] is not self._clicked:
+            self._clicked = None
+        if hidden or self._clicked is not None:
+            found = None
+        over = found[0] if found is not None else None
+        if over is not self._over:
+            self._over, self._since = over, self._now()
+        self._row = found[1] if found is not None else None
+        text = found[2] if found is not None and self._now() >= self._since + DELAY else ""
+        if self.text == text:
+            return False
+        self.text, self.picture.widget.visible = text, bool(text)
+        return True
+
+    def hide(self) -> None:
+        """Show none until the pointer has rested anew."""
+        self.text, self._over, self.picture.widget.visible = "", None, False
+
+    def _at(self, x: int, y: int) -> tuple[gui.Widget, gui.Widget, str] | None:
+        return next((one for one in self._texts if one[2] and _shown(one) and holds(one[0], x, y)), None)
+
+    def place(self, view: Box) -> None:
+        """Place the hint where it covers nothing if there is room: in the menu bar, for the row below it, or beside the
+        buttons of its row; else over the view (pixels), as near to its widget as that allows."""
+        if self._over is None or self._row is None or not self.text:
+            return
+        em, frame = self._em, self._over.frame
+        size, pad, gap = round(0.88 * em), round(0.4 * em), round(0.5 * em)
+        high = round(1.4 * em)
+        wide = _stepped(text_width(self.text, size) + 2 * pad)
+        bar_x, bar_y, bar_width, bar_height = self.bar()
+        if bar_height >= high and wide <= bar_width and self._row.frame.y < bar_y + bar_height + em:
+            x = min(max(frame.x, bar_x), bar_x + bar_width - wide)
+            above = max(high, LEAST_WINDOW)  # it must not take the mouse from the buttons; the rest is off the window
+            self._draw([self.text], x, bar_y + bar_height - above, wide, above, above - high)
+            return
+        rooms = [(left, right) for left, right in self._gaps(gap) if right - left >= wide]
+        if rooms:
+            left, right = min(rooms, key=lambda room: max(room[0] - frame.x, frame.x - room[1], 0))
+            x = min(max(frame.x, left), right - wide)
+            self._draw([self.text], x, frame.y + (frame.height - high) // 2, wide, high)
+            return
+        most = int(WIDEST * view[2])
+        lines = wrapped(self.text, size, most - 2 * pad)
+        wide = _stepped(max(text_width(line, size) for line in lines) + 2 * pad)
+        high += (len(lines) - 1) * line_height(size)
+        x, y = (
+            round(min(max(at, start + gap), start + room - length - gap))
+            for at, start, room, length in ((frame.x, view[0], view[2], wide), (frame.y, view[1], view[3], high))
+        )
+        self._draw(lines, x, y, wide, high)
+
+    def _gaps(self, gap: int) -> list[tuple[int, int]]:
+        """Columns of the line of the row that no widget takes, from left to right."""
+        assert self._over is not None
+        assert self._row is not None
+        line, row = self._over.frame, self._row.frame
+        left, found = row.x, []
+        frames = [widget.frame for widget, row, _ in self._texts if row is self._row and widget.visible]
+        for frame in sorted(frames, key=lambda one: one.x):
+            if frame.y < line.y + line.height and line.y < frame.y + frame.height:
+                found.append((left, frame.x - gap))
+                left = max(left, frame.x + frame.width + gap)
+        return [*found, (left, row.x + row.width)]
+
+    def _draw(self, lines: list[str], x: int, y: int, wide: int, high: int, top: int = 0) -> None:
+        """Draw the text `top` pixels below the top of the picture."""
+        em = self._em
+        size, step = round(0.88 * em), line_height(round(0.88 * em))
+        canvas = Canvas(wide, high, LINE)
+        text_top = top + (high - top - len(lines) * step) / 2 + (step - 1.2 * size) / 2
+        for number, line in enumerate(lines):
+            canvas.text(round(0.4 * em), text_top + number * step, line, size, TEXT)
+        self.picture.show(canvas.pixels)
+        self.picture.place(x, y, wide, high)
+
+
+def _shown(one: tuple[gui.Widget, gui.Widget, str]) -> bool:
+    return bool(one[0].visible and one[1].visible)
+
+
+def _stepped(width: float) -> int:
+    return -int(-width // STEP) * STEP

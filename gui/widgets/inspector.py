@@ -1,0 +1,272 @@
+"""The right panel: figures of the selected stage, and the job log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from open3d.visualization import gui
+
+from gui.models.evaluation import Evaluation
+from gui.models.marks import Marks
+from gui.models.playback.player import PlayerPresenter
+from gui.models.take.inspector import (
+    Block,
+    figures_height,
+    figures_picture,
+    review_blocks,
+    run_blocks,
+)
+from gui.models.take.log import LogLine, LogRow, LogView, grouped, log_rows
+from gui.models.take.remedies import Fix, fix_of
+from gui.models.take.workspace import Workspace
+from gui.widgets.picture import PictureWidget
+
+PAUSE = 0.25
+"""Minimum seconds between two updates of the figures of the same frame."""
+
+LEAST_LOG = 7.0
+"""Height in em that the figures leave to the log."""
+
+LEAST_DRAGGED = 3.5
+"""Least height in em of the figures and of the log after the edge between them has been dragged."""
+
+TOOLTIPS = {
+    True: "Change the setting; Ctrl+Z changes it back. Run the stage again to use it.",
+    False: "Show the setting",
+}
+"""Of buttons in the log, by whether they change a setting."""
+
+EDGE_TOOLTIPS = {False: "Drag to resize the log; click to enlarge it (J)", True: "Click to make it small again (J)"}
+"""Of the heading of the log, by whether it is large."""
+
+STILL = 3
+"""Pixels that the pointer may move during a click."""
+
+
+class InspectorPanel:
+    """See the module.
+
+    Args:
+        em: font size, pixels.
+        changed: called when the log is scrolled.
+        mend: called with the fix whose button in the log was clicked.
+        laid_out: called when the window must be laid out again.
+
+    Attributes:
+        frame: the frame whose figures are shown; None before the first.
+        stage: the selected stage; Review has more figures than others, which leave more room to the log.
+        large: whether the log covers the view.
+        log_height: height of the log as dragged, em; None for what the figures leave.
+        only_warnings: whether the log shows warnings and errors only.
+    """
+
+    def __init__(
+        self,
+        em: float,
+        changed: Callable[[], None],
+        mend: Callable[[Fix], None],
+        laid_out: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._em, self._changed, self._mend, self._laid_out = em, changed, mend, laid_out
+        self.figures = PictureWidget(self._on_figures)
+        self.log = PictureWidget(self._on_mouse)
+        self.stage = "review"
+        self.large = False
+        self.log_height: float | None = None
+        self.only_warnings = False
+        self._warnings = 0
+        self._grabbed: float | None = None  # where the edge of the log was pressed, pixels below it
+        self._dragging = False
+        self._back = 0
+        self._place = (0.0, 0.0, 16.0, 16.0)
+        self._over = self._place
+        self._placed: object = None
+        self._down, self._blocks = 0.0, list[Block]()
+        self._figures_of: object = None
+        self._log_of: object = None
+        self._rows: list[LogRow] = []
+        self._lines_of: tuple[object, ...] = (None,)
+        self._next = 0.0
+        self._of: object = None
+        self.frame: int | None = None
+
+    def toggle(self) -> None:
+        """Show the log over the view, or in its panel again; needs a layout."""
+        self.large = not self.large
+        self._laid_out()
+
+    def toggle_warnings(self) -> None:
+        """Show warnings and errors only, or all lines of the log again."""
+        self.only_warnings = not self.only_warnings
+        self._back = 0
+        self._changed()
+
+    @property
+    def widgets(self) -> list[gui.Widget]:
+        """All widgets, to be added to the window."""
+        return [self.figures.widget, self.log.widget]
+
+    def place(
+        self, x: float, y: float, width: float, height: float, over: tuple[float, float, float, float] | None = None
+    ) -> None:
+        """Set the panel's rectangle in window pixels.
+
+        Args:
+            x, y, width, height: the rectangle.
+            over: x, y, width and height of the log while it is large; None for the whole panel.
+        """
+        self._place = (x, y, width, height)
+        self._over = over or self._place
+        self._share()
+
+    def _share(self) -> None:
+        """Divide the panel: the figures get what they need, but leave some lines to the log."""
+        x, y, width, height = self._place
+        usual = (0.72 if self.stage == "review" else 0.5) * height
+        needed = figures_height(self._blocks, int(width), self._em) if self._blocks else 0.0
+        share = round(max(min(needed, height - LEAST_LOG * self._em), usual))
+        if self.log_height is not None:
+            least = LEAST_DRAGGED * self._em
+            share = round(max(min(height - self.log_height * self._em, height - least), least))
+        if self.large:
+            share = round(height)
+        places = (self._place, self._over, share, self.large)
+        if self._placed != places:
+            self._placed = places
+            self.figures.place(x, y, width, share)
+            self.log.place(*(self._over if self.large else (x, y + share, width, height - share)))
+
+    def update(
+        self,
+        player: PlayerPresenter,
+        evaluation: Evaluation,
+        marks: Marks,
+        workspace: Workspace,
+        stage: str,
+        of_stage: Sequence[Block],
+        drawn_rate: float,
+        camera: str,
+    ) -> bool:
+        """Redraw the figures if they have changed; return whether they did. They leave the rest to the log, so
+        `update_log` comes afterwards.
+
+        Args:
+            of_stage: figures of the stage's view.
+            camera: whose quality is shown; "" for the mean.
+        """
+        of = (player.frame, player.what, player.mode, player.camera, stage, camera)  # shown everywhere in the same draw
+        if time.monotonic() < self._next and of == self._of:
+            return False
+        self._next, self._of = time.monotonic() + PAUSE, of
+        self.frame = player.frame
+        blocks = review_blocks(player, evaluation, marks, drawn_rate, camera)
+        if stage != "review" and workspace.take is not None:
+            blocks = blocks[:1]
+        blocks = [*run_blocks(workspace, stage), *of_stage, *blocks]
+        self._blocks = blocks
+        self._share()
+        self._scroll(0.0)
+        state = (blocks, self.figures.size, self._down)
+        if state == self._figures_of:
+            return False
+        self._figures_of = state
+        self.figures.show(figures_picture(blocks, *self.figures.size, self._em, self._down))
+        return True
+
+    def _scroll(self, pixels: float) -> None:
+        width, height = self.figures.size
+        most = max(figures_height(self._blocks, width, self._em) - height, 0.0)
+        self._down = min(max(self._down + pixels, 0.0), most)
+
+    def _on_figures(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        if event.type != gui.MouseEvent.Type.WHEEL:
+            return False
+        self._scroll(-2 * self._em * event.wheel_dy)
+        self._next = 0.0
+        self._changed()
+        return True
+
+    def update_log(self, workspace: Workspace) -> bool:
+        """Redraw the log, in the size that the figures leave, if it has changed; return whether it has."""
+        run, size = workspace.run, self.log.size
+        last = run.lines[-1] if run.lines else None
+        lines_of = (id(run), len(run.lines), last, size[0], id(workspace.config), self.only_warnings)
+        if lines_of != self._lines_of:
+            if id(run) != self._lines_of[0]:
+                self._back = 0
+            self._lines_of = lines_of
+            config = workspace.config
+            lines = zip(run.lines, run.times, run.notices, strict=True)
+            told = grouped(LogLine(*line, time_of_day, notice) for line, time_of_day, notice in lines)
+            warnings = [line for line in told if line.kind]
+            self._warnings = len(warnings)
+            told = warnings if self.only_warnings else told
+            self._rows = log_rows(
+                [(line.kind, line.text) for line in told], size[0], self._em, [line.told for line in told],
+                [fix_of(line.notice, config) for line in told],
+            )  # fmt: skip
+        view = self._view
+        state = (view.shown, view.back, size, view.large, view.warnings, view.only_warnings)
+        if state == self._log_of:
+            return False
+        self._log_of = state
+        self.log.show(view.picture())
+        return True
+
+    @property
+    def _view(self) -> LogView:
+        return LogView(self._rows, *self.log.size, self._em, self._back, self.large, self._warnings, self.only_warnings)
+
+    @property
+    def fixes(self) -> dict[str, tuple[float, float]]:
+        """The middle of each button and of the switch in the log, 0 to 1 across and down, by its label."""
+        return self._view.places
+
+    def _on_edge(self, event: gui.MouseEvent, y: float) -> bool:
+        """Resize the log by a drag of its heading; a click enlarges it, or undoes that. Returns whether it was one."""
+        kind = gui.MouseEvent.Type
+        if event.type == kind.BUTTON_DOWN:
+            self._grabbed, self._dragging = (y, False) if y < self._view.top else (None, False)
+        if self._grabbed is None:
+            return False
+        _, top, _, height = self._place
+        if event.type == kind.DRAG and not self.large:
+            edge = self.log.widget.frame.y + y - self._grabbed
+            self._dragging |= abs(y - self._grabbed) > STILL
+            if self._dragging:
+                self.log_height = float(round((top + height - edge) / self._em))  # each size needs a texture of its own
+                self._share()
+        elif event.type == kind.BUTTON_UP:
+            self._grabbed = None
+            if not self._dragging:
+                self.toggle()
+        self._changed()
+        return True
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        kind = gui.MouseEvent.Type
+        if event.type == kind.BUTTON_DOWN and self._view.on_filter(x, y):
+            self._grabbed = None
+            self.toggle_warnings()
+            return True
+        if event.type in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP) and self._on_edge(event, y):
+            return True
+        if event.type == kind.BUTTON_DOWN:
+            fix = self._view.fix_at(x, y)
+            if fix is not None:
+                self._mend(fix)
+                self._changed()
+            return fix is not None
+        if event.type == kind.MOVE:
+            fix = self._view.fix_at(x, y)
+            tooltip = "" if fix is None else TOOLTIPS[fix.sets and not fix.done]
+            if y < self._view.top:
+                tooltip = "" if self._view.on_filter(x, y) else EDGE_TOOLTIPS[self.large]
+            self.log.widget.tooltip = tooltip
+            return False
+        if event.type != kind.WHEEL:
+            return False
+        self._back = min(max(self._back + round(3 * event.wheel_dy), 0), max(len(self._rows) - 3, 0))
+        self._changed()
+        return True

@@ -1,0 +1,138 @@
+"""A notice over the lower edge of the view, with buttons for what follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from open3d.visualization import gui
+
+from gui.drawing.canvas import wrapped
+from gui.drawing.palette import ACCENT_DARK, BAD, LINE, RAISED, TEXT
+from gui.models.notices import Notice, Notices
+from gui.platform.desktop import PageOpener
+from gui.widgets.picture import color
+
+WIDEST, MOST_LINES = 48.0, 12
+"""Width of the bar in em, and lines of a message."""
+
+
+@dataclass(frozen=True)
+class NoticeActions:
+    """What the buttons do.
+
+    Attributes:
+        open_folder: show the folder of what was written.
+        copy: copy its path, or the text of a failure.
+        dismiss: remove the notice.
+        pages: opens a page that was written.
+    """
+
+    open_folder: Callable[[], object]
+    copy: Callable[[], object]
+    dismiss: Callable[[], object]
+    pages: PageOpener = field(default_factory=PageOpener)
+
+
+class NoticeBar:
+    """See the module. A container, which the toolkit draws over pictures; it must not overlap other containers.
+
+    Args:
+        notices: what it shows.
+        em: font size, pixels.
+        actions: what its buttons do.
+        changed: called after a click.
+
+    Attributes:
+        buttons: by key.
+    """
+
+    def __init__(self, notices: Notices, em: float, actions: NoticeActions, changed: Callable[[], None]) -> None:
+        self._notices, self._em, self._actions, self._changed = notices, em, actions, changed
+        self.buttons: dict[str, gui.Button] = {}
+        self._shown: object = None
+        self._width = 0.0
+        self._content = gui.WidgetProxy()
+        self.widget = gui.Vert(0, gui.Margins(round(0.8 * em), round(0.6 * em), round(0.8 * em), round(0.7 * em)))
+        self.widget.background_color = color(LINE)
+        self.widget.add_child(self._content)
+        self.widget.visible = False
+
+    def update(self, room: float, hidden: bool) -> bool:
+        """Show the notice; returns whether anything changed, which needs a layout.
+
+        Args:
+            room: width of the view, pixels.
+            hidden: whether something else needs the place; a failure is shown nevertheless.
+        """
+        self._tell(self._actions.pages.failure())
+        card = self._notices.card
+        if card is not None and hidden and not card.bad:
+            card = None
+        width = min(WIDEST * self._em, room - 2 * self._em)
+        state = (card, self._notices.more, width) if card is not None else None
+        if state == self._shown:
+            return False
+        self._shown, self.buttons = state, {}
+        self.widget.visible = card is not None
+        if card is not None:
+            self._content.set_widget(self._filled(card, width))
+        return True
+
+    def _filled(self, card: Notice, width: float) -> gui.Widget:
+        em = self._em
+        column = gui.Vert(round(0.5 * em))
+        lines = wrapped(card.text, round(em), width - 1.6 * em)
+        if len(lines) > MOST_LINES:
+            lines = [*lines[: MOST_LINES - 1], "... (Copy message has the rest)"]
+        label = gui.Label("\n".join(lines))
+        label.text_color = color(BAD if card.bad else TEXT)
+        column.add_child(label)
+        row = gui.Horiz(round(0.5 * em))
+        if card.path is not None:
+            page = card.path if card.path.suffix == ".html" else None
+            if page is not None:
+                self._button(row, "open_page", "Open in browser", partial(self._open, page), True)
+            self._button(row, "open_folder", "Open folder (Ctrl+O)", self._actions.open_folder, page is None)
+            self._button(row, "copy", "Copy path (Ctrl+C)", self._actions.copy)
+        else:
+            self._button(row, "copy", "Copy message (Ctrl+C)", self._actions.copy)
+        more = self._notices.more
+        self._button(row, "dismiss", f"Dismiss (Esc){f', {more} more' if more else ''}", self._actions.dismiss)
+        column.add_child(row)
+        return column
+
+    def _open(self, page: Path) -> None:
+        """Open a page in the browser."""
+        self._notices.clear("browser")
+        self._tell(self._actions.pages.open(page))
+
+    def _tell(self, failure: str) -> None:
+        if failure:
+            self._notices.tell(failure, bad=True, topic="browser")
+
+    def _button(self, row: gui.Horiz, key: str, label: str, action: Callable[[], object], accent: bool = False) -> None:
+        button = gui.Button(label)
+        button.vertical_padding_em = 0.1
+        button.horizontal_padding_em = 0.7
+        button.background_color = color(ACCENT_DARK if accent else RAISED)
+
+        def clicked() -> None:
+            action()
+            self._changed()
+
+        button.set_on_clicked(clicked)
+        row.add_child(button)
+        self.buttons[key] = button
+
+    def place(self, context: gui.LayoutContext, x: float, y: float, width: float, height: float) -> None:
+        """Place it at the lower edge of the view, whose rectangle is given in window pixels."""
+        if not self.widget.visible:
+            return
+        wanted = self.widget.calc_preferred_size(context, gui.Widget.Constraints())
+        wide = min(wanted.width, width)
+        high = min(wanted.height, height)
+        top = y + height - high - 0.8 * self._em
+        self.widget.frame = gui.Rect(int(x + (width - wide) / 2), int(max(top, y)), int(wide), int(high))

@@ -1,0 +1,197 @@
+"""Draws the list of a camera path's keys, and tells what is where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
+from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, RGB, TEXT
+from gui.models.camera_path import PathKey
+
+THUMBNAIL = (16, 9)
+"""Shape of a thumbnail."""
+
+EASING_WORDS = {"smooth": "smooth", "ease": "slow ends", "linear": "straight", "hold": "hold"}
+BUTTONS = (("add", "Add"), ("preview", "Preview"), ("export", "Export..."), ("clear", "Clear"))
+ROW_BUTTONS = ("up", "down", "view", "remove")
+HINTS = {
+    "add": "Add the view on screen, after the selected one (K)",
+    "preview": "Play the path in the viewport; a click stops it",
+    "export": "Write a movie along the path",
+    "clear": "Remove all views",
+    "close": "Show the inspector again (P)",
+    "row": "Go to this view",
+    "time": "When it is reached; later views move by as much",
+    "easing": "How the camera moves to the next view; a click changes it",
+    "up": "Move it before the one above",
+    "down": "Move it behind the one below",
+    "view": "Replace it by the view on screen",
+    "remove": "Remove it",
+}
+
+Area = tuple[float, float, float, float]
+
+
+@dataclass
+class PathList:
+    """The picture of the list, and its parts.
+
+    Attributes:
+        width, height: pixels.
+        em: font size, pixels.
+        down: pixels that the rows are scrolled down.
+        areas: (x, y, width, height), key of `HINTS` and row of what can be clicked; the last that fits is meant.
+    """
+
+    width: int
+    height: int
+    em: float
+    down: float = 0.0
+    areas: list[tuple[Area, str, int]] = field(default_factory=list)
+
+    @property
+    def thumbnail_size(self) -> tuple[int, int]:
+        """(width, height) of a thumbnail, pixels."""
+        wide = max(round(5.2 * self.em), 16)
+        return wide, wide * THUMBNAIL[1] // THUMBNAIL[0]
+
+    @property
+    def row_height(self) -> float:
+        """Pixels."""
+        return self.thumbnail_size[1] + 0.6 * self.em
+
+    def most_down(self, count: int) -> float:
+        """How far the rows can be scrolled, pixels."""
+        return max(count * self.row_height - (self.height - self._top), 0.0)
+
+    @property
+    def _top(self) -> float:
+        return 4.5 * self.em
+
+    def at(self, x: float, y: float) -> tuple[str, int] | None:
+        """What is at a position; None if it is nothing."""
+        found = [
+            (key, row)
+            for (left, top, wide, high), key, row in self.areas
+            if left <= x < left + wide and top <= y < top + high
+        ]
+        return found[-1] if found else None
+
+    def draw(
+        self,
+        keys: Sequence[PathKey],
+        thumbnails: Sequence[np.ndarray | None],
+        selected: int | None,
+        previewing: bool,
+        message: str = "",
+    ) -> np.ndarray:
+        """(height, width, 3) uint8: the list.
+
+        Args:
+            keys: the views.
+            thumbnails: one per view; None while it is being drawn.
+            selected: index of the selected view.
+            previewing: whether the path is being played.
+            message: shown instead of the list.
+        """
+        self.areas = []
+        canvas, em = Canvas(self.width, self.height, PANEL), self.em
+        pad, normal = 0.6 * em, round(0.94 * em)
+        self._rows(canvas, keys, thumbnails, selected)
+        canvas.rect(0, 0, self.width, self._top - 2, PANEL)
+        canvas.text(pad, 0.4 * em, "Camera path", normal, TEXT)
+        seconds = keys[-1].time if keys else 0.0
+        words = f"{len(keys)} view{'s' * (len(keys) != 1)}, {seconds:.1f} s"
+        canvas.text(self.width - pad - 1.6 * em, 0.4 * em, words, normal, DIM, align="right")
+        _icon(canvas, "remove", self.width - pad - 0.9 * em, 0.55 * em, 0.85 * em, TEXT)
+        self.areas.append(((self.width - pad - 1.3 * em, 0, 1.9 * em, 1.9 * em), "close", -1))
+        canvas.rect(pad, 1.95 * em, self.width - 2 * pad, 1, LINE)
+        x, y = pad, 2.3 * em
+        for key, label in BUTTONS:
+            enabled = key == "add" or len(keys) > (0 if key == "clear" else 1)
+            wide = self._width(label)
+            if x + wide > self.width - pad:
+                x, y = pad, y + 1.95 * em
+            pressed = key == "preview" and previewing
+            self._button(canvas, x, y, wide, "Stop" if pressed else label, enabled, pressed)
+            if enabled:
+                self.areas.append(((x, y, wide, 1.7 * em), key, -1))
+            x += wide + 0.35 * em
+        if message or not keys:
+            words = message or "Choose a view and a frame, then press Add or K. Two views make a movie."
+            for number, line in enumerate(wrapped(words, normal, self.width - 2 * pad)):
+                top = self._top + number * line_height(normal)
+                canvas.text(pad, top, line, normal, BAD if message else DIM)
+        return canvas.pixels
+
+    def _rows(
+        self,
+        canvas: Canvas,
+        keys: Sequence[PathKey],
+        thumbnails: Sequence[np.ndarray | None],
+        selected: int | None,
+    ) -> None:
+        em, small = self.em, round(0.85 * self.em)
+        wide, high = self.thumbnail_size
+        for number, (key, picture) in enumerate(zip(keys, thumbnails, strict=True)):
+            y = self._top + number * self.row_height - self.down
+            if y + self.row_height < self._top or y > self.height:
+                continue
+            if number == selected:
+                canvas.rect(0, y, self.width, self.row_height, RAISED)
+                canvas.rect(0, y, 3, self.row_height, ACCENT)
+            self.areas.append(((0, y, self.width, self.row_height), "row", number))
+            left, top = 0.6 * em, y + 0.3 * em
+            if picture is None:
+                canvas.rect(left, top, wide, high, LINE)
+            else:
+                canvas.image(left, top, picture)
+            x = left + wide + 0.6 * em
+            canvas.text(x, top, f"{number + 1}", small, DIM)
+            self._link(canvas, x + 1.4 * em, top, f"{key.time:.2f} s", small, "time" if number else "", number)
+            canvas.text(self.width - 0.6 * em, top, f"frame {key.frame}", small, DIM, align="right")
+            if number + 1 < len(keys):
+                self._link(canvas, x, top + 1.5 * em, EASING_WORDS[key.easing], small, "easing", number)
+            if number == selected:
+                self._row_buttons(canvas, top + 1.35 * em, number, len(keys))
+
+    def _row_buttons(self, canvas: Canvas, y: float, number: int, count: int) -> None:
+        em, side = self.em, 1.45 * self.em
+        x = self.width - 0.5 * em - len(ROW_BUTTONS) * side
+        for name in ROW_BUTTONS:
+            enabled = not (name == "up" and number == 0) and not (name == "down" and number == count - 1)
+            _icon(canvas, name, x + 0.3 * em, y + 0.3 * em, 0.85 * em, TEXT if enabled else FAINT)
+            if enabled:
+                self.areas.append(((x, y, side, side), name, number))
+            x += side
+
+    def _link(self, canvas: Canvas, x: float, y: float, words: str, size: int, key: str, row: int) -> None:
+        wide = canvas.text(x, y, words, size, ACCENT if key else TEXT)
+        if key:
+            self.areas.append(((x - 2, y - 2, wide + 4, line_height(size) + 2), key, row))
+
+    def _width(self, label: str) -> float:
+        return text_width(label, round(0.9 * self.em)) + 1.1 * self.em
+
+    def _button(self, canvas: Canvas, x: float, y: float, wide: float, label: str, on: bool, pressed: bool) -> None:
+        size, em = round(0.9 * self.em), self.em
+        ground, color = ACCENT_DARK if pressed else RAISED, TEXT if on else FAINT
+        canvas.button(x, y, wide, 1.7 * em, label, size, ground, color, BORDER if on else FAINT)
+
+
+def _icon(canvas: Canvas, name: str, x: float, y: float, side: float, color: RGB) -> None:
+    """Lines of a symbol in a square: the toolkit's fonts have none."""
+    strokes = {
+        "up": [[(0.1, 0.65), (0.5, 0.25), (0.9, 0.65)]],
+        "down": [[(0.1, 0.35), (0.5, 0.75), (0.9, 0.35)]],
+        "remove": [[(0.15, 0.15), (0.85, 0.85)], [(0.15, 0.85), (0.85, 0.15)]],
+        "view": [
+            [(0.9, 0.3), (0.5, 0.1), (0.12, 0.4), (0.2, 0.8), (0.6, 0.92), (0.9, 0.65)],
+            [(0.95, 0.02), (0.9, 0.32), (0.6, 0.32)],
+        ],
+    }
+    for stroke in strokes[name]:
+        canvas.line([(x + side * across, y + side * down) for across, down in stroke], color, 2)

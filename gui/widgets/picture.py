@@ -1,0 +1,166 @@
+"""NumPy images in Open3D's image widget."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import open3d as o3d
+from open3d.visualization import gui
+
+from gui.drawing.canvas import glyph_height, text_width
+from gui.drawing.palette import ACCENT, GROUND, RGB
+
+DRAWS_BEFORE_EXACT = 2
+"""Draws of the window after which the texture of a new image exists."""
+
+FIELD_PADDING = 3
+"""Pixels between the top of a field and that of its text, at any font size (`FramePadding` of Dear ImGui); the toolkit
+draws a label's text at its top."""
+
+_random = np.random.default_rng()
+"""Flips lowest bits, so that no two new images are equal. Never part of a result."""
+
+
+def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
+    """An Open3D image of (H, W, 3) uint8 RGB. With four channels, the widget would blend with what is below it."""
+    return o3d.geometry.Image(np.ascontiguousarray(pixels))
+
+
+def color(value: RGB) -> gui.Color:
+    """Convert a color for widgets."""
+    return gui.Color(value[0] / 255, value[1] / 255, value[2] / 255)
+
+
+def plain_label(text_color: RGB, ground: RGB) -> gui.Label:
+    """An empty label with an opaque background."""
+    label = gui.Label("")
+    label.text_color, label.background_color = color(text_color), color(ground)
+    return label
+
+
+def holds(widget: gui.Widget, x: int, y: int) -> bool:
+    """Whether a position in the window, pixels, is on a widget."""
+    frame = widget.frame
+    return bool(frame.x <= x < frame.x + frame.width and frame.y <= y < frame.y + frame.height)
+
+
+def text_room(text: str, em: float) -> float:
+    """Width of a text in a label or a menu, pixels. The toolkit's font size is the height of a line, not that of the em
+    square."""
+    return text_width(text, 100) * em / glyph_height(100)
+
+
+def lowered(label: gui.Label, down: int = FIELD_PADDING, room: float = 0.0) -> gui.Vert:
+    """A label of one line on the baseline of the text beside it, in a row that is no higher.
+
+    Args:
+        label: of one line.
+        down: pixels above the text of what is beside it, a field unless given.
+        room: least width of the row, pixels. A label that gets exactly the width that it asks for is broken, since the
+            toolkit rounds that down; its row is then two lines high.
+    """
+    row = gui.Vert(0, gui.Margins(0, down, 0, -down))
+    row.add_child(label)
+    if room:
+        row.add_child(gui.Horiz(0, gui.Margins(round(room), 0, 0, 0)))
+    return row
+
+
+class PictureWidget:
+    """An image widget that shows pictures pixel for pixel and forwards mouse events.
+
+    Open3D keeps the texture of every image that it has drawn and finds it again by the content that the image had at
+    first, whatever it was updated to since. So an image that begins with the content of an earlier one would show what
+    that one showed last, and every new image stays in memory. Therefore each starts with content of its own, exact
+    pixels follow once it has been drawn (`settle`), and the images of all sizes are kept and reused: dropping one would
+    not free its texture, and its size would need another when it comes again.
+
+    Args:
+        on_mouse: receives events with the position in the widget (x, y, pixels) and returns whether it handled them.
+        images: those of an earlier widget, by shape, for one that is made anew each time that its dialog opens: the
+            toolkit deletes the widgets of a closed dialog, while the textures of their images stay. New ones are added.
+
+    Attributes:
+        outlined: whether a frame is drawn around the picture; see `outline`.
+    """
+
+    def __init__(
+        self,
+        on_mouse: Callable[[gui.MouseEvent, float, float], bool] | None = None,
+        images: dict[tuple[int, ...], gui.UIImage] | None = None,
+    ) -> None:
+        self.widget = gui.ImageWidget()
+        self._on_mouse = on_mouse
+        self._shape: tuple[int, ...] = ()
+        self._images = {} if images is None else images
+        self._exact: np.ndarray | None = None
+        self._draws = 0
+        self.outlined = False
+        self._plain: np.ndarray | None = None
+        self.show(np.full((16, 16, 3), GROUND, np.uint8))
+        if on_mouse is not None:
+            self.widget.set_on_mouse(self._mouse)
+
+    def show(self, pixels: np.ndarray) -> None:
+        """Show an image, stretched to the widget if their sizes differ."""
+        self._plain = pixels
+        if self.outlined:
+            pixels = _outlined(pixels, max(round(4 * pixels.shape[1] / max(self.size[0], 1)), 2))
+        if self._exact is not None and pixels.shape == self._shape:
+            self._exact = pixels  # the texture does not exist yet
+            return
+        self._exact = None
+        if pixels.shape != self._shape:  # another size needs another texture
+            self._shape = pixels.shape
+            found = self._images.get(pixels.shape)
+            if found is None:
+                found = gui.UIImage(as_image(pixels ^ _random.integers(0, 2, pixels.shape, np.uint8)))
+                found.scaling = gui.UIImage.Scaling.ANY
+                self._exact, self._draws = pixels, DRAWS_BEFORE_EXACT
+                self._images[pixels.shape] = found
+            self.widget.ui_image = found
+        if self._exact is None:
+            self.widget.update_image(as_image(pixels))
+
+    def outline(self, on: bool) -> bool:
+        """Draw a frame around the picture, and those that follow, or none; returns whether that is a change."""
+        if self.outlined == on:
+            return False
+        self.outlined = on
+        if self._plain is not None:
+            self.show(self._plain)
+        return True
+
+    def settle(self) -> bool:
+        """Show the exact pixels of a picture of a new size. Call at each draw of the window; returns whether another
+        draw is needed."""
+        if self._exact is None:
+            return False
+        self._draws -= 1
+        if self._draws <= 0:
+            pixels, self._exact = self._exact, None
+            self.widget.update_image(as_image(pixels))
+        return True
+
+    def place(self, x: float, y: float, width: float, height: float) -> None:
+        """Set the widget's rectangle in window pixels."""
+        self.widget.frame = gui.Rect(int(x), int(y), max(int(width), 1), max(int(height), 1))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the widget in pixels."""
+        return max(int(self.widget.frame.width), 1), max(int(self.widget.frame.height), 1)
+
+    def _mouse(self, event: gui.MouseEvent) -> gui.Widget.EventCallbackResult:
+        assert self._on_mouse is not None
+        taken = self._on_mouse(event, event.x - self.widget.frame.x, event.y - self.widget.frame.y)
+        result = gui.Widget.EventCallbackResult
+        return result.CONSUMED if taken else result.IGNORED
+
+
+def _outlined(pixels: np.ndarray, thick: int) -> np.ndarray:
+    framed = pixels.copy()
+    framed[:thick] = framed[-thick:] = ACCENT
+    framed[:, :thick] = framed[:, -thick:] = ACCENT
+    return framed

@@ -1,0 +1,72 @@
+"""Shaded meshes rendered by ray casting on the CPU (Open3D with Embree); no GPU is needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import open3d as o3d
+
+from gui.drawing.palette import GROUND, SECOND
+from studio.cameras import Camera
+from studio.errors import StudioError
+
+LIGHT = np.array([0.3, 0.4, 0.866])
+"""Direction to the light in world coordinates where it does not move with the viewer."""
+
+
+class MeshPicture:
+    """A triangle mesh that can be rendered from any camera.
+
+    Args:
+        path: PLY file.
+
+    Raises:
+        StudioError: the file is missing, damaged or has no triangles (`mesh.unreadable`).
+    """
+
+    def __init__(self, path: Path) -> None:
+        mesh = o3d.t.io.read_triangle_mesh(str(path)) if path.is_file() else None
+        if mesh is None or mesh.is_empty() or "indices" not in mesh.triangle:
+            raise StudioError(
+                "mesh.unreadable", "no readable triangle mesh", file=path, fix="Run `v3studio initialize --force`."
+            )
+        mesh.compute_vertex_normals()
+        self.faces = len(mesh.triangle.indices)
+        self._mesh = mesh
+        self._triangles = mesh.triangle.indices.numpy()
+        self._normals = mesh.vertex.normals.numpy()
+        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        self._scene.add_triangles(mesh)
+
+    def shaded(self) -> o3d.t.geometry.TriangleMesh:
+        """A copy with vertex colors: gray, lit from above, so that it needs no light where it is drawn."""
+        mesh = self._mesh.clone()
+        shade = 0.22 + 0.78 * np.clip(0.6 + 0.4 * (self._normals @ LIGHT), 0, 1)
+        srgb = shade[:, None] * np.array(SECOND) / 255
+        mesh.vertex.colors = o3d.core.Tensor(srgb.astype(np.float32))
+        return mesh
+
+    def draw(self, camera: Camera) -> np.ndarray:
+        """(H, W, 3) uint8 RGB: gray, lit from the viewer's upper left."""
+        return self.seen(camera)[0]
+
+    def seen(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+        """The picture of `draw`, and (H, W) float32 depth along the viewing axis, infinite beside the mesh."""
+        rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
+            o3d.core.Tensor(camera.cv2_K), o3d.core.Tensor(camera.world_to_camera), camera.width, camera.height
+        )
+        found = self._scene.cast_rays(rays)
+        depth = found["t_hit"].numpy()  # the rays are 1 long along the viewing axis
+        hit = np.isfinite(depth)
+        pixels = np.empty((camera.height, camera.width, 3), np.uint8)
+        pixels[:] = GROUND
+        corners = self._triangles[found["primitive_ids"].numpy()[hit]]
+        u, v = found["primitive_uvs"].numpy()[hit].T
+        weights = np.stack([1 - u - v, u, v], axis=1)
+        normals = (self._normals[corners] * weights[..., None]).sum(axis=1)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+        light = camera.rotation.T @ np.array([-0.4, -0.6, -0.7]) / 1.005
+        shade = 0.22 + 0.78 * np.clip(np.abs(normals @ light), 0, 1)
+        pixels[hit] = (shade[:, None] * np.array(SECOND)).astype(np.uint8)
+        return pixels, depth

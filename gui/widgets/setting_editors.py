@@ -1,0 +1,98 @@
+"""Fields for settings: a checkbox, a list of choices, or text, with buttons that step a number or choose a path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+from open3d.visualization import gui
+
+from gui.drawing.palette import RAISED
+from gui.models.take.setting_words import FILES, FOLDERS
+from gui.models.take.settings import SettingField
+from gui.widgets.picture import color
+
+SetValue = Callable[[SettingField, str], None]
+
+
+@dataclass
+class Editor:
+    """Widgets of a setting.
+
+    Attributes:
+        widget: has the value.
+        put: shows a value.
+        steps: buttons that make a number lower and higher; none if it has no close limits. Not a slider: the toolkit's
+            prints the number once more, and covers it with its handle.
+        browse: opens a dialog for a path; None for others.
+        grows: whether the widget takes all the room that there is.
+    """
+
+    widget: gui.Widget
+    put: Callable[[str], None]
+    steps: list[gui.Button] = field(default_factory=list)
+    browse: gui.Button | None = None
+    grows: bool = False
+    shown: str = ""
+
+    @property
+    def parts(self) -> list[gui.Widget]:
+        """All widgets, from left to right."""
+        return [self.widget, *self.steps, *([self.browse] if self.browse is not None else [])]
+
+    def show(self, text: str) -> None:
+        """Show a value."""
+        self.shown = text
+        self.put(text)
+
+
+def make_editor(setting: SettingField, set_value: SetValue, pick: Callable[[SettingField], None]) -> Editor:
+    """The widgets of a setting.
+
+    Args:
+        setting: the setting.
+        set_value: called with the setting and the new text.
+        pick: called when its path is to be chosen in a dialog.
+    """
+    if setting.kind == "switch":
+        switch = gui.Checkbox("")
+        switch.set_on_checked(lambda on: set_value(setting, "true" if on else "false"))
+        return Editor(switch, lambda text: setattr(switch, "checked", text == "true"))
+    if setting.kind == "choice":
+        box = gui.Combobox()
+        for choice in setting.choices:
+            box.add_item(choice)
+        box.set_on_selection_changed(lambda text, _: set_value(setting, text))
+        return Editor(box, lambda text: setattr(box, "selected_text", text))
+    edit = gui.TextEdit()
+    edit.placeholder_text = setting.empty
+    editor = Editor(edit, lambda text: setattr(edit, "text_value", text), grows=True)
+
+    def typed(text: str) -> None:
+        if text != editor.shown:
+            set_value(setting, text)
+
+    def step(count: int) -> None:
+        text = setting.stepped(edit.text_value, count)
+        if text not in (None, editor.shown):
+            set_value(setting, text)
+
+    edit.set_on_value_changed(typed)
+    if setting.limits is not None:
+        low, high = setting.limits
+        for sign, count, words in (("-", -1, f"Lower; {low:g} at least"), ("+", 1, f"Higher; {high:g} at most")):
+            editor.steps.append(_small_button(sign, words, partial(step, count)))
+    if setting.name in FOLDERS | FILES:
+        editor.browse = _small_button("...", "Choose it in a dialog", lambda: pick(setting))
+    return editor
+
+
+def _small_button(text: str, tooltip: str, action: Callable[[], None]) -> gui.Button:
+    button = gui.Button(text)
+    button.tooltip = tooltip
+    button.vertical_padding_em = 0.0
+    button.horizontal_padding_em = 0.25 if len(text) > 1 else 0.4
+    button.background_color = color(RAISED)
+    button.set_on_clicked(action)
+    return button

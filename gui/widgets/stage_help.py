@@ -1,0 +1,149 @@
+"""What to look for in each stage: a few sentences, and pictures of a good and a bad result.
+
+`scripts/help_pictures.py` makes the pictures from runs of the sample capture, the bad ones with wrong settings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gui.drawing.canvas import Canvas, line_height, wrapped
+from gui.drawing.palette import BAD, DIALOG, DIM, GOOD, TEXT
+
+PICTURES = Path(__file__).parents[1] / "help"
+"""Folder of the pictures: STAGE_good.jpg and STAGE_bad.jpg."""
+
+KINDS = {"good": ("Good", GOOD), "bad": ("Bad", BAD)}
+
+
+@dataclass(frozen=True)
+class StageHelp:
+    """Help of a stage.
+
+    Attributes:
+        points: what to look for, a sentence or two each.
+        good, bad: what the pictures show.
+        settings: dotted names of settings to try if it looks bad.
+    """
+
+    points: Sequence[str]
+    good: str
+    bad: str
+    settings: Sequence[str]
+
+
+HELP: Mapping[str, StageHelp] = {
+    "capture": StageHelp(
+        (
+            "The outline follows the performer in every camera, with nothing missing inside and no background outside.",
+            "All cameras show the same moment: compare a fast hand or foot across them.",
+            "Scrub through the take; mattes often fail in single frames. Check reads all of the footage.",
+        ),
+        "The outline follows the body, the hands and the axe.",
+        "A sensitivity that is too low: parts of the body count as background.",
+        ("capture.masks", "capture.mask_sensitivity", "capture.offsets"),
+    ),
+    "calibrate": StageHelp(
+        (
+            "Every camera is where it stood, and faces the performer.",
+            "Reprojection errors are below 0.5 px; a single bad camera has usually moved or has another zoom.",
+            "Cameras from a file have no errors here: look at the hull in Initialize instead.",
+        ),
+        "Calibrated from the footage: all cameras on their ring, with small errors.",
+        "Two cameras swapped in the camera file: the hull in Initialize is distorted and lacks an arm.",
+        ("calibrate.camera_model", "calibrate.frames", "calibrate.shared_intrinsics"),
+    ),
+    "initialize": StageHelp(
+        (
+            "The hull has all limbs and props; it may be thicker than the performer.",
+            "A missing limb means a matte that misses it in at least one camera.",
+            "A hull with sheets or blocks around it means background in the mattes, or wrong cameras.",
+        ),
+        "Head, both arms, both legs and the axe are there.",
+        "Mattes with holes: what one camera misses is carved away.",
+        ("capture.mask_sensitivity", "initialize.tolerance", "initialize.resolution"),
+    ),
+    "train": StageHelp(
+        (
+            "The held-out camera beside its footage: edges, face and hands are as sharp as in the footage.",
+            "The loss of each group falls and flattens. A group that ends far above the others has a bad first frame.",
+            "PSNR is of the training cameras, and higher than that of held-out ones.",
+        ),
+        "A held-out camera after the whole schedule.",
+        "Too few splats and steps: blurred, and edges dissolve.",
+        ("train.max_splats", "train.keyframe_iterations", "train.finetune_iterations"),
+    ),
+    "bake": StageHelp(
+        (
+            "Decoded splats look like trained ones: wipe between them in Review.",
+            "Noise on smooth surfaces and ragged edges mean that QP is too high.",
+            "Try other QPs measures bytes against PSNR on this take; take the point before the curve falls.",
+        ),
+        "QP 24: no visible loss.",
+        "QP 44: smaller, but noisy, with spikes at edges.",
+        ("bake.qp", "bake.target_kb_per_frame", "bake.attribute_qps"),
+    ),
+    "review": StageHelp(
+        (
+            "The difference to a held-out camera is thin and even along edges. Areas mean wrong shape or color.",
+            "A frame whose PSNR drops on the timeline: step to it, and look at fast parts first.",
+            "Play it from a free view: flicker between groups is visible only in motion.",
+        ),
+        "Differences only where the axe is fast.",
+        "A third of the cameras are four frames late: limbs are blurred and differ as areas.",
+        ("capture.offsets", "train.group_size", "bake.qp"),
+    ),
+}
+"""By key of `TITLES`."""
+
+
+def picture_of(stage: str, kind: str) -> np.ndarray:
+    """(H, W, 3) uint8 RGB.
+
+    Args:
+        stage: key of `HELP`.
+        kind: "good" or "bad".
+
+    Raises:
+        FileNotFoundError: the installation lacks it.
+    """
+    import cv2
+
+    path = PICTURES / f"{stage}_{kind}.jpg"
+    pixels = cv2.imread(str(path))
+    if pixels is None:
+        raise FileNotFoundError(path)
+    return np.ascontiguousarray(pixels[..., ::-1])
+
+
+def help_picture(stage: str, width: int, em: float) -> np.ndarray:
+    """(H, width, 3) uint8: the sentences above the two pictures, drawn at the window's font size."""
+    found, size, small = HELP[stage], round(0.95 * em), round(0.85 * em)
+    step = line_height(size)
+    points = [wrapped(point, size, width - 1.2 * em) for point in found.points]
+    each = (width - em) / 2
+    pictures = {kind: picture_of(stage, kind) for kind in KINDS}
+    high = max(each * one.shape[0] / one.shape[1] for one in pictures.values())
+    captions = {kind: wrapped(getattr(found, kind), small, each) for kind in KINDS}
+    below = max(map(len, captions.values())) * line_height(small)
+    above = sum(map(len, points)) * step + 0.35 * em * len(points)
+    canvas = Canvas(width, above + 0.4 * em + step + high + 0.3 * em + below, DIALOG)
+    y = 0.0
+    for lines in points:
+        canvas.dot(0.35 * em, y + 0.62 * size, 0.16 * em, DIM)
+        for line in lines:
+            canvas.text(em, y, line, size, TEXT)
+            y += step
+        y += 0.35 * em
+    y += 0.4 * em
+    for number, (kind, (title, color)) in enumerate(KINDS.items()):
+        left = number * (each + em)
+        canvas.text(left, y, title, size, color)
+        canvas.fit_image(left, y + step, each, high, pictures[kind])
+        for row, words in enumerate(captions[kind]):
+            canvas.text(left, y + step + high + 0.3 * em + row * line_height(small), words, small, DIM)
+    return canvas.pixels

@@ -1,0 +1,328 @@
+"""The left panel: the stages with their status, run buttons, and the settings of the selected stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from open3d.visualization import gui
+
+from gui.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
+from gui.models.stage_rows import TITLES
+from gui.models.take.estimates import Estimates
+from gui.models.take.settings import SettingField, stage_of
+from gui.models.take.workspace import Workspace
+from gui.widgets import stage_list
+from gui.widgets.hints import Hints
+from gui.widgets.picture import PictureWidget, color
+from gui.widgets.settings import SettingActions, SettingsList
+from gui.widgets.swap_guard import SwapGuard
+from pipelines.config import Config
+from pipelines.config.presets import PRESETS, differing, preset_of
+from studio.errors import Message, StudioError
+
+_RUN = {
+    "Check": "Read all images of the footage once and list those that are missing or cannot be read",
+    "Run": "Run this stage and the stages it depends on",
+    "Run again": "Run this stage again",
+}
+_PAUSE = {
+    "Pause": "Suspend the run; it stays in memory until you resume it",
+    "Resume": "Resume the run",
+}
+
+
+class StagesPanel:
+    """See the module.
+
+    Args:
+        workspace: the take.
+        em: font size, pixels.
+        select: called with a stage's key.
+        run: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
+        changed: called after every user action.
+        pick: called with a setting whose file or folder is to be chosen in a dialog.
+        widen: called while the panel's right edge is dragged, with the column of the window and whether that was all.
+        show_help: called when help on the selected stage is wanted.
+        guard: told when Run and Run all take turns with Pause and Cancel.
+        hints: what the buttons do.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        em: float,
+        select: Callable[[str], None],
+        run: Callable[[str, bool], None],
+        changed: Callable[[], None],
+        pick: Callable[[SettingField], None],
+        widen: Callable[[float, bool], None],
+        show_help: Callable[[], None],
+        guard: SwapGuard,
+        hints: Hints,
+    ) -> None:
+        self._workspace, self._em = workspace, em
+        self._select, self._run, self._changed = select, run, changed
+        self._guard, self._hints = guard, hints
+        self.selected = "review"
+        self._drawn: object = None
+        self.list = PictureWidget(self._on_mouse)
+        self.ground = gui.Vert()  # behind widgets without a background
+        self.ground.background_color = color(PANEL)
+        self.detail = gui.Label("")
+        self.detail.text_color = color(DIM)
+        self.detail.background_color = color(PANEL)
+        self.buttons: dict[str, gui.Button] = {}
+        self.row = gui.Horiz(0.4 * em)
+        self.row.background_color = color(PANEL)
+        self._button("run", "Run", _RUN["Run"], self._run_clicked)
+        self._button("all", "Run all", "Run all stages that are not up to date", lambda: run("all", False))
+        self._button("pause", "Pause", _PAUSE["Pause"], workspace.pause)
+        words = "Stop the run; finished work is kept, and the next run resumes from there"
+        self.link = gui.Button("")
+        self.link.tooltip = "Show the setting that fixes this"
+        self.link.vertical_padding_em = 0.1
+        self.link.horizontal_padding_em = 0.7
+        self.link.background_color = color(RAISED)
+        self.link.set_on_clicked(self._go_to_setting)
+        self._button("cancel", "Cancel", words, workspace.cancel)
+        self.row.add_stretch()
+        self._button("help", "?", "What to look for in this stage (F1)", show_help)
+        self._refused_setting = ""
+        self.error = gui.Label("")
+        self.error.text_color = color(BAD)
+        self.error.background_color = color(PANEL)
+        self.estimates = Estimates()
+        actions = SettingActions(self._set, self._reset, self._choose, pick, self._estimate, changed)
+        self.settings = {stage: SettingsList(stage, em, actions, self.estimates) for stage in TITLES}
+        for widget in (self.detail, self.error, self.link, *(panel.widget for panel in self.settings.values())):
+            widget.visible = False  # until there is something to show
+        self._shown_config: Config | None = None
+        self._estimating = self._widening = False
+        self._widen = widen
+
+    @property
+    def widgets(self) -> list[gui.Widget]:
+        """All widgets, to be added to the window."""
+        lists = [panel.widget for panel in self.settings.values()]
+        return [self.list.widget, self.ground, self.detail, self.row, self.error, self.link, *lists]
+
+    def set_visible(self, on: bool) -> None:
+        """Hide or show the panel; call `update` afterwards."""
+        for widget in self.widgets:
+            widget.visible = on and widget in (self.list.widget, self.ground, self.row)
+
+    def _button(self, key: str, text: str, tooltip: str, action: Callable[[], None]) -> None:
+        button = gui.Button(text)
+        self._hints.give(button, tooltip, self.row)
+        button.vertical_padding_em = 0.1
+        button.horizontal_padding_em = 0.7
+        button.background_color = color(RAISED if key != "run" else ACCENT_DARK)
+
+        def clicked() -> None:
+            if not self._guard.refuses():
+                action()
+            self._changed()
+
+        button.set_on_clicked(clicked)
+        self.row.add_child(button)
+        self.buttons[key] = button
+
+    def _run_clicked(self) -> None:
+        row = self._workspace.row(self.selected)
+        self._run(self.selected, row.state == "done")
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        kind = gui.MouseEvent.Type
+        if event.type == kind.BUTTON_DOWN:
+            self._widening = x > self.list.size[0] - stage_list.GRIP * self._em
+        if self._widening and event.type in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP):
+            if event.type != kind.BUTTON_DOWN:
+                self._widen(self.list.widget.frame.x + x, event.type == kind.BUTTON_UP)
+            self._widening = event.type != kind.BUTTON_UP
+            self._changed()
+            return True
+        if event.type == kind.MOVE:
+            at_edge = x > self.list.size[0] - stage_list.GRIP * self._em
+            self.list.widget.tooltip = "Drag to make the panel wider or narrower" if at_edge else ""
+        if event.type != kind.BUTTON_DOWN:
+            return event.type != gui.MouseEvent.Type.WHEEL
+        row = stage_list.row_at(y, self._em, len(TITLES))
+        if row is not None:
+            self._refuse(None)  # the message concerned a setting of the other stage
+            self._select(list(TITLES)[row])
+            self._changed()
+        return True
+
+    def _estimate(self) -> None:
+        take = self._workspace.take
+        if self._workspace.busy:
+            self._say("A run is in progress. Estimate when it has finished: both would take longer.")
+        elif take is not None and not take.rig.is_file():
+            self._say("The cameras are not known yet. Run Calibrate first, then estimate.")
+        elif take is not None:
+            self.estimates.start(take)
+
+    def _say(self, text: str) -> None:
+        self._refuse(None)
+        self.error.text = text
+
+    def _choose(self, preset: str) -> None:
+        """Set the settings of a preset; all others stay as they are."""
+        self._write(dict(PRESETS[preset]), f"the preset {preset}")
+
+    def _reset(self, names: list[str]) -> None:
+        config = self._workspace.config
+        if config is not None:
+            usual = differing(config, preset_of(config))
+            self._write({name: usual[name] for name in names if name in usual}, "")
+
+    def _write(self, values: Mapping[str, object], words: str) -> None:
+        self._refuse(self._workspace.change_settings(values, words))
+        self._shown_config = None
+        self._changed()
+
+    def set_text(self, field: SettingField, text: str) -> None:
+        """Set a setting to a text, as if it were typed."""
+        self._set(field, text)
+
+    def _set(self, field: SettingField, text: str) -> None:
+        try:
+            refusal = self._workspace.change_setting(field.name, field.parsed(text))
+        except StudioError as error:
+            refusal = error.message
+        self._refuse(refusal, field.name)
+        self._shown_config = None  # shows the actual value, even if the new one was refused
+        self._changed()
+
+    def _refuse(self, refusal: Message | None, edited: str = "") -> None:
+        """Show why a setting was refused; None clears it."""
+        text = "" if refusal is None else str(refusal)
+        setting = "" if refusal is None else str(refusal.fields.get("setting", ""))
+        self._refused_setting = setting if setting != edited else ""  # the edited one is already on screen
+        if self.error.text != text:
+            self.error.text = text
+
+    @property
+    def error_setting(self) -> str:
+        """The setting that fixes the error on screen; "" if there is none."""
+        setting = self._refused_setting or self._workspace.row(self.selected).setting
+        return setting if stage_of(setting) else ""
+
+    def _go_to_setting(self) -> None:
+        if self.error_setting:
+            self.show_setting(self.error_setting)
+
+    def show_setting(self, setting: str) -> None:
+        """Select the stage of a setting and search for it."""
+        self._select(stage_of(setting))
+        self.settings[self.selected].find(setting)
+        self._changed()
+
+    # Layout and state
+
+    def place(self, x: float, y: float, width: float, height: float, context: gui.LayoutContext) -> None:
+        """Set the panel's rectangle in window pixels."""
+        em = self._em
+        list_height = stage_list.row_height(em) * len(TITLES)
+        self.list.place(x, y, width, list_height)
+        top = y + list_height + 0.4 * em
+        limits = gui.Widget.Constraints()
+        limits.width = int(width - 1.2 * em)
+        # the buttons come first, so that they do not move when a message appears
+        self.row.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(1.7 * em))
+        top += 2.1 * em
+        for label, most in ((self.detail, 6), (self.error, 8)):
+            if label.text:
+                wanted = min(label.calc_preferred_size(context, limits).height + 0.3 * em, most * em)
+                label.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
+                top += wanted + 0.3 * em
+        if self.link.text:
+            wide = self.link.calc_preferred_size(context, limits).width
+            self.link.frame = gui.Rect(int(x + 0.6 * em), int(top), int(min(wide, limits.width)), int(1.5 * em))
+            top += 1.8 * em
+        for panel in self.settings.values():
+            panel.place(x, top, width, max(y + height - top, 1), context)
+        end = top if self._workspace.config is not None else y + height
+        self.ground.frame = gui.Rect(int(x), int(y + list_height), int(width), int(end - y - list_height))
+
+    def update(self) -> tuple[bool, bool]:
+        """Show the state of the workspace; return (whether anything changed, whether a layout is due)."""
+        changed = layout = False
+        rows = self._workspace.rows()
+        state = (rows, self.selected, self.list.size)
+        if state != self._drawn:
+            self._drawn = state
+            self.list.show(stage_list.picture(rows, self.selected, self.list.size[0], self._em))
+            changed = True
+        row = self._workspace.row(self.selected)
+        if self.detail.text != row.detail:
+            self.detail.text = row.detail
+            changed = layout = True
+        setting = self.error_setting
+        link = f"Go to {setting}" if setting else ""
+        if self.link.text != link:
+            self.link.text = link
+            changed = layout = True
+        for widget, text in ((self.detail, row.detail), (self.error, self.error.text), (self.link, link)):
+            shown = bool(text)
+            if widget.visible != shown:
+                widget.visible = shown
+                changed = layout = True
+        for stage, panel in self.settings.items():
+            shown = stage == self.selected and self._workspace.config is not None
+            if panel.widget.visible != shown:
+                panel.widget.visible = shown
+                changed = layout = True
+        config = self._workspace.config
+        if self.settings[self.selected].refilter():
+            self._shown_config = None
+            changed = layout = True
+        if config is not None and config is not self._shown_config:
+            self._shown_config = config
+            for panel in self.settings.values():
+                panel.show(config)
+            changed = layout = True
+        if self._update_estimates(config):
+            changed = layout = True
+        if self._update_buttons(row.state):
+            changed = layout = True  # the new text has another width
+        return changed, layout
+
+    def _update_estimates(self, config: Config | None) -> bool:
+        """Whether what is known about the presets has changed."""
+        if not self.estimates.poll(self._workspace.take, config) and self._estimating == self.estimates.running:
+            return False
+        self._estimating = self.estimates.running
+        if self.estimates.failure:
+            self._say(f"The presets could not be estimated: {self.estimates.failure}")
+            self.estimates.failure = ""
+        for panel in self.settings.values():
+            panel.show_estimates()
+            panel.estimate.enabled = not self._estimating
+        return True
+
+    def _update_buttons(self, state: str) -> bool:
+        changed = False
+        busy = self._workspace.busy
+        there = self._workspace.take is not None
+        text = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
+        if self.buttons["run"].text != text:
+            self.buttons["run"].text = text
+            # only what is to be done next stands out
+            self.buttons["run"].background_color = color(RAISED if text == "Run again" else ACCENT_DARK)
+            self._hints.give(self.buttons["run"], _RUN[text], self.row)
+            changed = True
+        text = "Resume" if self._workspace.paused else "Pause"
+        if self.buttons["pause"].text != text:
+            self.buttons["pause"].text = text
+            self._hints.give(self.buttons["pause"], _PAUSE[text], self.row)
+            changed = True
+        stoppable = busy and not self._workspace.cancelling
+        for key, enabled in {"run": there, "all": there, "pause": stoppable, "cancel": stoppable}.items():
+            button, shown = self.buttons[key], busy == (key in ("pause", "cancel"))
+            if button.visible != shown:
+                self._guard.swapped()
+            if (button.enabled, button.visible) != (enabled, shown):
+                button.enabled, button.visible = enabled, shown
+                changed = True
+        return changed

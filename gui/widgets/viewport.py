@@ -1,0 +1,148 @@
+"""The viewport: an image widget with mouse gestures.
+
+Left drag orbits, right, middle or Shift + left drag pans, the wheel zooms; the line of a wipe is dragged. Pictures are
+rendered on threads (`gui.models`), so the window never waits for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from open3d.visualization import gui
+
+from gui.widgets.picture import PictureWidget
+
+MAX_PIXELS = 960 * 540
+"""Maximum number of pixels of a picture, which bounds the time to render it; it is stretched to the widget."""
+
+
+def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[int, int]:
+    """Size in pixels of the picture for a widget: its size, or smaller with the same aspect ratio and `most` pixels."""
+    shrink = min(1.0, (most / max(width * height, 1.0)) ** 0.5)
+    return max(int(width * shrink), 16), max(int(height * shrink), 16)
+
+
+_STILL = 3.0
+"""Pixels that the pointer may move during a click."""
+
+
+class Gestures(Protocol):
+    """Receiver of mouse gestures. Positions are pixels of the picture."""
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Orbit (`turn`) or pan."""
+        ...
+
+    def wheel(self, notches: float) -> None:
+        """Zoom."""
+        ...
+
+    def grabs(self, x: float, y: float) -> bool:
+        """Whether a press here grabs something, such as the line of a wipe or a handle, which `pull` then moves."""
+        ...
+
+    def pull(self, x: float, y: float) -> None:
+        """Move what is grabbed."""
+        ...
+
+    def release(self) -> None:
+        """Let go of what is grabbed."""
+        ...
+
+    def click(self, x: float, y: float) -> None:
+        """Handle a left click."""
+        ...
+
+    def context(self, x: float, y: float) -> None:
+        """Handle a right click."""
+        ...
+
+    def hover(self, x: float, y: float) -> None:
+        """Note the pointer position for the wheel."""
+        ...
+
+
+class Viewport:
+    """Shows pictures and turns mouse events into gestures.
+
+    Args:
+        gestures: returns the receiver for what is on screen.
+        changed: called after each gesture.
+
+    Attributes:
+        clicked_at: where the last click was, window pixels.
+        picture_size: (width, height) of the newest picture, pixels.
+    """
+
+    def __init__(self, gestures: Callable[[], Gestures], changed: Callable[[], None]) -> None:
+        self._gestures = gestures
+        self._changed = changed
+        self._last: tuple[float, float] | None = None
+        self._pulling = False
+        self._clicking = self._right = False
+        self.clicked_at = self._start = (0.0, 0.0)
+        self.picture_size = (16, 16)
+        self.most_pixels = MAX_PIXELS
+        self.picture = PictureWidget(self.on_mouse)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Size of the widget, pixels."""
+        return self.picture.size
+
+    @property
+    def drawn_size(self) -> tuple[int, int]:
+        """Size of pictures rendered from splats: that of the widget, or smaller to stay fast."""
+        return picture_size(*self.picture.size, self.most_pixels)
+
+    def show(self, pixels: np.ndarray) -> None:
+        """Show a picture."""
+        self.picture_size = (pixels.shape[1], pixels.shape[0])
+        self.picture.show(pixels)
+
+    def on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        """Handle a mouse event at a position in the widget, pixels; returns whether it was for the viewport."""
+        kind, gestures = gui.MouseEvent.Type, self._gestures()
+        # Gestures are in widget pixels; the picture may have fewer.
+        scale = self.picture_size[0] / max(self.picture.size[0], 1)
+        if event.type == kind.BUTTON_DOWN:
+            self._last = self._start = (x, y)
+            self._clicking = event.is_button_down(gui.MouseButton.LEFT)
+            self._right = event.is_button_down(gui.MouseButton.RIGHT)
+            self._pulling = self._clicking and gestures.grabs(x * scale, y * scale)
+        elif event.type == kind.DRAG and self._last is not None:
+            moved = max(abs(x - self._start[0]), abs(y - self._start[1]))
+            if (self._clicking or self._right) and moved <= _STILL:
+                return True  # an unsteady click is not a drag
+            self._clicking = self._right = False
+            dx, dy = x - self._last[0], y - self._last[1]
+            self._last = (x, y)
+            if self._pulling:
+                gestures.pull(x * scale, y * scale)
+            else:
+                left = event.is_button_down(gui.MouseButton.LEFT)
+                turn = left and not event.is_modifier_down(gui.KeyModifier.SHIFT)
+                gestures.drag(*((dx, dy) if turn else (dx * scale, dy * scale)), turn, self.picture_size[1])
+            self._changed()
+        elif event.type == kind.BUTTON_UP:
+            self.clicked_at = (self.picture.widget.frame.x + x, self.picture.widget.frame.y + y)
+            if self._right:
+                gestures.context(x * scale, y * scale)
+                self._changed()
+            elif self._pulling:
+                gestures.release()
+                self._changed()
+            elif self._clicking:
+                gestures.click(x * scale, y * scale)
+                self._changed()
+            self._last = None
+            self._pulling = self._clicking = self._right = False
+        elif event.type == kind.WHEEL:
+            gestures.hover(x * scale, y * scale)
+            gestures.wheel(event.wheel_dy)
+            self._changed()
+        else:
+            return False
+        return True

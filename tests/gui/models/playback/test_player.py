@@ -1,0 +1,366 @@
+"""The playback presenter without a window: opening, frames in order, views, bad input."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from gui.models.evaluation import Evaluation
+from gui.models.marks import Marks
+from gui.models.playback.frame_cache import FrameCache
+from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.sources import open_path
+from gui.models.playback.stream_source import StreamSource
+from gui.models.take.inspector import review_blocks
+from gui.models.worker import LatestWorker
+from pipelines.takes.edits import change_edits
+from pipelines.takes.take import Take
+from studio.cameras import Camera, Rig
+from studio.edits import EditList, Trim
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.stream import CapturePlace, StreamReader
+from tests.support.errors import refuses
+from tests.support.players import settle
+from tests.support.streams import group_files, set_capture
+from tests.support.waiting import wait_until
+
+
+def flat(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+    """A substitute for rendering: the background, with the position of the first splat in one pixel."""
+    image = np.empty((camera.height, camera.width, 3), np.uint8)
+    image[:] = np.round(np.array(background) * 255)
+    image[0, 0, 0] = int(gaussians.means[0, 0].item() * 100) % 256
+    return image
+
+
+@pytest.fixture
+def player() -> Iterator[PlayerPresenter]:
+    presenter = PlayerPresenter(flat)
+    yield presenter
+    assert presenter.close()
+
+
+def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, stream_folder: Path) -> None:
+    assert player.open(stream_folder), player.message
+    settle(player)
+    assert player.picture is not None
+    assert (player.picture.frame, player.picture.splats) == (0, 600)
+    player.resize(320, 200)
+    player.transport.seek(7)
+    player.next_background()
+    settle(player)
+    assert player.picture.frame == 7
+    assert player.picture.image.shape == (200, 320, 3)
+    assert (player.picture.image[5, 5] == 0).all()
+    assert "frame 7 (0 to 11)" in player.status
+    before = player.orbit.eye
+    player.drag_orbit(30, 0)
+    player.wheel(1)
+    assert np.linalg.norm(player.orbit.eye - before) > 0.1
+    player.reset_view()
+    assert player.orbit.eye == pytest.approx(before)
+
+
+def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, stream_folder: Path) -> None:
+    player.open(stream_folder)
+    player.transport.set_loop(False)
+    player.transport.speed = 2.0
+    player.transport.play()
+    shown: list[int] = []
+
+    def last_shown() -> bool:
+        picture = player.poll()
+        shown.extend([] if picture is None else [picture.frame])
+        return shown[-1:] == [11]
+
+    wait_until("the last frame", last_shown)
+    assert shown == sorted(shown)
+    assert shown[-1] == 11
+    assert len(set(shown)) >= 6  # 24 frames per second take almost no time to draw; most of them must be seen
+
+
+def test_decoded_frames_are_the_readers(stream_folder: Path) -> None:
+    source = StreamSource(stream_folder)
+    with StreamReader.open(stream_folder) as reader:
+        for frame in (0, 1, 2, 11, 3, 8, 7):
+            expected = reader.gaussians(frame)
+            for name, tensor in source.gaussians(frame).items():
+                assert torch.equal(tensor, getattr(expected, name)), (frame, name)
+    source.close()
+
+
+def damaged(stream: Path, folder: Path, group: int) -> Path:
+    """A copy of a stream with the video of one group truncated; returns the video."""
+    shutil.copytree(stream, folder)
+    victim = group_files(folder, group)[1]
+    victim.write_bytes(victim.read_bytes()[:-100])
+    return victim
+
+
+def test_damage_is_played_past_with_a_sentence(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
+    victim = damaged(stream_folder, tmp_path / "broken", 1)
+    assert player.open(tmp_path / "broken")
+    settle(player)
+    player.transport.seek(9)
+    settle(player)
+    assert victim.name in player.message
+    assert "Group 1, frames 8 to 11, was skipped" in player.message
+    player.transport.seek(3)
+    settle(player)
+    assert player.message == ""
+    assert player.picture is not None
+    assert player.picture.frame == 3
+    blocks = {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None), 1.0)}
+    assert victim.name in blocks["Damaged, skipped"]
+
+    # playback skips the damaged group and loops, again and again
+    player.transport.seek(6)
+    player.transport.play()
+    shown: list[int] = []
+
+    def twice_around() -> bool:
+        picture = player.poll()
+        shown.extend([] if picture is None else [picture.frame])
+        return sum(b < a for a, b in itertools.pairwise(shown)) >= 2
+
+    wait_until("twice around", twice_around)
+    assert player.transport.playing
+    assert set(shown) <= set(range(8))
+    assert "1 damaged group skipped" in player.status
+
+
+def test_a_stream_whose_beginning_is_damaged_opens_all_the_same(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    victim = damaged(stream_folder, tmp_path / "broken", 0)
+    assert player.open(tmp_path / "broken"), player.message
+    settle(player)
+    assert victim.name in player.message
+    player.transport.seek(8)
+    settle(player)
+    assert player.picture is not None
+    assert player.picture.frame == 8
+    assert player.message == ""
+
+
+def test_nothing_whole_is_a_sentence_and_playing_ends(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    source = StreamSource(stream_folder)
+    shutil.copytree(stream_folder, tmp_path / "gone")
+    source.close()
+    source = StreamSource(tmp_path / "gone")
+    shutil.rmtree(tmp_path / "gone" / "files")
+    with refuses("playback.group_skipped", group=1):
+        source.gaussians(8)
+    with refuses("playback.nothing_playable"):
+        source.gaussians(0)
+    source.close()
+    assert not player.open(tmp_path / "gone")
+    assert "files/" in player.message
+
+
+def test_what_cannot_be_opened_is_a_sentence_and_what_was_open_stays(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    player.open(stream_folder)
+    (tmp_path / "empty").mkdir()
+    for path, said in ((tmp_path / "nothing", "no such folder"), (tmp_path / "empty", "neither a take")):
+        assert not player.open(path)
+        assert said in player.message
+        assert str(path) in player.message
+    manifest = tmp_path / "empty" / "manifest.json"
+    manifest.write_text("{")
+    assert not player.open(tmp_path / "empty")
+    assert "manifest.json" in player.message
+    assert player.source_names == ["decoded"]
+
+
+def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
+    """A take as written by the stages: trained frames in groups of 8, a rig, optionally a stream."""
+    from studio.camera_files import write_rig
+
+    take = Take.create(root)
+    generator = torch.Generator().manual_seed(1)
+    for index in range(frames):
+        path = take.trained_frame(index // 8, index)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        splats = Gaussians.from_activated(
+            torch.rand(50, 3, generator=generator) + index,
+            torch.ones(50, 4),
+            torch.full((50, 3), 0.01),
+            torch.full((50,), 0.9),
+            torch.zeros(50, 1, 3),
+        )
+        save_file(splats.state_dict(), path)
+    pose = np.array([[1, 0, 0, 0], [0, 0, -1, 0.9], [0, 1, 0, 4], [0, 0, 0, 1]], dtype=float)
+    camera = Camera("front", 640, 360, np.array([[500.0, 0, 320], [0, 500, 180], [0, 0, 1]]), pose)
+    take.rig.parent.mkdir(exist_ok=True)
+    write_rig(Rig((camera,)), take.rig)
+    if stream is not None:
+        shutil.copytree(stream, take.stream)
+    return take
+
+
+def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
+    take = make_take(tmp_path / "take", 12, stream_folder)
+    assert player.open(take.root), player.message
+    assert player.source_names == ["decoded", "trained"]
+    eye = player.orbit.eye  # that of the rig's first camera
+    assert eye == pytest.approx([0.0, -4.0, 0.9], abs=1e-6)
+    player.transport.seek(9)
+    assert player.choose("trained")
+    settle(player)
+    assert player.picture is not None
+    assert (player.picture.source, player.picture.frame, player.picture.splats) == ("trained", 9, 50)
+    assert player.transport.group_starts == (0, 8)
+    assert not player.choose("truth")  # no footage is known
+    assert "footage" in player.message
+
+
+def test_a_take_without_a_stream_shows_what_is_trained_so_far(tmp_path: Path) -> None:
+    take = make_take(tmp_path / "take", 10)
+    take.trained_frame(1, 8).unlink()  # frame 9 exists, but not the one before it
+    opened = open_path(take.root)
+    assert list(opened.sources) == ["trained"]
+    assert opened.default is not None
+    assert opened.default.frame_count == 8
+    with refuses("take.frame_not_trained", frame=8):
+        opened.default.gaussians(8)
+    take.trained_frame(0, 3).write_bytes(b"not a tensor")
+    with pytest.raises(StudioError, match=r"frame_000003\.safetensors"):
+        opened.default.gaussians(3)
+
+
+def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    assert player.open(take.root), player.message
+    assert "Nothing trained" in player.message
+    assert not player.refresh()
+    make_take(take.root, 3)
+    assert player.refresh()
+    assert (player.what, player.transport.frame_count) == ("trained", 3)
+    settle(player)
+    assert player.picture is not None
+    player.transport.seek(2)
+    make_take(take.root, 9)
+    assert player.refresh()
+    assert (player.transport.frame_count, player.transport.frame, player.transport.group_starts) == (9, 2, (0, 8))
+    settle(player)
+    assert player.picture.frame == 2
+
+
+def test_what_was_chosen_comes_back_after_a_bake(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
+    """While a take is baked again, it has no stream."""
+    take = make_take(tmp_path / "take", 12, stream_folder)
+    assert player.open(take.root), player.message
+    for chosen in ("decoded", "trained"):
+        assert player.choose(chosen)
+        shutil.rmtree(take.stream)
+        assert player.refresh()
+        assert player.what == "trained"
+        shutil.copytree(stream_folder, take.stream)
+        assert player.refresh(), player.message
+        assert player.what == chosen
+
+
+def test_a_trimmed_stream_that_arrives_meanwhile_shows_up(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    take = Take.create(tmp_path / "take")
+    assert player.open(take.root), player.message
+    shutil.copytree(stream_folder, take.stream)
+    set_capture(take.stream, CapturePlace(first_frame=3))
+    change_edits(take.edits, EditList(trim=Trim(first=3, last=14)), "trim")
+    assert player.refresh(), player.message
+    assert (player.what, player.transport.frame_count, player.transport.group_starts[0]) == ("decoded", 15, 3)
+    assert player.transport.frame == 3, "the first that there is"
+    assert player.opened is not None
+    assert player.opened.trim == Trim(first=3, last=14)
+
+
+def test_foreign_takes_are_sentences(tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    assert open_path(take.root).sources == {}
+    (take.root / "take.json").write_text(json.dumps({"format": 99, "created_by": "v3studio 9"}))
+    with pytest.raises(StudioError, match="99"):
+        open_path(take.root)
+
+
+def test_cache_forgets_the_longest_unused() -> None:
+    def frame() -> Gaussians:
+        return Gaussians(torch.zeros(1000, 3), torch.ones(1000, 4), torch.zeros(1000, 3), torch.zeros(1000),
+                         torch.zeros(1000, 1, 3))  # fmt: skip
+
+    cache = FrameCache(limit=8 * 56_000)  # 56 bytes per splat
+    for number in range(8):
+        cache.put(number, frame())
+    assert cache.held == 8 * 56_000
+    assert cache.get(0) is not None
+    cache.put(8, frame())
+    assert cache.held == 8 * 56_000
+    assert cache.has(0)
+    assert not cache.has(1)
+
+
+def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
+    started: list[int] = []
+
+    begun, go_on = threading.Event(), threading.Event()
+
+    def work(number: int) -> int:
+        started.append(number)
+        begun.set()
+        assert go_on.wait(60)
+        if number == 7:
+            raise ValueError("seven")
+        return number * 10
+
+    worker: LatestWorker[int, int] = LatestWorker(work, "test")
+    for number in range(8):
+        worker.ask(number)
+        assert begun.wait(60)
+    go_on.set()
+    wait_until("idle", lambda: worker.idle)
+    assert started == [0, 7]
+    done = worker.take()
+    assert done is not None
+    assert isinstance(done.error, ValueError)
+    assert worker.take() is None
+    assert worker.close()
+
+
+def test_the_scene_of_a_trimmed_stream_is_that_of_the_takes_group(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    """Groups of the take begin with frames 0, 8 and 16, those of its stream with 10 and 18."""
+    take = make_take(tmp_path / "take", 24, stream_folder)
+    set_capture(take.stream, CapturePlace(first_frame=10))
+    change_edits(take.edits, EditList(trim=Trim(first=10, last=21)), "trim")
+    assert player.open(take.root), player.message
+    assert player.choose_mode("scene")
+    assert (player.what, player.transport.group_starts) == ("decoded", (10, 18))
+
+    def group(frame: int) -> int:
+        player.transport.seek(frame)
+        request = player._request()
+        assert request is not None
+        assert request.scene is not None
+        return request.scene.group
+
+    assert [group(frame) for frame in (10, 15, 16, 18, 21)] == [1, 1, 2, 2, 2]
+    for path in take.train_group(1).iterdir():  # trained again from here
+        path.unlink()
+    assert player.refresh()
+    player.filmed_groups = (0, 8, 16)
+    assert [group(frame) for frame in (10, 15, 16, 18, 21)] == [1, 1, 2, 2, 2]

@@ -1,0 +1,122 @@
+"""Pictures of the player at full resolution once the view rests, unless they would take long; labels of one size."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.models.playback import player as player_module
+from gui.models.playback.player import PlayerPresenter
+from gui.models.scene.render import no_mesh
+from gui.models.scene.rest import RESTS_AFTER
+from gui.models.take.workspace import Workspace
+from gui.pages.stage_views import StageViews
+from pipelines.takes.take import Take
+from studio.cameras import Camera
+from studio.gaussians import Gaussians
+from tests.support.waiting import wait_until
+
+FULL, DRAWN = (720, 500), (360, 250)
+
+
+class Views:
+    """Stage views of a take in Review, with a clock that is set by hand."""
+
+    def __init__(self, take: Path) -> None:
+        self.clock, self.seconds, self.drawn = 100.0, 0.0, 0
+        self.workspace = Workspace()
+        self.player = PlayerPresenter(self.draw, now=lambda: self.clock)
+        self.views = StageViews(self.workspace, self.player, no_mesh)
+        assert self.player.open(take), self.player.message
+        self.workspace.open(Take.open(take))
+        self.player.transport.pause()
+        self.views.select("review")
+
+    def draw(self, gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+        time.sleep(self.seconds)
+        self.drawn += 1
+        return np.full((camera.height, camera.width, 3), 90, np.uint8)
+
+    def picture(self) -> np.ndarray:
+        """The newest picture, once all is drawn."""
+        pictures: list[np.ndarray] = []
+
+        def there() -> bool:
+            self.workspace.poll()
+            for _ in range(3):  # a picture may lead to another request
+                new = self.views.poll(FULL, DRAWN, 20.0)
+                pictures.extend([] if new is None else [new])
+            return bool(pictures) and self.views.settled
+
+        wait_until("a picture", there)
+        return pictures[-1]
+
+
+@pytest.fixture
+def views(finished_project: Path):
+    found = Views(finished_project / "take")
+    yield found
+    assert found.views.close()
+    assert found.workspace.close()
+
+
+def test_the_view_is_sharp_at_rest_and_quick_when_it_moves(views: Views) -> None:
+    assert views.picture().shape == (250, 360, 3)
+    views.clock += 2 * RESTS_AFTER
+    assert views.picture().shape == (500, 720, 3)
+    drawn = views.drawn
+    for _ in range(5):
+        views.clock += RESTS_AFTER
+        assert views.views.poll(FULL, DRAWN, 20.0) is None
+    assert views.drawn == drawn, "once per rest"
+    views.views.drag(30, 0, True, 500)
+    assert views.picture().shape == (250, 360, 3)
+
+
+def test_a_picture_zoomed_to_the_performer_stays_sharp(views: Views) -> None:
+    views.player.look_through("cam1")
+    views.player.zoom_to_performer()
+    odd, drawn = (501, 723), (250, 361)
+    shapes = []
+    for _ in range(12):
+        views.clock += RESTS_AFTER / 2
+
+        def all_drawn() -> bool:
+            new = views.views.poll(odd, drawn, 20.0)
+            shapes.extend([] if new is None else [new.shape[:2]])
+            return new is None and views.views.settled
+
+        wait_until("all is drawn", all_drawn)
+    assert shapes == [(361, 250), (723, 501)]
+    zoom = views.player.image_zoom
+    views.views.poll((723, 501), (723, 501), 20.0)
+    assert views.player.image_zoom != zoom, "another shape shows another part"
+
+
+def test_a_picture_that_would_take_long_stays_small(views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(player_module, "LONGEST_SHARP", 0.4)
+    views.seconds = 0.15  # four times the pixels: 0.6 s
+    assert views.picture().shape == (250, 360, 3)
+    drawn = views.drawn
+    for _ in range(5):
+        views.clock += RESTS_AFTER
+        assert views.views.poll(FULL, DRAWN, 20.0) is None
+    assert views.views.settled
+    assert views.drawn == drawn
+
+
+def rows_of_text(picture: np.ndarray) -> int:
+    """Height of the dark background of the label in the upper left corner."""
+    return int((picture[:80, 14] != 90).any(-1).sum())
+
+
+def test_labels_have_the_same_size_on_screen(views: Views) -> None:
+    views.views.choose("side by side")
+    small = rows_of_text(views.picture())
+    views.clock += 2 * RESTS_AFTER
+    large = rows_of_text(views.picture())
+    assert small == 9 + 6, "half of 20 em would be 8.8 pixels"
+    assert large == 18 + 13

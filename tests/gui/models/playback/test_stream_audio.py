@@ -1,0 +1,153 @@
+"""The window's sound: the transport follows it, and the timeline shows its waveform."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.drawing.palette import RAISED
+from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.stream_audio import peaks_of
+from gui.models.playback.timeline_plots import TimelinePlots, plots_of
+from pipelines.takes.take import Take
+from studio.stream import BakeSettings, CapturePlace
+from tests.support.sounds import ArrayPcm, FakeOutput, click_times, clicks
+from tests.support.streams import bake_numbered, set_capture
+from tests.support.waiting import wait_until
+
+FPS, FRAMES = 25, 10
+
+
+@pytest.fixture(scope="module")
+def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten frames with a click in frame 5."""
+    settings = BakeSettings(profile="planes", qp=0, stream_version=3)
+    folder = tmp_path_factory.mktemp("sounding") / "stream"
+    return bake_numbered(folder, (6, 4), FPS, settings=settings, sound=clicks(FRAMES / FPS, [5.2 / FPS]))
+
+
+class Device(FakeOutput):
+    """Plays some frames once they are decoded."""
+
+    def frames(self, player: PlayerPresenter, count: float) -> None:
+        sound = player.audio.player if player.audio is not None else None
+        assert sound is not None
+        wait_until("decoded", lambda: sound._queued >= count / FPS * self.RATE)
+        self.pull(count / FPS)
+
+
+@pytest.fixture
+def device() -> Device:
+    return Device()
+
+
+@pytest.fixture
+def player(stream: Path, device: Device) -> Iterator[PlayerPresenter]:
+    player = playing(stream, device)
+    yield player
+    player.close()
+
+
+def playing(place: Path, device: Device) -> PlayerPresenter:
+    picture = np.zeros((8, 8, 3), np.uint8)
+    player = PlayerPresenter(lambda gaussians, camera, color: picture, lambda: 0.0, lambda: device)
+    assert player.open(place)
+    wait_until("loaded", lambda: player.audio is not None and player.audio.waveform is not None)
+    player.poll()
+    return player
+
+
+def test_the_transport_follows_the_sound(player: PlayerPresenter, device: Device) -> None:
+    transport = player.transport
+    transport.play()
+    for frame in (1, 2):
+        device.frames(player, 1)
+        assert transport.frame == frame
+    transport.pause()
+    assert not device.pull(0.01).any()
+    assert transport.frame == 2
+    transport.seek(8)
+    transport.play()
+    device.frames(player, 3)
+    assert transport.frame == 1, "looped"
+    transport.set_loop(False)
+    device.frames(player, 9)
+    assert transport.frame == FRAMES - 1
+    assert not transport.playing
+
+
+def test_sound_can_be_turned_off_and_a_missing_device_is_told(
+    stream: Path, player: PlayerPresenter, device: Device
+) -> None:
+    assert player.audio is not None
+    player.toggle_sound()
+    player.transport.play()
+    device.frames(player, 1)
+    assert not device.played[-1].any()
+    player.toggle_sound()
+    device.frames(player, 1)
+    assert device.played[-1].any()
+    device.refuse = True
+    assert player.open(stream)
+    wait_until("loaded", lambda: player.audio is not None and player.audio.player is not None)
+    player.poll()
+    player.transport.play()
+    wait_until("told", lambda: player.audio is not None and player.audio.message != "")
+    assert player.transport.playing
+
+
+def test_the_sound_of_a_take_begins_at_its_in_point(stream: Path, device: Device, tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    shutil.copytree(stream, take.stream)
+    set_capture(take.stream, CapturePlace(first_frame=3))
+    player = playing(take.root, device)
+    try:
+        assert player.audio is not None
+        assert player.audio.waveform is not None
+        loud = np.abs(player.audio.waveform.peaks).max(axis=1)
+        assert int(loud.argmax() / len(loud) * (3 + FRAMES)) == 8, "frame 5 of the stream"
+        player.transport.seek(7)
+        player.transport.play()
+        device.frames(player, 2)
+        assert player.transport.frame == 9
+        assert click_times(device.played[-1]) == pytest.approx([1.2 / FPS], abs=0.005)
+        player.transport.seek(1)
+        device.frames(player, 2)
+        assert not device.played[-1].any(), "before the in point"
+        player.transport.seek(12)
+        device.frames(player, 2)
+        assert player.transport.frame == 1, "looped after the last frame"
+    finally:
+        player.close()
+
+
+def test_the_waveform_shows_the_click(player: PlayerPresenter) -> None:
+    assert player.audio is not None
+    waveform = player.audio.waveform
+    assert waveform is not None
+    plots = (*plots_of({}), waveform)
+    view = TimelinePlots(640, 120, 16.0, FRAMES)
+    picture = view.picture(0, plots)
+    top, height = view._rows(4)[3]
+    drawn = (picture[top : top + height, view.left : view.left + view.timeline.width] != RAISED).any(axis=2).sum(axis=0)
+    drawn[view.timeline.span(0)[0] : view.timeline.span(0)[1]] = 0  # the playhead
+    assert view.timeline.frame_at(int(drawn.argmax())) == 5
+    assert drawn.max() > 0.8 * height
+
+
+def test_peaks() -> None:
+    samples = np.zeros((1000, 2), np.float32)
+    samples[300, 0], samples[999, 1] = 0.5, -0.75
+    never = threading.Event()
+    peaks = peaks_of(ArrayPcm(samples), 1000 / 48_000, never, parts=10)
+    assert peaks is not None
+    assert peaks[3].tolist() == [0, 0.5]
+    assert peaks[9].tolist() == [-0.75, 0]
+    assert not peaks[[0, 1, 2, 4, 5, 6, 7, 8]].any()
+    never.set()
+    assert peaks_of(ArrayPcm(samples), 1000 / 48_000, never) is None

@@ -1,0 +1,200 @@
+"""The plots above the timeline: what bars and lines are in proportion to, and the values under the pointer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gui.drawing.palette import ACCENT, BAD, FAIR, PANEL, RAISED, TEXT
+from gui.models.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, Waveform, clock_words, plots_of
+from gui.models.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
+from studio.edits import Trim
+
+VIEW = TimelinePlots(900, 160, 16.0, 4)
+
+
+def test_bars_of_sizes_begin_at_zero() -> None:
+    _, psnr, size = plots_of({"bytes": [46_800, 44_700, None, 23_400], "psnr_decoded": [30.0, 30.1, None, 30.2]})
+    assert size.range is not None
+    assert size.range[0] == 0
+    picture = VIEW.base([size])
+    heights = []
+    for frame in (0, 1, 3):
+        column = VIEW.left + sum(VIEW.timeline.span(frame)) // 2 - 30
+        row = picture[: 160 - VIEW.track_height, column]
+        heights.append(int(((row != RAISED) & (row != PANEL)).any(axis=1).sum()))
+    assert abs(heights[1] / heights[0] - 44.7 / 46.8) < 0.03
+    assert abs(heights[2] / heights[0] - 0.5) < 0.03
+    assert psnr.range is not None
+    assert psnr.range[1] - psnr.range[0] >= LEAST_SPAN, "a tenth of a decibel does not fill the row"
+    assert psnr.range[0] < 30.0 < 30.2 < psnr.range[1]
+
+
+@pytest.mark.parametrize("height", [110, 160, 400])
+def test_the_ends_of_the_axes_cover_neither_plots_nor_each_other(height: int) -> None:
+    view = TimelinePlots(900, height, 16.0, 4)
+    plots = plots_of({"psnr_trained": [30.0, 31.0, 32.0, 33.0], "bytes": [1000.0] * 4, "flicker": [9.0] * 4})
+    picture = view.base(plots)
+    right = view.left + view.timeline.width
+    blank = TimelinePlots(900, height, 16.0, 4).base(plots_of({}))
+    for number, (top, high) in enumerate(view._rows(4)):
+        words = (picture[top : top + high, right:] != PANEL).any(axis=2)
+        assert words.any() == (plots[number].range is not None)
+        assert not words[:, -1].any(), "not cut off"
+    assert (blank[:, right:] == PANEL).all()
+    between = [top + high for top, high in view._rows(4)]
+    assert (picture[between, right:] == PANEL).all(), "each stays in its row"
+
+
+@pytest.mark.parametrize(
+    ("count", "first", "shown"), [(4, 0.0, None), (300, 0.0, None), (90_000, 0.0, None), (300, 117.4, 30.0)]
+)
+def test_numbered_frames_are_apart_and_above_their_frames(count: int, first: float, shown: float | None) -> None:
+    view = TimelinePlots(900, 160, 16.0, count, (0,), first, shown)
+    numbered = view.numbered
+    assert 3 <= len(numbered) <= 16
+    steps = set(np.diff(numbered))
+    assert len(steps) == 1
+    assert str(steps.pop()).strip("0") in ("1", "2", "5")
+    assert all(view.timeline.shows(frame) for frame in numbered)
+    row = slice(160 - view.track_height - round(RULER * 16.0), 160 - view.track_height)
+    words = (view.base(())[row, : view.left + view.timeline.width] != PANEL).any(axis=2)
+    columns = np.flatnonzero(words[:, view.left :].any(axis=0)) + view.left
+    runs = np.split(columns, np.flatnonzero(np.diff(columns) > 12) + 1)
+    assert [view.frame_at(run.mean()) // 1 for run in runs] == pytest.approx(numbered, abs=max(count * 0.03, 1))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(0, "0.00 s"), (0.56, "0.56 s"), (59.996, "1:00.00"), (83.5, "1:23.50")]
+)
+def test_times_in_words(seconds: float, words: str) -> None:
+    assert clock_words(seconds) == words
+
+
+def test_times_stand_beside_the_numbers_where_there_is_room() -> None:
+    def words_of(view: TimelinePlots) -> list[int]:
+        """Widths of the labels."""
+        row = slice(160 - view.track_height - round(RULER * 16.0), 160 - view.track_height)
+        words = (view.base(())[row, view.left : view.left + view.timeline.width] != PANEL).any(axis=(0, 2))
+        columns = np.flatnonzero(words)
+        return [len(run) for run in np.split(columns, np.flatnonzero(np.diff(columns) > 10) + 1)]
+
+    few = [TimelinePlots(900, 160, 16.0, 6, fps=fps) for fps in (0.0, 25.0)]
+    without, timed = (words_of(view) for view in few)
+    assert len(without) == len(timed) == 6
+    assert min(timed) > 30 > 12 > max(without)
+    many = [TimelinePlots(900, 160, 16.0, 90_000, fps=fps).base(()) for fps in (0.0, 25.0)]
+    assert (many[0] == many[1]).all(), "no room"
+
+
+def test_values_under_the_pointer() -> None:
+    plots = plots_of({"psnr_trained": [30.0, 31.0, 32.0, 33.0]})
+    base = VIEW.base(plots)
+    without, hovered = VIEW.with_head(base, 0, plots), VIEW.with_head(base, 0, plots, hover=2)
+    column = VIEW.left + sum(VIEW.timeline.span(2)) // 2
+    changed = np.flatnonzero((without != hovered).any(axis=(0, 2)))
+    assert column - 1 <= changed.min() <= column
+    assert (hovered[10, changed.min()] == TEXT).all(), "the line"
+    assert changed.max() > column + 20, "the values beside it"
+    assert changed.max() < VIEW.left + VIEW.timeline.span(3)[1]
+
+
+@pytest.mark.parametrize("frame", range(4))
+def test_values_under_the_pointer_stay_in_the_plots(frame: int) -> None:
+    values: list[float | None] = [30.0, 31.0, 32.0, 33.0]
+    plots = plots_of({"psnr_trained": values, "psnr_decoded": values}, other={"psnr_trained": values})
+    base = VIEW.base(plots)
+    without, hovered = VIEW.with_head(base, 0, plots), VIEW.with_head(base, 0, plots, hover=frame)
+    changed = np.flatnonzero((without != hovered).any(axis=(0, 2)))
+    assert VIEW.left <= changed.min()
+    assert changed.max() < VIEW.left + VIEW.timeline.width
+
+
+def test_curves_are_as_thick_on_a_dense_screen() -> None:
+    thick = []
+    for scale in (1, 2):
+        view = TimelinePlots(900 * scale, 160 * scale, 16.0 * scale, 4)
+        plots = plots_of({"psnr_decoded": [30.0, 31.0, 32.0, 33.0]})
+        shown = view.with_head(view.base(plots), 2, plots)
+        column = shown[: view.height - view.track_height, view.left + view.timeline.span(2)[0] + 4 * scale]
+        thick.append(int((column == ACCENT).all(axis=1).sum()))
+    assert thick == [2, 4]
+
+
+def test_flicker_has_a_row_if_it_was_measured() -> None:
+    assert len(plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, None]})) == 3
+    *_, flicker = plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, 1.5]})
+    assert flicker.values == [None, 1.5]
+    assert flicker.range == (0, 1.5 * 1.05)
+
+
+def test_views_of_the_camera_path_are_found_where_they_are_drawn() -> None:
+    keys = (0, 2, 3)
+    base = VIEW.base((), (), keys)
+    shown = VIEW.with_head(base, 1, ())
+    rows, columns = np.nonzero((shown == FAIR).all(axis=2))
+    assert {VIEW.key_at(x, y, keys) for x, y in zip(columns, rows, strict=True)} == {0, 1, 2}
+    assert {VIEW.frame_at(x) for x in columns} == set(keys)
+    assert VIEW.key_at(VIEW.left + 5, 20, keys) is None
+
+
+def test_zoom_keeps_what_is_under_the_pointer() -> None:
+    zoom, frames = TimelineZoom(), 300
+    for _ in range(30):
+        zoom = zoom.zoomed(1, 0.25, frames)
+        assert zoom.shown is not None
+        assert zoom.first + 0.25 * zoom.shown == pytest.approx(75)
+    assert zoom.shown == LEAST_FRAMES
+    assert zoom.moved(1e6, frames).first == 295
+    assert zoom.moved(-1e6, frames).first == 0
+    assert zoom.following(75, frames) == zoom
+    assert zoom.following(200, frames).first == 200
+    assert zoom.zoomed(-99, 0.5, frames) == TimelineZoom()
+    assert zoom.within(4) == TimelineZoom(), "what is open now has fewer frames"
+
+
+@pytest.mark.parametrize("first", [0.0, 7.3, 15.0])
+def test_a_zoomed_timeline_shows_its_part(first: float) -> None:
+    view = TimelinePlots(900, 160, 16.0, 20, (0, 10), first, 5.0)
+    timeline = view.timeline
+    seen = [timeline.frame_at(x) for x in range(timeline.width)]
+    for frame in range(20):
+        columns = [x for x, other in enumerate(seen) if other == frame]
+        left, right = timeline.span(frame)
+        assert (bool(columns), timeline.shows(frame)) == (right > left, right > left)
+        if columns:
+            assert (left, right) == pytest.approx((columns[0], columns[-1] + 1), abs=1)
+    plots = plots_of({"psnr_decoded": [20.0 + frame for frame in range(20)], "bytes": [1000.0] * 20})
+    inside, outside = round(first) + 2, (round(first) + 10) % 20
+    base = view.base(plots, (inside, outside), (inside, outside))
+    shown = view.with_head(base, inside, plots)
+    (marked,) = {view.frame_at(x) for x in np.nonzero((shown == BAD).all(axis=2))[1]}
+    (moved,) = {view.frame_at(x) for x in np.nonzero((shown == FAIR).all(axis=2))[1]}
+    assert (marked, moved) == (inside, inside)
+    assert view.with_head(base, outside, plots).shape == (160, 900, 3)
+
+
+@pytest.mark.parametrize(("first", "shown"), [(0.0, None), (3.0, 6.0), (9.0, 5.0)])
+def test_what_is_trimmed_off_is_darker(first: float, shown: float | None) -> None:
+    plots = plots_of({"psnr_decoded": [20.0 + frame for frame in range(20)], "bytes": [1000.0] * 20})
+    whole = TimelinePlots(900, 160, 16.0, 20, (0, 10), first, shown)
+    trimmed = replace(whole, trim=Trim(first=4, last=10))
+    pictures = [view.with_head(view.base(plots), 7, plots) for view in (whole, trimmed)]
+    changed = (pictures[0] != pictures[1]).any(axis=2)
+    darker = {whole.frame_at(x) for x in np.flatnonzero(changed.any(axis=0))}
+    frames = {whole.frame_at(x) for x in range(whole.left, whole.width - whole.right)}
+    assert darker == frames - set(range(4, 11))
+    assert not changed[:, : whole.left].any()
+    assert pictures[1][changed].sum() < pictures[0][changed].sum()
+    ended = replace(whole, trim=Trim(first=0, last=40))
+    assert np.array_equal(ended.base(plots), whole.base(plots)), "an out point after the last frame"
+
+
+def test_a_zoomed_waveform_is_that_of_its_part() -> None:
+    peaks = np.stack([-np.arange(200.0), np.arange(200.0)], axis=1)
+    waveform = Waveform("sound", (), TEXT, "", peaks=peaks)
+    part = waveform.columns(50, 0.25, 0.5)
+    assert (part[0, 1], part[-1, 1]) == (50, 99)
+    assert len(waveform.columns(50)) == 50

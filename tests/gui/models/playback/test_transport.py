@@ -1,0 +1,170 @@
+"""Playback with a clock that the test controls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gui.models.playback.timeline import Timeline
+from gui.models.playback.transport import Transport
+from gui.platform.redraw import FRAMES, Redraws
+
+
+class HandClock:
+    def __init__(self) -> None:
+        self.time = 100.0
+
+    def __call__(self) -> float:
+        return self.time
+
+
+@pytest.fixture
+def clock() -> HandClock:
+    return HandClock()
+
+
+def test_frames_come_from_the_clock(clock: HandClock) -> None:
+    transport = Transport(30, 25.0, now=clock)
+    assert (transport.frame, transport.playing) == (0, False)
+    transport.play()
+    clock.time += 1.0
+    assert transport.frame == 25
+    clock.time += 0.4  # 35 frames: loops once
+    assert transport.frame == 5
+    transport.pause()
+    clock.time += 10.0
+    assert transport.frame == 5
+
+
+def test_each_frame_is_due_exactly_at_its_time(clock: HandClock) -> None:
+    transport = Transport(1000, 30.0, now=clock)
+    transport.play()
+    for frame in range(1000):
+        clock.time = 100.0 + frame / 30.0
+        assert transport.frame == frame
+
+
+def test_without_loop_it_ends_at_the_last_frame_and_starts_again(clock: HandClock) -> None:
+    transport = Transport(10, 10.0, now=clock)
+    transport.set_loop(False)
+    transport.play()
+    clock.time += 0.95
+    assert (transport.frame, transport.playing) == (9, True)
+    clock.time += 0.1
+    assert (transport.frame, transport.playing) == (9, False)
+    transport.play()
+    assert (transport.frame, transport.playing) == (0, True)
+
+
+def test_seek_step_speed_and_loop_keep_the_place(clock: HandClock) -> None:
+    transport = Transport(100, 10.0, now=clock)
+    transport.play()
+    transport.seek(40)
+    clock.time += 0.5
+    assert transport.frame == 45
+    transport.speed = 2.0
+    assert transport.frame == 45
+    clock.time += 0.5
+    assert transport.frame == 55
+    transport.set_loop(False)
+    assert transport.frame == 55
+    transport.step(-1)
+    assert (transport.frame, transport.playing) == (54, False)
+    transport.step(-1000)
+    assert transport.frame == 0
+    transport.seek(1000)
+    assert transport.frame == 99
+    with pytest.raises(ValueError, match="speed"):
+        transport.speed = 0.0
+
+
+def test_group_jumps(clock: HandClock) -> None:
+    transport = Transport(30, 25.0, (0, 20), now=clock)
+    seen = []
+    for direction in (1, 1, -1, -1, -1):
+        transport.jump_group(direction)
+        seen.append(transport.frame)
+    assert seen == [20, 29, 20, 0, 0]
+
+
+@pytest.mark.parametrize(("width", "frames"), [(900, 30), (64, 30), (20, 300), (1000, 7), (5, 1)])
+def test_timeline_pixels_and_frames_agree(width: int, frames: int) -> None:
+    timeline = Timeline(width, 16, frames, (0,))
+    if width >= frames:
+        for frame in range(frames):
+            left, right = timeline.span(frame)
+            assert {timeline.frame_at(x) for x in range(left, right)} == {frame}
+        assert timeline.span(0)[0] == 0
+        assert timeline.span(frames - 1)[1] == width
+    assert timeline.frame_at(-50) == 0
+    assert timeline.frame_at(1e6) == frames - 1
+    picture = timeline.picture(frames - 1)
+    assert picture.shape == (16, width, 3)
+
+
+def test_timeline_shows_groups_and_the_current_frame() -> None:
+    timeline = Timeline(300, 16, 30, (0, 20))
+    assert [timeline.group_of(frame) for frame in (0, 19, 20, 29)] == [0, 0, 1, 1]
+    row = timeline.picture(5)[8]
+    left, right = timeline.span(5)
+    assert (row[left:right] == row[left]).all()
+    assert not (row[right + 5] == row[left]).all()
+    first_group, second_group = row[150], row[250]
+    assert not (first_group == second_group).all()
+    assert len(np.unique(timeline.picture(None)[8], axis=0)) == 1
+
+
+def test_redraws_are_asked_for_again(clock: HandClock) -> None:
+    redraws = Redraws(clock)
+    assert not redraws.due()
+    redraws.changed()
+    assert redraws.due()
+    assert not redraws.due()
+    count = 0
+    for _ in range(500):
+        clock.time += 0.01
+        count += redraws.due()
+    assert count == 7
+
+
+def asked(redraws: Redraws, clock: HandClock, seconds: float) -> int:
+    """How often the window is asked to draw itself in some seconds."""
+    count = 0
+    for _ in range(round(100 * seconds)):
+        clock.time += 0.01
+        count += redraws.due()
+    return count
+
+
+def test_no_redraw_is_asked_for_once_enough_frames_are_on_the_screen(clock: HandClock) -> None:
+    redraws = Redraws(clock, pause=0.1)
+    redraws.changed()
+    for _ in range(FRAMES):
+        assert redraws.due()
+        redraws.drawn()
+        redraws.drawn()  # a frame may be told in parts
+        clock.time += 0.1
+    assert asked(redraws, clock, 20) == 0
+    redraws.changed()
+    assert redraws.due(), "the next change is drawn again"
+
+
+def test_frames_that_were_begun_before_a_change_do_not_count(clock: HandClock) -> None:
+    redraws = Redraws(clock, pause=0.1)
+    redraws.changed()
+    assert redraws.due()
+    for _ in range(FRAMES):
+        redraws.changed()
+        redraws.drawn()
+    assert asked(redraws, clock, 20) > FRAMES
+
+
+def test_a_window_whose_frames_are_dropped_is_asked_until_they_are_not(clock: HandClock) -> None:
+    redraws = Redraws(clock, pause=0.1)
+    redraws.changed()
+    asked(redraws, clock, 3)  # it is busy with a frame all the time
+    redraws.drawn()
+    assert asked(redraws, clock, 3) > 0
+    redraws.drawn()
+    redraws.changed()
+    assert asked(redraws, clock, 1) > FRAMES

@@ -1,0 +1,73 @@
+"""Grid, axes, box, the view axes in the corner, and when a view rests."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gui.drawing.canvas import Canvas
+from gui.models.scene import contents
+from gui.models.scene.gizmo import along, draw_gizmo
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.rest import RESTS_AFTER, Rest
+from gui.pages.stage_view import shown_at
+
+
+@pytest.mark.parametrize(
+    ("length", "step"), [(0.37, 0.2), (1.0, 1.0), (4.9, 2.0), (5.0, 5.0), (99.0, 50.0), (2e-4, 2e-4)]
+)
+def test_a_step_is_a_round_number(length: float, step: float) -> None:
+    assert contents.round_step(length) == pytest.approx(step)
+
+
+def test_the_grid_lies_on_the_ground_and_stays_while_the_performer_moves() -> None:
+    up = np.array([0.0, 0.6, 0.8])
+    grid, step = contents.grid_lines(np.array([1.0, 2.0, 3.0]), up, 0.7, 2.0)
+    assert np.abs(grid.ends @ up - 0.7).max() < 1e-9
+    assert len(grid.ends) == 2 * (2 * contents.GRID_CELLS + 1)
+    lengths = np.linalg.norm(grid.ends[:, 1] - grid.ends[:, 0], axis=1)
+    assert lengths == pytest.approx(np.full(len(lengths), 2 * contents.GRID_CELLS * step))
+    moved, _ = contents.grid_lines(np.array([1.0, 2.0, 3.0]) + 0.01 * step, up, 0.7, 2.0)
+    assert np.abs(moved.ends - grid.ends).max() < 1e-9
+
+
+def test_the_box_has_twelve_edges_along_the_axes() -> None:
+    low, high = np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0, 5.0])
+    edges = contents.box_lines(low, high).ends
+    sides = np.sort(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1))
+    assert sides.tolist() == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
+    assert (edges.reshape(-1, 3).min(axis=0) == low).all()
+    assert (edges.reshape(-1, 3).max(axis=0) == high).all()
+
+
+def test_an_end_of_the_view_axes_is_where_its_axis_points_and_looks_along_it() -> None:
+    orbit = OrbitCamera(target=np.array([1.0, 2.0, 3.0]), distance=4.0, yaw=0.5, pitch=0.3)
+    view = orbit.camera(400, 300)
+    ends = draw_gizmo(Canvas(400, 300), view, 14.0)
+    middle = np.mean([corners.mean(axis=0) for _, corners in ends], axis=0)
+    for name, corners in ends:
+        direction = np.eye(3)["xyz".index(name[1])] * (1 if name[0] == "+" else -1)
+        start, end = view.project(np.stack([orbit.target, orbit.target + 1e-3 * direction]))[0]
+        seen, drawn = end - start, corners.mean(axis=0) - middle
+        assert seen[0] * drawn[1] - seen[1] * drawn[0] == pytest.approx(0, abs=0.02)
+        assert seen @ drawn > 0
+        found = along(orbit, name)
+        assert found.distance == pytest.approx(4.0)
+        assert found.offset @ direction > 0.999
+        assert (found.target == orbit.target).all()
+    # the one in front is found where two lie over each other
+    assert shown_at(ends, *ends[-1][1].mean(axis=0)) == ends[-1][0]
+    assert shown_at(ends, 5, 250) == ""
+
+
+def test_a_view_rests_after_a_moment_without_a_change() -> None:
+    clock = [10.0]
+    rest = Rest(lambda: clock[0])
+    assert not rest.rests("a", moving=False)
+    clock[0] += RESTS_AFTER
+    assert rest.rests("a", moving=False)
+    assert not rest.rests("b", moving=False)
+    clock[0] += 2 * RESTS_AFTER
+    assert not rest.rests("b", moving=True)
+    clock[0] += 0.5 * RESTS_AFTER
+    assert not rest.rests("b", moving=False)

@@ -1,0 +1,87 @@
+"""Lines, points and images as pixels with depths, against the camera's own projection and against ray casting."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gui.models.scene.contents import Lines
+from gui.models.scene.fragments import image_on_quad, line_fragments, point_fragments
+from studio.cameras import Camera
+
+K = np.array([[100.0, 0, 60], [0, 110.0, 40], [0, 0, 1]])
+
+
+def camera(seed: int = 1) -> Camera:
+    """120 x 80 pixels, a few units in front of the origin, tilted."""
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(np.eye(3) + 0.2 * rng.standard_normal((3, 3)))
+    pose = np.eye(4)
+    pose[:3, :3] = q * np.sign(np.linalg.det(q))
+    pose[:3, 3] = (0, 0, 4)
+    return Camera("view", 120, 80, K, pose)
+
+
+def test_a_lines_pixels_lie_on_it_at_its_depth() -> None:
+    view = camera()
+    ends = np.array([[[-0.9, -0.3, -0.8], [0.8, 0.4, 0.7]], [[0.1, -0.5, 0.6], [-0.1, 0.5, -0.6]]])
+    for one in ends:
+        found = line_fragments(view, Lines.of([one], (9, 8, 7), 2.0))
+        strong = found[found.cover > 0.6]
+        assert len(strong) > 40
+        places = np.column_stack([strong.pixels % 120, strong.pixels // 120]) + 0.5
+        # points along the line, densely: the nearest one to each pixel
+        along = one[0] + np.linspace(0, 1, 4001)[:, None] * (one[1] - one[0])
+        pixels, depth = view.project(along)
+        apart = np.linalg.norm(places[:, None] - pixels[None], axis=2)
+        assert apart.min(axis=1).max() < 1.0
+        assert np.abs(depth[apart.argmin(axis=1)] / strong.depth - 1).max() < 0.01
+        # as much ink as a band of that width
+        length = np.linalg.norm(pixels[-1] - pixels[0])
+        assert abs(found.cover.sum() / (2.0 * length) - 1) < 0.06
+        assert (found.colors == (9, 8, 7)).all()
+
+
+def test_lines_are_cut_at_the_near_plane_and_at_the_edges() -> None:
+    view = Camera("view", 120, 80, K, np.eye(4))
+    through = line_fragments(view, Lines.of([[np.array([0.0, 0.1, -5]), np.array([0.0, 0.1, 5])]], (1, 1, 1)))
+    assert len(through)
+    assert (through.depth > 0).all()
+    assert ((through.pixels >= 0) & (through.pixels < 120 * 80)).all()
+    assert not len(line_fragments(view, Lines.of([[np.array([0, 0, -5.0]), np.array([1, 0, -1.0])]], (1, 1, 1))))
+    assert not len(line_fragments(view, Lines.of([[np.array([50, 0, 1.0]), np.array([50, 1, 1.0])]], (1, 1, 1))))
+    far = line_fragments(view, Lines.of([[np.array([-1e6, 0, 2.0]), np.array([1e6, 0, 2.0])]], (1, 1, 1), 1.0))
+    assert len(np.unique(far.pixels % 120)) == 120
+
+
+def test_points_are_where_the_camera_projects_them() -> None:
+    view = camera()
+    points = np.array([[0.1, 0.2, 0.3], [0, 0, -50.0], [99, 0, 0]])
+    found = point_fragments(view, points, np.array([[1, 2, 3]] * 3, np.uint8))
+    pixels, depth = view.project(points[:1])
+    assert found.pixels.tolist() == [int(pixels[0, 1]) * 120 + int(pixels[0, 0])]
+    assert found.depth.tolist() == depth.tolist()
+    assert len(point_fragments(view, points[:1], np.zeros((1, 3), np.uint8), 2)) == 9
+
+
+def test_an_image_on_a_quad_has_the_depth_of_its_plane() -> None:
+    view = camera(4)
+    corners = np.array([[-0.6, -0.4, 0.5], [0.6, -0.4, -0.5], [0.6, 0.4, -0.5], [-0.6, 0.4, 0.5]])
+    image = np.zeros((20, 30, 3), np.uint8)
+    image[:, :15] = (200, 0, 0)
+    found = image_on_quad(view, corners, image)
+    assert found is not None
+    where = found.where
+    rows, columns = np.nonzero(where)
+    corner = np.array([found.columns.start, found.rows.start])
+    at = np.column_stack([columns, rows]) + corner + 0.5
+    places = view.unproject(at, found.depth[where].astype(np.float64))
+    normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+    normal /= np.linalg.norm(normal)
+    assert np.abs((places - corners[0]) @ normal).max() < 1e-4
+    # the left half of the image is the half next to the first corner
+    left = (places - corners[0]) @ (corners[1] - corners[0]) / np.sum((corners[1] - corners[0]) ** 2)
+    red = found.pixels[where][:, 0]
+    assert (red[left < 0.45] == 200).all()
+    assert (red[left > 0.55] == 0).all()
+    behind = corners - 20 * view.forward
+    assert image_on_quad(view, behind, image) is None

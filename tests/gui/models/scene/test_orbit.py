@@ -1,0 +1,100 @@
+"""The orbit camera, compared with projections of `studio.cameras.Camera`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gui.models.scene.orbit import OrbitCamera
+from studio.cameras import Camera
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def project(orbit: OrbitCamera, point: np.ndarray, width: int = 640, height: int = 360) -> np.ndarray:
+    pixels, depth = orbit.camera(width, height).project(point[None])
+    assert depth[0] > 0
+    return pixels[0]
+
+
+@pytest.mark.parametrize(("yaw", "pitch"), [(0.0, 0.0), (2.0, 0.5), (-1.0, -1.2), (3.0, math.radians(89))])
+@pytest.mark.parametrize("up", [UP, np.array([0.0, -1.0, 0.0]), np.array([1.0, 1.0, 1.0])])
+def test_target_is_in_the_middle_and_up_points_up(yaw: float, pitch: float, up: np.ndarray) -> None:
+    orbit = OrbitCamera(target=np.array([0.3, -0.2, 1.1]), up=up, distance=2.5, yaw=yaw, pitch=pitch)
+    middle = project(orbit, orbit.target)
+    assert middle == pytest.approx([320.0, 180.0], abs=1e-6)
+    above = project(orbit, orbit.target + 0.01 * orbit.up)
+    assert above[1] < middle[1]
+    assert above[0] == pytest.approx(middle[0], abs=1e-6)  # no roll
+    assert np.linalg.norm(orbit.camera(640, 360).center - orbit.target) == pytest.approx(2.5)
+
+
+def test_a_view_is_filled_by_what_it_must_show() -> None:
+    points = np.random.default_rng(3).uniform((-0.3, -0.2, 0.4), (0.5, 0.2, 1.9), (4000, 3))
+    orbit = OrbitCamera(target=np.array([0.0, 0.0, 2.0]), distance=4.0, yaw=0.4, pitch=0.1)
+    for width, height in ((45, 56), (80, 30)):
+        pixels, depth = orbit.filling(points, width, height).project(points)
+        assert (depth > 0).all()
+        size, low, high = np.array([width, height]), *np.quantile(pixels, (0.01, 0.99), axis=0)
+        assert (low > 0).all()
+        assert (high < size).all()
+        assert 0.8 < ((high - low) / size).max() < 0.95
+        assert (low + high) / 2 == pytest.approx(size / 2, abs=0.04 * max(width, height))
+
+
+def test_the_scene_follows_the_pointer() -> None:
+    orbit = OrbitCamera(distance=3.0, yaw=0.7, pitch=0.2)
+    near_side = orbit.target + 0.3 * orbit.offset
+    start = project(orbit, near_side)
+    moved = project(orbit.orbit(40.0, 25.0), near_side)
+    assert moved[0] > start[0] + 1
+    assert moved[1] > start[1] + 1
+    panned = project(orbit.pan(33.0, -12.0, 360), orbit.target)
+    assert panned == pytest.approx([320.0 + 33.0, 180.0 - 12.0], abs=1e-6)
+
+
+def test_zoom_keeps_direction_and_pitch_is_bounded() -> None:
+    orbit = OrbitCamera(distance=3.0, yaw=0.7, pitch=0.2)
+    nearer = orbit.zoom(2)
+    assert nearer.distance < orbit.distance
+    assert nearer.offset == pytest.approx(orbit.offset)
+    assert nearer.zoom(-2).distance == pytest.approx(orbit.distance)
+    assert orbit.orbit(0.0, 1e5).pitch == pytest.approx(math.radians(89))
+
+
+def test_around_holds_the_points_whatever_strays() -> None:
+    generator = np.random.default_rng(3)
+    points = generator.normal(size=(2000, 3)) * [0.3, 0.2, 0.8] + [1.0, 2.0, 3.0]
+    points[:5] = 1e4
+    orbit = OrbitCamera.around(points, UP)
+    assert orbit.target == pytest.approx([1.0, 2.0, 3.0], abs=0.2)
+    pixels, depth = orbit.camera(640, 360).project(points[5:])
+    inside = (depth > 0) & (pixels >= 0).all(1) & (pixels < [640, 360]).all(1)
+    assert inside.mean() > 0.95
+    assert OrbitCamera.around(np.zeros((0, 3)), UP).distance > 0
+
+
+def test_looking_through_a_camera_gives_its_view() -> None:
+    source = OrbitCamera(target=np.array([0.0, 0.0, 1.0]), distance=4.0, yaw=1.1, pitch=0.3, fov=0.6)
+    camera = source.camera(800, 600)
+    orbit = OrbitCamera.looking_through(camera, np.array([0.0, 0.0, 1.0]), UP)
+    again = orbit.camera(800, 600)
+    assert again.world_to_camera == pytest.approx(camera.world_to_camera, abs=1e-9)
+    assert pytest.approx(camera.K) == again.K
+    behind = Camera("back", 800, 600, camera.K, camera.world_to_camera)
+    away = OrbitCamera.looking_through(behind, camera.center - 3.0 * camera.forward, UP)
+    assert away.distance > 0
+
+
+def test_a_narrow_picture_is_reduced_to_contain_all_points() -> None:
+    points = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0], [0, 0, 2], [0, 0, -2]])
+    orbit = OrbitCamera.around(points, np.array([0.0, 0, 1]))
+    assert orbit.widened(points, 900, 400) == 1.0
+    reduced = orbit.widened(points, 200, 400)
+    assert 0.2 < reduced < 1.0
+    pixels, _ = orbit.camera(200, 400, reduced).project(points)
+    assert pixels[:, 0].min() > 10
+    assert pixels[:, 0].max() < 190
+    assert orbit.widened(np.zeros((0, 3)), 10, 400) == 1.0

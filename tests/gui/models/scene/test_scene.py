@@ -1,0 +1,292 @@
+"""The scene of a real take: what is in it, resolution at rest, clicks on cameras and on the view axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import open3d as o3d
+import pytest
+
+from gui.drawing.palette import ACCENT
+from gui.models.held_out import HeldOut
+from gui.models.playback.player import PlayerPresenter
+from gui.models.scene.contents import SceneWanted
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.reader import SceneReader
+from gui.models.scene.rest import RESTS_AFTER
+from gui.models.take.inspector import camera_rows
+from gui.models.take.workspace import Workspace
+from gui.pages.stage_views import StageViews
+from gui.widgets.raycast import MeshPicture
+from pipelines.config import load_config
+from pipelines.stages.base import Context
+from pipelines.takes.take import Take
+from studio.camera_files import read_rig
+from studio.yaml_text import dump_yaml, parse_yaml
+from tests.support.waiting import wait_until
+
+FULL, DRAWN = (720, 500), (360, 250)
+FAIR = (222, 178, 92)
+
+
+class Scene:
+    """Stage views of a take, with a clock that is set by hand."""
+
+    def __init__(self, take: Path) -> None:
+        self.clock = 100.0
+        self.workspace = Workspace()
+        self.player = PlayerPresenter(now=lambda: self.clock, read_mesh=MeshPicture)
+        self.views = StageViews(self.workspace, self.player, MeshPicture)
+        assert self.player.open(take), self.player.message
+        self.workspace.open(Take.open(take))
+        self.player.transport.pause()
+        self.views.choose("scene")
+
+    def picture(self, rests: bool = False) -> np.ndarray:
+        """The newest picture, at rest or not."""
+        self.views.shown_anew()
+        self.views.poll(FULL, DRAWN, 14.0)
+        self.clock += 2 * RESTS_AFTER if rests else 0.0
+        pictures: list[np.ndarray] = []
+
+        def there() -> bool:
+            self.workspace.poll()
+            new = self.views.poll(FULL, DRAWN, 14.0)
+            pictures.extend([] if new is None else [new])
+            right = (FULL if rests else DRAWN)[::-1]
+            return bool(pictures) and self.views.settled and pictures[-1].shape[:2] == right
+
+        wait_until("a picture of the scene", there)
+        return pictures[-1]
+
+    def show(self, *parts: str) -> None:
+        """Show these parts only."""
+        for part in self.player.scene_parts ^ set(parts):
+            self.views.choose(part)
+
+
+@pytest.fixture
+def scene(finished_project: Path) -> Iterator[Scene]:
+    """The finished take."""
+    found = Scene(finished_project / "take")
+    yield found
+    assert found.views.close()
+    assert found.workspace.close()
+
+
+def test_the_scene_is_an_own_row_of_buttons_and_can_be_left(scene: Scene) -> None:
+    views = scene.views
+    assert views.row == "scene"
+    assert {"splats", "cameras", "grid", "decoded"} <= views.chosen()
+    assert set(views.chosen()) <= {key for key, _, _ in views.choices()["scene"]}
+    views.choose("trained")
+    assert (views.row, scene.player.what) == ("scene", "trained")
+    assert views.leave()
+    assert (views.row, scene.player.mode) == ("review", "single")
+    assert not views.leave()
+    views.choose("scene")
+    views.choose("scene")  # its button, pressed again
+    assert views.row == "review"
+    views.choose("scene")
+    views.choose("wipe")
+    assert (views.row, scene.player.mode) == ("review", "wipe")
+
+
+def test_splats_alone_are_the_rasterizers_picture(scene: Scene) -> None:
+    scene.show("splats")
+    picture = scene.picture()
+    scene.views.choose("scene")
+    alone = scene.picture()
+    difference = np.abs(picture.astype(int) - alone)
+    difference[:110, -110:] = 0  # the view axes
+    assert difference.max() <= 1
+
+
+def test_it_is_sharp_at_rest_and_quick_when_it_moves(scene: Scene) -> None:
+    scene.show("splats", "grid", "volume")
+    small = scene.picture()
+    large = scene.picture(rests=True)
+    assert (small.shape, large.shape) == ((250, 360, 3), (500, 720, 3))
+    shrunk = cv2.resize(large, DRAWN, interpolation=cv2.INTER_AREA)
+    assert np.abs(shrunk.astype(float) - small).mean() < 6
+    scene.views.drag(30, 0, True, 500)
+    assert scene.picture().shape == (250, 360, 3)
+
+
+def test_the_mesh_is_as_far_away_as_its_vertices(scene: Scene, finished_project: Path) -> None:
+    path = Take.open(finished_project / "take").initialize_group(0) / "mesh.ply"
+    mesh, camera = MeshPicture(path), scene.player.orbit.camera(*FULL)
+    pixels, depth = mesh.seen(camera)
+    assert (pixels == mesh.draw(camera)).all()
+    vertices = np.asarray(o3d.io.read_triangle_mesh(str(path)).vertices)
+    places, away = camera.project(vertices)
+    columns, rows = np.floor(places).astype(int).T
+    inside = (columns >= 0) & (rows >= 0) & (columns < FULL[0]) & (rows < FULL[1])
+    seen = depth[rows[inside], columns[inside]]
+    apart = away[inside] - seen
+    assert np.isfinite(seen).mean() > 0.9
+    # a vertex is on the surface that is seen there, or behind it
+    size = float(np.ptp(away))
+    assert np.nanpercentile(np.where(np.isfinite(apart), apart, np.nan), 2) > -0.03 * size
+    assert (np.abs(apart) < 0.03 * size).mean() > 0.3
+
+
+def test_cameras_can_be_clicked(scene: Scene, finished_project: Path) -> None:
+    rig = read_rig(Take.open(finished_project / "take").rig)
+    scene.show("splats", "cameras")
+    scene.player.orbit = scene.player.orbit.zoom(-14).orbit(120, 120)
+    scene.picture()
+    found = scene.player.picture
+    assert found is not None
+    names = [name for name, _ in found.cameras]
+    assert set(names) == {camera.name for camera in rig}
+    view = scene.player.orbit.camera(*DRAWN)
+    for name, corners in found.cameras:
+        center, _ = view.project(rig[name].center[None])
+        assert np.abs(corners[0] - center[0]).max() < 1e-6
+    name, corners = found.cameras[-1]
+    scene.views.click(*corners.mean(axis=0))
+    assert scene.views.asked == ("look", name)
+    scene.views.asked = None
+    scene.views.context(*corners.mean(axis=0))
+    assert scene.views.asked == ("menu", name)
+    scene.views.asked = None
+    scene.views.click(1, 249)
+    assert scene.views.asked is None
+    axis = dict(found.ends)["+x"]
+    scene.views.click(*axis.mean(axis=0))
+    assert scene.player.orbit.offset[0] > 0.999
+
+
+def test_the_camera_in_whose_place_the_view_is_does_not_cover_it(scene: Scene) -> None:
+    rig = scene.player.opened.rig if scene.player.opened is not None else None
+    assert rig is not None
+    first = next(iter(rig))
+    scene.player.orbit = OrbitCamera.looking_through(first, np.zeros(3), rig.up)
+    scene.picture(rests=True)
+    found = scene.player.picture
+    assert found is not None
+    assert first.name not in {name for name, _ in found.cameras}
+
+
+@pytest.fixture
+def nth_scene(finished_project: Path, take_copy: Path) -> Iterator[Scene]:
+    """A take that holds out every third camera, none by name."""
+    settings = parse_yaml((take_copy / "config.yaml").read_text())
+    settings["capture"] |= {"held_out": [], "held_out_every": 3}
+    (take_copy / "config.yaml").write_text(dump_yaml(settings))
+    found = Scene(take_copy)
+    yield found
+    assert found.views.close()
+    assert found.workspace.close()
+
+
+def test_every_nth_camera_is_held_out_everywhere(nth_scene: Scene) -> None:
+    player = nth_scene.player
+    nth_scene.picture()
+    assert player.held_out == ("cam2", "cam5")
+    rig = player.opened.rig if player.opened is not None else None
+    wanted = player._scene()
+    assert rig is not None
+    assert wanted is not None
+    found = SceneReader(MeshPicture).read(wanted, 0)
+    assert {one.camera.name for one in found.cameras if one.color == ACCENT} == {"cam2", "cam5"}
+    assert player.choose("truth")
+    assert player.camera == "cam2", "a comparison begins with what was not trained on"
+    assert camera_rows(player)[0] == ("camera", "cam2, held out")
+
+
+def test_cameras_held_out_by_name_are_known_without_the_footage(finished_project: Path, tmp_path: Path) -> None:
+    take = Take.open(finished_project / "take")
+    config = load_config(take.config)
+    gone = config.replace(capture=config.capture.replace(root=str(tmp_path / "gone")))
+    assert HeldOut().of(Context(take, gone)) == ("cam4",)
+
+
+def test_frusta_have_the_images_of_the_frame_once_the_view_rests(scene: Scene) -> None:
+    context = scene.workspace.context
+    assert context is not None
+    rig = scene.player.opened.rig if scene.player.opened is not None else None
+    assert rig is not None
+    reader, first = SceneReader(MeshPicture), next(iter(rig)).name
+
+    def image(frame: int, still: bool) -> np.ndarray | None:
+        wanted = SceneWanted(
+            context.take, context, rig, "", 0, frozenset({"cameras"}), rig.up, np.zeros((0, 3)), still, 14.0
+        )
+        return next(one.image for one in reader.read(wanted, frame).cameras if one.camera.name == first)
+
+    def footage(frame: int, like: np.ndarray) -> np.ndarray:
+        raw = context.footage.raw
+        return cv2.resize(raw.raw_image(first, raw.frames[frame]), like.shape[1::-1], interpolation=cv2.INTER_AREA)
+
+    assert image(0, still=False) is None
+    resting = image(0, still=True)
+    assert resting is not None
+    assert (resting == footage(0, resting)).all()
+    moving = image(1, still=False)
+    assert moving is not None
+    assert (moving == resting).all()  # the last one that was read
+    later = image(1, still=True)
+    assert later is not None
+    assert (later == footage(1, later)).all()
+    assert (later != resting).any()
+
+
+def test_the_box_surrounds_the_initial_points(scene: Scene, finished_project: Path) -> None:
+    from pipelines.takes.point_files import read_points
+
+    points, _ = read_points(Take.open(finished_project / "take").initialize_group(0) / "points.ply")
+    scene.show("volume")
+    picture = scene.picture()
+    rows, columns = np.nonzero((np.abs(picture.astype(int) - FAIR) < 40).all(axis=2))
+    pixels, _ = scene.player.orbit.camera(*DRAWN).project(points)
+    assert columns.min() <= pixels[:, 0].min() + 2
+    assert columns.max() >= pixels[:, 0].max() - 2
+    inside = (pixels[:, 1] > 0) & (pixels[:, 1] < DRAWN[1])
+    assert rows.min() <= pixels[inside, 1].min() + 2
+
+
+def test_the_groups_are_those_of_the_footage(scene: Scene) -> None:
+    wait_until("the footage", lambda: (scene.workspace.poll(), scene.workspace.assessment.numbers)[1])
+    scene.picture()
+    groups = scene.workspace.context.groups if scene.workspace.context is not None else ()
+    assert len(groups) > 1
+    assert tuple(scene.player.filmed_groups) == tuple(group.first for group in groups)
+
+
+def test_it_is_left_with_review_and_is_back_with_it(scene: Scene) -> None:
+    views = scene.views
+    views.select("train")
+    views.choose("gaussians")
+    assert (views.shows_player, scene.player.mode) == (True, "single")
+    views.select("review")
+    assert views.shows_scene
+    views.choose("wipe")
+    views.select("train")
+    views.select("review")
+    assert scene.player.mode == "wipe", "the scene was left before"
+    views.choose("scene")
+    views.select("calibrate")
+    assert scene.player.choose_mode("wipe")
+    views.select("review")
+    assert scene.player.mode == "wipe", "chosen meanwhile"
+
+
+def test_its_key_ends_the_edits_and_shows_it(scene: Scene) -> None:
+    views = scene.views
+    for before in ("scene", "single"):
+        scene.player.choose_mode(before)
+        views.edit()
+        assert views.row == "edit"
+        views.choose("scene")
+        assert (views.row, views.editing) == ("scene", False), before
+    views.edit()
+    views.choose("trained")
+    assert (views.row, scene.player.what) == ("scene", "trained")
+    views.edit()
+    views.choose("crop")
+    assert views.row == "edit"

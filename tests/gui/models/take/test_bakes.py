@@ -1,0 +1,141 @@
+"""Bakes in the window: kept on a thread, and compared with what is open at the same times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.models.evaluation import Evaluation, FrameQuality
+from gui.models.playback.other_source import OTHER, open_other
+from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.stream_source import LeftOut
+from gui.models.playback.timeline_plots import plots_of
+from gui.models.take.bakes import Bakes
+from pipelines.takes.take import Take
+from studio.edits import World
+from studio.stream import CapturePlace
+from tests.support.errors import refuses
+from tests.support.players import settle
+from tests.support.streams import bake_numbered, set_capture
+from tests.support.waiting import wait_until
+
+
+@pytest.fixture
+def player(finished_project: Path) -> Iterator[PlayerPresenter]:
+    presenter = PlayerPresenter()
+    assert presenter.open(finished_project / "take"), presenter.message
+    presenter.resize(256, 192)
+    yield presenter
+    assert presenter.close()
+
+
+def picture(player: PlayerPresenter) -> np.ndarray:
+    settle(player)
+    assert player.picture is not None, player.message
+    return player.picture.image
+
+
+def test_a_comparison_shows_the_other_at_the_same_time(player: PlayerPresenter, stream_folder: Path) -> None:
+    player.transport.seek(4)
+    own = picture(player)
+    stream = PlayerPresenter()
+    assert stream.open(stream_folder)
+    stream.resize(256, 192)
+    stream.orbit = player.orbit
+    stream.transport.seek(2)  # 4 / 25 fps is nearest to 2 / 12 fps
+    expected = picture(stream)
+    assert stream.close()
+    assert np.abs(expected.astype(float) - own).mean() > 3, "two different bodies"
+
+    player.compare_with(open_other(stream_folder, "the other"))
+    assert (player.mode, player.reference) == ("wipe", OTHER)
+    player.wipe = 1.0
+    assert np.abs(picture(player)[60:, :240].astype(float) - expected[60:, :240]).mean() < 2.0
+    player.wipe = 0.0
+    assert np.abs(picture(player)[60:, 16:].astype(float) - own[60:, 16:]).mean() < 2.0
+    player.choose_mode("single")
+    assert player.choose(OTHER)
+    assert np.abs(picture(player).astype(float) - expected).mean() < 0.5
+    assert player.status.startswith("the other")
+    assert player.transport.frame_count == 5, "one timeline"
+    player.compare_with(None)
+    assert (player.what, player.other) == ("decoded", None)
+    assert np.array_equal(picture(player), own)
+
+
+def test_a_kept_bake_is_compared_at_the_frames_and_in_the_world_of_the_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = bake_numbered(tmp_path / "stream", (6, 4), 25)
+    world = World(origin=(0, 2, 0), scale=10).similarity
+    set_capture(folder, CapturePlace(3, world))
+    rows = {frame: FrameQuality(100.0, {"psnr_decoded": 20.0 + frame}, {}) for frame in range(3, 13)}
+    monkeypatch.setattr(Evaluation, "read", lambda path: Evaluation(rows))
+    other = open_other(folder, "kept", tmp_path / "evaluation.json")
+    try:
+        other.span(13, 25.0, (3, 9))
+        shown = other.gaussians(8).means[0].numpy()
+        assert np.allclose(world.points(shown), [5, 0, 0], atol=1e-3), "frame 5 of the stream"
+        with pytest.raises(LeftOut):
+            other.gaussians(2)
+        assert other.series("psnr_decoded") == [None] * 3 + [20.0 + frame for frame in range(3, 13)]
+    finally:
+        other.close()
+    bare = open_other(folder, in_take=False)
+    assert np.allclose(bare.gaussians(5).means[0], [5, 0, 0], atol=1e-3), "beside another bare stream"
+    bare.close()
+
+
+def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished_project: Path, stream_folder: Path) -> None:
+    player.compare_with(open_other(finished_project / "take"))
+    assert player.other is not None
+    measured = player.other.series("psnr_decoded")
+    assert len(measured) == 5
+    assert None not in measured
+    player.compare_with(open_other(stream_folder))
+    other = player.other
+    assert other is not None
+    assert other.series("psnr_decoded") == [None] * 5, "a stream has no evaluation"
+    sizes = other.series("bytes")
+    files = sum(path.stat().st_size for path in stream_folder.rglob("*") if "manifest" not in path.name)
+    assert sizes[0] is not None
+    assert 0 < 8 * sizes[0] < files
+    _, psnr, size = plots_of({"psnr_decoded": [30.0] * 5, "bytes": [1000.0] * 5}, other={"bytes": [4000.0] * 5})
+    assert size.range is not None
+    assert size.range[1] > 4.0, "the axis covers both"
+    assert psnr.range is not None
+    assert psnr.range[0] < 30 < psnr.range[1]
+
+
+def test_bakes_are_kept_and_deleted_on_a_thread(take_copy: Path) -> None:
+    take, bakes = Take.open(take_copy), Bakes()
+
+    def done() -> str:
+        wait_until("the change", bakes.poll)
+        bakes.look(take)
+        return bakes.message
+
+    bakes.keep(take, "fine")
+    assert "'fine'" in done()
+    (row,) = bakes.rows
+    assert (row.name, row.chosen, bakes.chosen) == ("fine", True, row)
+    assert "QP 20" in row.words
+    assert "dB" in row.words
+    bakes.keep(take, "a/b")
+    assert "cannot be the name" in done()
+    assert bakes.failed
+    bakes.choose(take, "fine")
+    assert "is the take's stream" in done()
+    bakes.remove(take, "fine")
+    assert "deleted" in done()
+    assert (bakes.rows, bakes.failed) == ([], False)
+    assert bakes.close()
+
+
+def test_nothing_to_compare_with_is_told(tmp_path: Path) -> None:
+    Take.create(tmp_path / "new")
+    with refuses("gui.nothing_to_compare"):
+        open_other(tmp_path / "new")

@@ -1,0 +1,68 @@
+"""Estimates of presets: measured in a child process, kept for the take on this machine."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from gui.models.take.estimates import Estimates
+from pipelines.config import load_config
+from pipelines.config.presets import with_values
+from pipelines.takes.take import Take
+from tests.support.waiting import wait_until
+
+PRINTED = {
+    "presets": {
+        "preview": {"seconds": 90.0, "stages": [{"stage": "train", "bytes": 5}, {"stage": "bake", "bytes": 1_250_000}]},
+        "final": {"seconds": 7200.0, "stages": [{"stage": "bake", "bytes": None}]},
+    }
+}
+
+
+def program(*lines: str) -> list[str]:
+    return [sys.executable, "-c", "\n".join(lines)]
+
+
+def test_figures_are_measured_once_and_kept(
+    finished_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    take = Take.open(finished_project / "take")
+    config = load_config(take.config)
+    runs = tmp_path / "runs"
+    counting = f"import sys; open({str(runs)!r}, 'a').write(' '.join(sys.argv[1:]) + chr(10))"
+    estimates = Estimates(lambda: program(counting, f"print({json.dumps(PRINTED)!r})"))
+    estimates.poll(take, config)
+    assert estimates.words("preview") == "preview"
+    estimates.start(take)
+    estimates.start(take)  # it is running
+    wait_until("figures", lambda: estimates.poll(take, config) and not estimates.running)
+    assert runs.read_text() == f"estimate {take.root} --presets --json\n"
+    assert estimates.words("preview") == "preview: about 1 min 30 s, 1.2 MB"
+    assert estimates.words("final") == "final: about 2 h 00 min"
+    assert estimates.words("standard") == "standard"
+    again = Estimates(lambda: program("raise SystemExit('it must not run')"))
+    assert again.poll(take, config)
+    assert again.figures == estimates.figures
+    assert not again.poll(take, config)
+    assert not again.poll(take, with_values(config, {"bake.qp": 11})), "the presets set it"
+    assert again.poll(take, with_values(config, {"capture.scale": 0.5}))
+    assert again.figures == {}, "of other images"
+
+
+def test_a_failure_is_told_and_nothing_is_kept(
+    finished_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    take = Take.open(finished_project / "take")
+    config = load_config(take.config)
+    estimates = Estimates(lambda: program("raise SystemExit('error: no cameras')"))
+    estimates.poll(take, config)
+    estimates.start(take)
+    wait_until("the end", lambda: estimates.poll(take, config) and not estimates.running)
+    assert estimates.failure == "no cameras"
+    assert estimates.figures == {}
+    assert not list(tmp_path.rglob("*.json"))

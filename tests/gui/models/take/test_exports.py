@@ -1,0 +1,180 @@
+"""Exports from the window: child processes with progress, error messages, camera paths from collected views."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.models.camera_path import fitted
+from gui.models.scene.orbit import OrbitCamera
+from gui.models.take.exports import ExportRequest, Exports
+from pipelines.takes.edits import change_edits
+from pipelines.takes.frame_files import FrameMetadata, write_frame
+from pipelines.takes.take import Take
+from studio.edits import EditList, Trim, World
+from studio.stream import CapturePlace
+from tests.support.errors import refuses
+from tests.support.splats import converted_splats
+from tests.support.streams import bake_numbered, set_capture
+from tests.support.waiting import wait_until
+
+
+def finish(exports: Exports, seconds: float = 180.0) -> set[str]:
+    words = set()
+
+    def ended() -> bool:
+        exports.poll()
+        words.add(exports.words)
+        return not exports.running
+
+    wait_until("ended", ended, seconds)
+    return words
+
+
+def request(kind: str, source: Path | str, target: Path) -> ExportRequest:
+    found = ExportRequest(kind, str(source), "walk", target.parent)
+    found.set_target(str(target))
+    return found
+
+
+def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, tmp_path: Path) -> None:
+    exports = Exports()
+    exports.start(request("ply", stream_folder, tmp_path / "out"))
+    with refuses("export.running"):
+        exports.start(request("spz", stream_folder, tmp_path / "other"))
+    words = finish(exports)
+    assert exports.result == f"Written: {tmp_path / 'out'}"
+    assert not exports.failed
+    assert len(list((tmp_path / "out").glob("*.ply"))) == 12
+    assert any("of 12" in word for word in words)
+    with refuses("export.target_exists", file=tmp_path / "out"):
+        exports.start(request("ply", stream_folder, tmp_path / "out"))
+
+
+def test_notes_of_an_export_are_told_with_its_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where other programs will draw the splats differently."""
+    notes = ["trained with dilation 0.1; viewers assume 0.3", "another"]
+    lines = [{"kind": "note", "text": note} for note in notes] + [{"kind": "note"}, {"kind": "progress", "what": "x"}]
+    program = f"import json\nfor line in {lines!r}: print(json.dumps(line))"
+    monkeypatch.setattr("gui.models.take.exports.v3studio_command", lambda: [sys.executable, "-c", program])
+    exports = Exports()
+    for _ in range(2):
+        exports.start(request("ply", tmp_path / "stream", tmp_path / "out"))
+        finish(exports)
+        assert not exports.failed, exports.result
+        assert exports.result.split("\n") == [f"Written: {tmp_path / 'out'}", *notes], "each of its own export"
+
+
+def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
+    exports = Exports()
+    exports.start(request("ply", tmp_path / "nothing", tmp_path / "out"))
+    finish(exports)
+    assert exports.failed
+    assert "nothing" in exports.result
+    assert not (tmp_path / "out").exists()
+
+
+def test_views_become_a_camera_path(tmp_path: Path) -> None:
+    from studio.export import read_path_keys
+
+    exports = Exports()
+    orbit = OrbitCamera()
+    exports.path.add(orbit.camera(700, 560), 0)
+    with refuses("export.too_few_views", value=1):
+        exports.start(request("camera-path", "x", tmp_path / "out.mp4"))
+    exports.path.add(orbit.orbit(90, 0).camera(700, 560), 9)
+    path = exports._write_path(tmp_path, exports._keys(request("camera-path", "x", tmp_path / "out.mp4")))
+    assert json.loads(path.read_text())["format"] == "v3studio-camera-path"
+    keys = read_path_keys(path, 10.0)
+    assert [(key.time, key.frame) for key in keys] == [(0.0, 0.0), (2.0, 9.0)]
+    assert (keys[0].camera.width, keys[0].camera.height) == (1280, 720)
+
+
+@pytest.mark.parametrize("of", ["decoded", "trained"])
+def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
+    of: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames 2 to 7 of the take, in a world that is ten times as large."""
+    from studio.export import read_path_keys
+
+    take = Take.create(tmp_path / "take")
+    world = World(up=(0, 0, 1), origin=(0, 0.5, 0), scale=10)
+    if of == "decoded":
+        bake_numbered(take.stream, (6,), 25)
+        set_capture(take.stream, CapturePlace(2, world.similarity))
+    else:
+        splats = converted_splats(0)
+        for frame in range(9):
+            write_frame(take.trained_frame(0, frame), splats, FrameMetadata())
+        change_edits(take.edits, EditList(trim=Trim(first=2, last=7), world=world), "trim")
+    exports, chosen = Exports(), request("camera-path", take.root, tmp_path / "out.mp4")
+    chosen.of = of
+    views = [OrbitCamera().orbit(turn, 0).camera(1280, 720) for turn in (0, 60, 90)]
+    exports.path.add(views[0], 2)
+    exports.path.add(views[1], 7)
+    started: list[str] = []
+    monkeypatch.setattr(exports, "_run", lambda request, arguments, scratch: started.extend(arguments))
+    exports.start(chosen)
+    keys = read_path_keys(Path(started[started.index("--path") + 1]), 10.0)
+    assert [key.frame for key in keys] == [0, 5]
+    points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
+    for key, view in zip(keys, views, strict=False):
+        there = key.camera.project(world.similarity.points(points))[0]
+        assert there == pytest.approx(view.project(points)[0], abs=1e-6)
+    exports.path.add(views[2], 1)
+    exports.path.add(views[2], 8)
+    with refuses("export.frames_left_out", value=[1, 8], expected=[2, 7]) as error:
+        exports.start(chosen)
+    assert "view 3 (frame 1), view 4 (frame 8)" in str(error.value)
+
+
+def test_a_view_keeps_its_height_in_another_shape() -> None:
+    camera = OrbitCamera(target=np.array([0.2, 0.1, 0.3]), yaw=0.4, pitch=0.2).camera(700, 560)
+    wide = fitted(camera, 1280, 720)
+    points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
+    before, after = camera.project(points)[0], wide.project(points)[0]
+    assert after[:, 1] == pytest.approx(before[:, 1] * 720 / 560)
+    assert after[:, 0] - 640 == pytest.approx((before[:, 0] - 350) * 720 / 560)
+
+
+def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
+    found = ExportRequest("turntable", "/takes/walk", "walk", tmp_path, "decoded")
+    assert found.target == str(tmp_path / "walk-decoded-turntable.mp4")
+    found.of, found.seconds, found.size, found.background = "trained", "2.5", "640x360", "white"
+    assert found.target == str(tmp_path / "walk-trained-turntable.mp4"), "named after the source"
+    arguments = [word for word in found.arguments() if word != "--json"]
+    options = dict(zip(arguments[1::2], arguments[2::2], strict=False))
+    assert options["--out"] == found.target
+    assert options["--of"] == "trained"
+    assert (options["--seconds"], options["--size"], options["--background"]) == ("2.5", "640x360", "1,1,1")
+    found.background = "as captured"
+    assert "--background" not in found.arguments()
+    found.set_target(str(tmp_path / "mine.mp4"))
+    found.of = "decoded"
+    assert found.target == str(tmp_path / "mine.mp4"), "a typed name is kept"
+    found.move_to(tmp_path / "deep")
+    assert found.path == tmp_path / "deep" / "mine.mp4"
+    for seconds in ("", "0", "-1", "long", "nan"):
+        found.seconds = seconds
+        with refuses("export.bad_seconds", value=seconds):
+            found.arguments()
+
+
+def test_a_turntable_has_the_length_and_size_that_were_chosen(stream_folder: Path, tmp_path: Path) -> None:
+    import av
+
+    exports = Exports()
+    chosen = request("turntable", stream_folder, tmp_path / "turn.mp4")
+    chosen.seconds, chosen.size, chosen.background = "0.5", "640x360", "white"
+    exports.start(chosen)
+    finish(exports)
+    assert not exports.failed, exports.result
+    with av.open(str(tmp_path / "turn.mp4")) as movie:
+        frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+    assert len(frames) == 6  # half a second at 12 fps
+    assert frames[0].shape == (360, 640, 3)
+    assert frames[0][:20, :20].min() > 240

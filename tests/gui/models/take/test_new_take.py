@@ -1,0 +1,98 @@
+"""What the dialog of a new take says about the footage."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gui.models.take import new_take
+from gui.models.take.new_take import NewTake
+from pipelines.config import load_config
+from pipelines.config.presets import preset_of
+from studio.capture import open_footage
+from tests.support.errors import refuses
+
+
+def test_the_camera_file_may_be_beside_the_footage(tmp_path: Path) -> None:
+    """HiFi4G: transforms.json one level above the folder of the images."""
+    pose = np.diag([1.0, -1, -1, 1]).tolist()
+    common = {"transform_matrix": pose, "w": 32, "h": 24, "fl_x": 30, "fl_y": 30, "cx": 16, "cy": 12}
+    frames = [{"file_path": f"images/{name}.png", **common} for name in ("0", "1")]
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": frames}))
+    (tmp_path / "example").mkdir()
+    for name in ("0", "1"):
+        Image.new("RGB", (32, 24)).save(tmp_path / "example" / f"{name}.png")
+    assert "Camera file: ../transforms.json." in NewTake(str(tmp_path / "example")).found().words
+    assert "Camera file: transforms.json." in NewTake(str(tmp_path)).found().words
+
+
+def images(folder: Path) -> Path:
+    for camera in ("a", "b"):
+        (folder / camera).mkdir(parents=True)
+        for frame in range(3):
+            Image.new("RGB", (32, 24)).save(folder / camera / f"{frame:04d}.png")
+    return folder
+
+
+def test_the_frame_rate_of_images_is_typed(tmp_path: Path) -> None:
+    new = NewTake(str(images(tmp_path / "shots")), take=str(tmp_path / "take"))
+    assert new.found().fps is None
+    new.fps = " 23.976 "
+    assert new.found().fps is None, "it stays to be typed"
+    assert load_config(new.create() / "config.yaml").capture.fps == 23.976
+    assert new.config().capture.root == tmp_path / "shots"
+
+
+@pytest.mark.parametrize("typed", ["fast", "0", "-25", "nan", "inf", "10000", "25 fps"])
+def test_a_frame_rate_that_makes_no_sense_is_refused_in_a_sentence(typed: str, tmp_path: Path) -> None:
+    new = NewTake(str(images(tmp_path / "shots")), take=str(tmp_path / "take"), fps=typed)
+    words = new.found().words
+    assert typed in words
+    assert "not a frame rate" in words
+    assert "such as 25" in words
+    with refuses("take.bad_rate"):
+        new.create()
+    assert not (tmp_path / "take").exists()
+    assert new.proposed_take().endswith("shots-take"), "other fields are not touched"
+
+
+def test_the_frame_rate_of_videos_and_of_settings_is_shown(footage_project: Path, tmp_path: Path) -> None:
+    assert NewTake(str(write_video(tmp_path / "videos"))).found().fps == pytest.approx(24)
+    settings = tmp_path / "rate.yaml"
+    settings.write_text("capture:\n  fps: 50\n")
+    assert NewTake(str(images(tmp_path / "shots")), str(settings)).found().fps == 50
+    new = NewTake(str(tmp_path / "videos"), str(settings))
+    capture = new.config().capture
+    assert new.found().fps == open_footage(capture, None, strict=False).fps == 50, "settings come before the files"
+
+
+def write_video(folder: Path) -> Path:
+    import av
+
+    folder.mkdir()
+    for camera in ("a", "b"):
+        with av.open(str(folder / f"{camera}.mp4"), "w") as file:
+            stream = file.add_stream("libx264", rate=24)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+            for _ in range(4):
+                file.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")))
+            file.mux(stream.encode())
+    return folder
+
+
+@pytest.mark.parametrize("gpu", [False, True])
+def test_without_a_gpu_a_take_does_not_begin_with_the_papers_schedule(
+    gpu: bool, footage_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(new_take, "has_gpu", lambda: gpu)
+    new = NewTake(str(footage_project / "capture"), take=str(tmp_path / "take"))
+    assert ("the preset is standard" in new.found().words) is not gpu
+    config = load_config(new.create() / "config.yaml")
+    assert preset_of(config) == ("final" if gpu else "standard")
+    assert config.train.keyframe_iterations == (12_000 if gpu else 2400)
+    new.settings = str(footage_project / "ball.yaml")
+    assert new.config().train == load_config(footage_project / "ball.yaml").train  # what was chosen stays

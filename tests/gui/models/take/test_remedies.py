@@ -1,0 +1,213 @@
+"""Warnings lead to the setting that fixes them, and all of these settings exist."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.drawing.canvas import text_width
+from gui.drawing.palette import RAISED
+from gui.models.take.log import LogLine, LogView, grouped, log_rows
+from gui.models.take.remedies import NO_SETTING, REMEDIES, Fix, fix_of
+from gui.models.take.run_state import RunState
+from gui.models.take.settings import SECTIONS, fields_of, stage_of
+from gui.pages.start.cards import date_words
+from gui.widgets.stage_help import HELP
+from pipelines.config import Config
+from pipelines.config.loading import load_config
+from pipelines.events import StageFailed, Warned
+
+ROOT = Path(__file__).parents[4]
+SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}
+OF_THE_FOOTAGE = {"footage.camera_ends_early", "footage.frames_missing", "matte.empty", "matte.full"}
+"""Problems that stop a stage, and that Capture lists; not warnings."""
+OTHERS = {
+    "bakes.evaluation_not_noted",
+    "edits.no_take",
+    "hull.warning",
+    "matte.no_source",
+    "playback.failed",
+    "program.bug",
+    "run.cancelled",
+    "settings.invalid",
+    "settings.no_take",
+    "settings.run_active",
+    "settings.unknown",
+    "sync.offset",
+    "sync.unknown",
+}
+"""Messages of commands, of errors and of the window: no warnings of stages."""
+
+
+def sources() -> Iterator[ast.AST]:
+    for package in ("studio", "pipelines", "gui"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            yield ast.parse(path.read_text(encoding="utf-8"))
+
+
+def text_of(node: ast.AST | None) -> str:
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+
+
+def test_every_warning_has_a_remedy_or_none_is_possible() -> None:
+    codes = {
+        text_of(node.args[0])
+        for tree in sources()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "Message" and node.args
+    } - {""}
+    assert "training.slow" in codes
+    assert codes - OTHERS - OF_THE_FOOTAGE == set(REMEDIES) | NO_SETTING
+    assert not set(REMEDIES) & NO_SETTING
+
+
+def test_every_setting_that_a_message_names_exists() -> None:
+    named = {remedy.setting for remedy in REMEDIES.values()}
+    named |= {setting for one in HELP.values() for setting in one.settings}
+    for tree in sources():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call):
+                named |= {text_of(word.value) for word in node.keywords if word.arg == "setting"}
+            elif isinstance(node, ast.Dict):
+                named |= {
+                    text_of(value)
+                    for key, value in zip(node.keys, node.values, strict=True)
+                    if text_of(key) == "setting"
+                }
+    named = {name for name in named if "." in name}
+    assert len(named) > 20
+    blocks = {name.rsplit(".", 1)[0] for name in SETTINGS if name.count(".") > 1}
+    assert "calibrate.board" in blocks
+    assert named <= SETTINGS | blocks, named - SETTINGS
+    assert all(stage_of(name) for name in named), "so that the window can show them"
+    assert stage_of("capture") == "capture"
+    assert stage_of("") == ""
+
+
+@pytest.mark.parametrize(
+    ("code", "fields", "setting", "value"),
+    [
+        ("training.slow", {"suggested": 0.42}, "capture.scale", 0.42),
+        ("footage.few_frames", {"frames": 7}, "calibrate.frames", 7),
+        ("bake.no_sound_in_version_2", {}, "bake.stream_version", 3),
+        ("coverage.gaps", {}, "bake.view_range", "none"),
+    ],
+)
+def test_the_value_of_a_warning_is_valid(
+    code: str, fields: dict[str, object], setting: str, value: object, footage_project: Path
+) -> None:
+    config = load_config(footage_project / "ball.yaml", [("calibrate.frames", 9), ("bake.stream_version", 2)])
+    warning = Warned(message="m", code=code, fields=fields)
+    fix = fix_of(warning, config)
+    assert fix == Fix(setting, value, sets=True)
+    changed = load_config(footage_project / "ball.yaml", [(setting, value)])
+    again = fix_of(warning, changed)
+    assert again is not None
+    assert again.done
+    assert again.words == f"{setting} is {value} now"
+
+
+def test_without_a_known_value_the_setting_is_shown(footage_project: Path) -> None:
+    config: Config = load_config(footage_project / "ball.yaml")
+    assert fix_of(Warned(message="m", code="hull.outlier_mask"), config) == Fix("capture.mask_sensitivity")
+    assert fix_of(Warned(message="m", code="training.slow"), config) == Fix("capture.scale"), "of an earlier version"
+    failed = StageFailed(stage="train", message="m", code="x.y", fields={"setting": "train.max_splats"})
+    assert fix_of(failed, config) == Fix("train.max_splats")
+    assert fix_of(StageFailed(stage="train", message="m", fields={"setting": "gone.setting"}), config) is None
+    assert fix_of(Warned(message="m", code="training.not_visible"), config) is None
+    assert fix_of(Warned(message="m", code="hull.outlier_mask"), None) is None, "a stream has no settings"
+
+
+def test_the_log_has_a_button_below_the_warning_and_a_click_finds_it() -> None:
+    run = RunState()
+    run.apply(Warned(stage="train", message="too large", code="training.slow", time=1.0))
+    assert [notice is not None for notice in run.notices] == [True]
+    fix = Fix("capture.scale", 0.5, sets=True)
+    rows = log_rows([*run.lines, ("", "next")], 400, 16.0, run.times, [fix])
+    assert [row.kind for row in rows] == ["warning", "fix", ""]
+    assert rows[1].text == "Set capture.scale to 0.5"
+    view = LogView(rows, 400, 200, 16.0)
+    across, down = view.places["Set capture.scale to 0.5"]
+    assert view.fix_at(400 * across, 200 * down) == fix
+    assert view.fix_at(2, 200 * down) is None
+    assert view.fix_at(400 * across, 200 * down + 20) is None
+    column = view.picture()[:, int(400 * across)]
+    assert (column[int(200 * down) - 8] == RAISED).all() or np.any(column != column[0]), "drawn where it is clicked"
+
+
+def test_the_heading_has_a_switch_to_warnings_only_where_there_are_some() -> None:
+    rows = log_rows([("warning", "m"), ("", "a line")], 400, 16.0)
+    assert LogView(rows, 400, 200, 16.0).filter is None, "no warnings"
+    view = LogView(rows, 400, 200, 16.0, warnings=3)
+    across, down = view.places["warnings only (3)"]
+    assert view.on_filter(400 * across, 200 * down)
+    assert not view.on_filter(2, 200 * down), "the title, which enlarges the log"
+    assert not view.on_filter(390, 200 * down)
+    assert not view.on_filter(400 * across, view.top + 1), "the first line"
+    plain = LogView(rows, 400, 200, 16.0).picture()
+    changed = np.argwhere((view.picture() != plain).any(axis=2))
+    (top, left), (bottom, right) = changed.min(axis=0), changed.max(axis=0)
+    assert left < 400 * across < right
+    assert top < 200 * down < bottom < view.top
+    again = LogView([], 400, 200, 16.0, only_warnings=True)
+    assert "all lines" in again.places, "also after the last warning is gone"
+    assert LogView(rows, 150, 200, 16.0, warnings=3).filter is None, "it would cover other words"
+
+
+@pytest.mark.parametrize("told", [1e30, -1e30, float("inf"), float("nan"), 0.0])
+def test_what_is_no_time_has_no_clock(told: float) -> None:
+    """Runs are read from files, which may be damaged."""
+    (row,) = log_rows([("", "a line")], 400, 16.0, [told])
+    assert (row.text, row.clock) == ("a line", "")
+    assert date_words(told if told else None) == ""
+
+
+def told_of(run: RunState) -> list[LogLine]:
+    """The log of a run as the window shows it."""
+    lines = zip(run.lines, run.times, run.notices, strict=True)
+    return grouped(LogLine(*line, told, notice) for line, told, notice in lines)
+
+
+def test_the_same_warning_about_several_cameras_is_one_line() -> None:
+    run = RunState()
+    for code, text, camera, group in (
+        ("matte.weak", "Camera '{}': weak screen", "a", 0),
+        ("matte.weak", "Camera '{}': weak screen", "b", 0),
+        ("matte.weak", "Camera '{}': weak screen", "a", 1),
+        ("matte.dark", "Camera '{}': dark screen", "a", 1),
+        ("", "a line", "", 1),
+        ("", "a line", "", 1),
+    ):
+        run.apply(Warned(message=text.format(camera), code=code, fields={"camera": camera, "group": group}))
+    told = told_of(run)
+    assert [line.text for line in told] == [
+        "Camera 'a': weak screen (in 2 cameras: a, b)", "Camera 'a': weak screen", "Camera 'a': dark screen", "a line",
+        "a line",
+    ]  # fmt: skip
+    assert told[0].notice is run.notices[0], "it has the same remedy"
+    assert len(run.lines) == 6, "the run itself keeps all"
+
+
+@pytest.mark.parametrize("figures", [{"cam01": 12, "cam02": 55}, {"12": 12, "55": 55}])
+def test_no_figure_is_hidden_behind_that_of_another_camera(figures: dict[str, int]) -> None:
+    """Also where cameras have numbers for names, which could be taken for the figures."""
+    run = RunState()
+    texts = [f"Camera '{name}': the hull's silhouette and the mask differ by {by}%" for name, by in figures.items()]
+    for text, name in zip(texts, figures, strict=True):
+        run.apply(Warned(message=text, code="hull.mask_mismatch", fields={"camera": name}))
+    assert [line.text for line in told_of(run)] == texts
+
+
+@pytest.mark.parametrize("width", [230, 260, 400])
+def test_the_button_shows_the_whole_name_of_its_setting(width: int) -> None:
+    fix = Fix("capture.mask_sensitivity")
+    view = LogView(log_rows([("warning", "m")], width, 14.0, [1.0], [fix]), width, 120, 14.0)
+    left, wide = view._button(view.rows[1])
+    assert left >= 0
+    assert wide >= text_width(fix.words, round(0.82 * 14.0)) + 14.0
+    assert left + wide <= width
+    assert view.fix_at(left + 1, view.places[fix.words][1] * 120) == fix

@@ -1,0 +1,229 @@
+"""Shares from the window: what was chosen becomes the command line; serving starts, tells its address and ends."""
+
+from __future__ import annotations
+
+import hashlib
+import ssl
+import urllib.error
+import urllib.parse
+import urllib.request
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from open3d.visualization import gui
+
+from gui.actions.shares import ShareActions
+from gui.models.preferences import SHARES, Preferences
+from gui.models.stage_rows import Assessment
+from gui.models.take.exports import Exports
+from gui.models.take.serving import Serving
+from gui.models.take.shares import ShareRequest, share_words, stale_words
+from gui.models.take.workspace import Workspace
+from gui.widgets.dialogs.share import stale_parts
+from pipelines.reports.summary_words import size_words
+from pipelines.runs.staleness import StageStatus
+from pipelines.share import ShareSize, share_size
+from pipelines.takes.edits import change_edits
+from pipelines.takes.take import Take
+from studio.edits import EditList, Trim
+from tests.support.errors import refuses
+from tests.support.waiting import wait_until
+
+
+def finish(exports: Exports) -> None:
+    wait_until("ended", lambda: exports.poll() and not exports.running, 180.0)
+
+
+def test_a_folder_is_written_and_its_size_told(stream_folder: Path, tmp_path: Path) -> None:
+    exports = Exports()
+    request = ShareRequest("folder", str(stream_folder), "walk", tmp_path, title="-One", credits=" ", license="CC BY")
+    exports.share(request)
+    with refuses("export.running"):
+        exports.share(request)
+    finish(exports)
+    assert not exports.failed, exports.result
+    assert exports.request is request
+    assert request.stays
+    assert exports.result.startswith("Shared: ")
+    files = [path for path in (tmp_path / "walk-share").rglob("*") if path.is_file()]
+    assert f"{size_words(sum(path.stat().st_size for path in files))} in {len(files)} files" in exports.result
+    page = (tmp_path / "walk-share" / "index.html").read_text()
+    assert "<title>-One</title>" in page
+    assert 'data-license="CC BY"' in page
+    assert "data-credits" not in page
+
+
+def test_what_is_refused_is_a_sentence(stream_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "walk.html").write_text("mine")
+    exports = Exports()
+    exports.share(ShareRequest("single-file", str(stream_folder), "walk", tmp_path))
+    finish(exports)
+    assert exports.failed
+    assert exports.result.startswith("Share failed:")
+    assert str(tmp_path / "walk.html") in exports.result
+
+
+def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
+    found = ShareRequest("single-file", "/takes/walk", "walk", tmp_path)
+    assert found.arguments() == ["/takes/walk", "--out", str(tmp_path / "walk.html"), "--json", "--single-file"]
+    found.address = "https://example.org/"
+    assert found.arguments()[-1] == "--address=https://example.org/"
+    found.set_target(str(tmp_path / "mine.html"))
+    found.move_to(tmp_path / "deep")
+    assert found.path == tmp_path / "deep" / "mine.html"
+
+
+def test_sizes_as_sentences(stream_folder: Path) -> None:
+    size = share_size(str(stream_folder))
+    assert size_words(size.stream_bytes) in share_words(size, "folder")
+    assert "12 frames, 1.0 s" in share_words(size, "folder")
+    assert size_words(size.single_file_bytes) in share_words(size, "single-file")
+    long = ShareSize(90_000_000, 300_000, 120_300_000, False, 900, 30.0)
+    assert "share a folder" in share_words(long, "single-file")
+
+
+def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
+    serving = Serving()
+    assert not serving.poll()
+    serving.start(str(stream_folder), https=True)
+    wait_until("address", lambda: serving.poll() and bool(serving.address), 180.0)
+    assert serving.words.endswith(serving.address)
+    place = urllib.parse.urlsplit(serving.address)
+    assert place.port is not None
+    der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", place.port)))
+    assert serving.fingerprint.replace(":", "").lower() == hashlib.sha256(der).hexdigest()
+    serving.stop()
+    assert (serving.running, serving.address, serving.fingerprint) == (False, "", "")
+
+    def gone() -> bool:
+        try:
+            urllib.request.urlopen(f"http://127.0.0.1:{place.port}/", timeout=5)
+        except urllib.error.URLError as error:
+            return isinstance(error.reason, ConnectionRefusedError)
+        except OSError:
+            pass  # it is ending
+        return False
+
+    wait_until("the server is gone", gone, 60.0)
+
+
+def test_a_server_that_cannot_start_says_why(tmp_path: Path) -> None:
+    serving = Serving()
+    serving.start(str(tmp_path / "none"), https=False)
+    wait_until("ended", lambda: serving.poll() and not serving.running, 180.0)
+    assert str(tmp_path / "none") in serving.failure
+    assert serving.address == ""
+
+
+def test_the_next_share_begins_with_what_was_chosen(tmp_path: Path) -> None:
+    config = tmp_path / "window.json"
+    preferences = Preferences()
+    first = ShareRequest("folder", "/takes/walk", "walk", tmp_path, title="One", license="CC BY")
+    first.set_target(str(tmp_path / "page"))
+    preferences.shared(first.form, first.source, first.kept())
+    assert preferences.save(config)
+    again = ShareRequest("folder", "/takes/walk", "walk", tmp_path)
+    again.begin_with(Preferences.read(config).last_share("folder", "/takes/walk"))
+    assert (again.title, again.license, again.path) == ("One", "CC BY", tmp_path / "page")
+    assert not again.replaces
+    (tmp_path / "page").mkdir()
+    assert again.replaces
+    other = ShareRequest("single-file", "/takes/walk", "walk", tmp_path)
+    other.begin_with(preferences.last_share("single-file", "/takes/walk"))
+    assert (other.title, other.path) == ("", tmp_path / "walk.html")
+
+
+def test_only_the_newest_shares_are_kept() -> None:
+    preferences = Preferences()
+    for number in range(SHARES + 5):
+        preferences.shared("folder", f"/takes/{number}", {"title": str(number)})
+    preferences.shared("folder", "/takes/7", {"title": "again"})
+    assert len(preferences.shares) == SHARES
+    assert preferences.last_share("folder", "/takes/4") == {}
+    assert preferences.last_share("folder", "/takes/7") == {"title": "again"}
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        (None, ""),
+        (StageStatus("bake", "done"), ""),
+        (StageStatus("bake", "stale", "bake.qp changed from 22 to 30"), "out of date: bake.qp changed from 22 to 30."),
+        (StageStatus("bake", "stale", "train must run first"), "out of date: train must run first."),
+    ],
+)
+def test_a_stream_that_is_out_of_date_is_told(status: StageStatus | None, said: str) -> None:
+    words = stale_words(status)
+    assert said in words
+    assert bool(words) == bool(said)
+    assert not words or "run Bake first" in words
+
+
+def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Path) -> None:
+    def told() -> str:
+        return stale_words(workspace.assessment.stages.get("bake"), workspace.checked, workspace.unreadable)
+
+    def checked() -> bool:
+        workspace.poll()
+        return workspace.checked
+
+    workspace = Workspace()
+    try:
+        workspace.open(Take.open(take_copy))
+        assert "Checking" in told()
+        wait_until("the check", checked)
+        assert told() == ""
+        config, take = workspace.config, workspace.take
+        assert config is not None
+        assert take is not None
+        assert workspace.change_setting("bake.qp", config.bake.qp + 8) is None
+        assert "Checking" in told(), "what was found before the change does not count"
+        wait_until("the check", checked)
+        assert "out of date: bake.qp changed" in told()
+        change_edits(take.edits, EditList(trim=Trim(first=1, last=2)), "trim")
+        workspace.inputs_changed()
+        assert "Checking" in told()
+        wait_until("the check", checked)
+        (take_copy / "config.yaml").write_text("train: [")
+        wait_until("the damaged file", lambda: workspace.poll() and workspace.unreadable)
+        assert "cannot be read" in told()
+    finally:
+        assert workspace.close()
+
+
+def test_the_dialog_tells_what_is_found_while_it_is_open() -> None:
+    found = SimpleNamespace(take=object(), assessment=Assessment(), checked=False, unreadable=False)
+    dialogs: Any = SimpleNamespace(widgets={"stale": gui.Label("")})
+    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving())
+    actions = ShareActions(window)
+    assert actions.poll()
+    assert "Checking" in dialogs.widgets["stale"].text
+    assert not actions.poll()
+    lines = dialogs.widgets["stale"].text.count("\n")
+    found.checked, found.assessment = True, Assessment({"bake": StageStatus("bake", "stale", "bake.qp changed")})
+    assert actions.poll()
+    assert "out of date: bake.qp changed." in dialogs.widgets["stale"].text
+    found.assessment = Assessment({"bake": StageStatus("bake", "done")})
+    assert actions.poll()
+    assert "The stream is up to date." in dialogs.widgets["stale"].text
+    assert dialogs.widgets["stale"].text.count("\n") == lines, "the dialog does not resize"
+    found.take = None
+    dialogs.widgets = {}
+    assert not actions.poll()
+
+
+def test_a_dialog_opened_while_all_is_up_to_date_tells_a_later_change() -> None:
+    done, stale = (Assessment({"bake": StageStatus("bake", *how)}) for how in (("done",), ("stale", "bake.qp changed")))
+    found = SimpleNamespace(take=object(), assessment=done, checked=True, unreadable=False)
+    dialogs: Any = SimpleNamespace(widgets={})
+    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving())
+    actions = ShareActions(window)
+    (label,) = stale_parts(dialogs, actions.stale)
+    assert "The stream is up to date." in label.text
+    found.assessment = stale
+    assert actions.poll()
+    assert "out of date: bake.qp changed." in label.text
+    found.take = None
+    assert not stale_parts(dialogs, actions.stale), "a stream of no take is never out of date"

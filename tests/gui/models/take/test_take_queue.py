@@ -1,0 +1,121 @@
+"""The queue as the window shows and changes it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gui.models.take.take_queue import LOOK_EVERY, QueueRow, TakeQueue, look
+from pipelines.batch.queue_file import QueueFile
+from pipelines.batch.start import errors_of
+from pipelines.events import Progress, RunStarted, StageStarted
+from pipelines.runs.runner import Logged
+from pipelines.takes.take import Take
+from tests.support.waiting import wait_until
+
+
+class Clock:
+    """Seconds that pass when told."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        self.now += 2 * LOOK_EVERY
+        return self.now
+
+
+def failing(queue: QueueFile) -> subprocess.Popen[bytes]:
+    errors_of(queue).write_text("a warning\nerror: the disk is full\n")
+    return subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
+
+
+@pytest.fixture
+def shown(tmp_path: Path) -> Iterator[TakeQueue]:
+    found = TakeQueue(QueueFile(tmp_path / "queue.json"), failing, Clock())
+    yield found
+    found.close()
+
+
+def read(shown: TakeQueue, rows: list[tuple[str, str]]) -> None:
+    """Wait until the list shows these names and states."""
+
+    def found() -> bool:
+        shown.poll()
+        return [(row.take.name, row.state) for row in shown.view.rows] == rows
+
+    wait_until(f"{rows}", found)
+
+
+def test_takes_are_added_moved_removed_and_retried(shown: TakeQueue, finished: Path, tmp_path: Path) -> None:
+    for name in "abc":
+        shutil.copytree(finished / "take", tmp_path / name, ignore=shutil.ignore_patterns("train", "stream"))
+        shown.add(tmp_path / name)
+        assert shown.message == ""
+    read(shown, [("a", "waiting"), ("b", "waiting"), ("c", "waiting")])
+    assert shown.words == "Not running: 3 waiting, 0 done, 0 failed."
+    shown.move(3, -1)
+    read(shown, [("a", "waiting"), ("c", "waiting"), ("b", "waiting")])
+    shown.move(1, 1)
+    read(shown, [("c", "waiting"), ("a", "waiting"), ("b", "waiting")])
+    shown.move(3, -1)
+    shown.remove(2)
+    read(shown, [("c", "waiting"), ("a", "waiting")])
+    QueueFile(tmp_path / "queue.json").replace(3, state="failed", message="no footage")
+    read(shown, [("c", "failed"), ("a", "waiting")])
+    assert str(shown.view.rows[0]).startswith("3   c   failed: no footage")
+    shown.retry(3)
+    read(shown, [("a", "waiting"), ("c", "waiting")])
+
+
+def test_what_is_refused_is_said(shown: TakeQueue, tmp_path: Path) -> None:
+    shown.add(tmp_path)
+    assert "not a take" in shown.message
+    shown.remove(7)
+    assert "no take with number 7" in shown.message
+    shown.stop()
+    assert "is not running" in shown.message
+    shown.start()
+    assert shown.running
+    wait_until("the end", lambda: shown.poll() and not shown.running)
+    assert shown.message == "the disk is full"
+    (tmp_path / "queue.json").write_text("[")
+    wait_until("the error", lambda: shown.poll() and shown.view.error != "")
+    assert "queue.json" in shown.words
+
+
+def test_a_program_that_was_killed_is_said(tmp_path: Path) -> None:
+    def ended_by(number: int) -> str:
+        words = f"import os; os.kill(os.getpid(), {number})"
+        queue = QueueFile(tmp_path / "queue.json")
+        shown = TakeQueue(queue, lambda _: subprocess.Popen([sys.executable, "-S", "-c", words]), Clock())
+        shown.start()
+        wait_until("the end", lambda: shown.poll() and not shown.running)
+        shown.close()
+        return shown.message
+
+    assert "SIGKILL, as by the system when memory runs out" in ended_by(signal.SIGKILL)
+    assert ended_by(signal.SIGTERM) == "", "as it is stopped"
+
+
+def test_the_progress_of_the_take_that_runs(tmp_path: Path) -> None:
+    queue = QueueFile(tmp_path / "queue.json")
+    take = Take.create(tmp_path / "walk")
+    queue.add(take.root, None, ())
+    with queue.running():
+        queue.replace(1, state="running")
+        assert look(queue).rows == (QueueRow(1, take.root, "running", "starting"),)
+        with take.locked("v3studio run"):
+            log = Logged(lambda event: None, take)
+            log(RunStarted(take="", stages=("train",), done=(), pid=os.getpid(), version=""))
+            log(StageStarted(stage="train", reason="never run"))
+            log(Progress(stage="train", fraction=0.43, total_seconds_left=725.0))
+            found = look(queue)
+    assert (found.is_run, found.rows[0].words) == (True, "train 43%, 12 min 05 s left")
+    assert look(queue).rows[0].words == "interrupted"

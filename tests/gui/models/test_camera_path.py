@@ -1,0 +1,130 @@
+"""The editor of the camera path: its views are moved, timed, undone and kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.models.camera_path import PathEditor
+from gui.models.history import History
+from gui.models.playback.thumbnails import Thumbnails
+from gui.models.scene.orbit import OrbitCamera
+from gui.widgets.path_list import PathList
+from studio.export import read_path_keys
+from tests.support.errors import refuses
+from tests.support.waiting import wait_until
+
+ORBIT = OrbitCamera(target=np.array([0.0, 0.0, 0.9]))
+
+
+def with_views(count: int, file: Path | None = None) -> tuple[PathEditor, History]:
+    editor, history = PathEditor(), History()
+    editor.open(file, history)
+    for number in range(count):
+        editor.add(ORBIT.orbit(40.0 * number, 0).camera(640, 360), number)
+        editor.selected = None
+    return editor, history
+
+
+def frames(editor: PathEditor) -> list[int]:
+    return [key.frame for key in editor.keys]
+
+
+def times(editor: PathEditor) -> list[float]:
+    return [key.time for key in editor.keys]
+
+
+def test_views_are_ordered_and_timed(tmp_path: Path) -> None:
+    editor, history = with_views(3, tmp_path / "camera_path.json")
+    assert (frames(editor), times(editor)) == ([0, 1, 2], [0, 2, 4])
+    editor.move(2, -1)
+    assert (frames(editor), times(editor), editor.selected) == ([0, 2, 1], [0, 2, 4], 1)
+    editor.add(ORBIT.camera(640, 360), 7)  # after the selected one
+    assert (frames(editor), times(editor)) == ([0, 2, 7, 1], [0, 2, 3, 4])
+    editor.set_time(1, 0.5)
+    assert times(editor) == [0, 0.5, 1.5, 2.5], "later ones move with it"
+    for index, seconds in ((0, 1.0), (2, 0.5), (1, -1.0), (1, float("nan"))):
+        with refuses("camera_path.times"):
+            editor.set_time(index, seconds)
+    editor.remove(0)
+    assert (frames(editor), times(editor)) == ([2, 7, 1], [0, 1, 2])
+    editor.next_easing(0)
+    editor.set_frame(2, 5)
+    assert [(key.frame, key.easing) for key in editor.keys] == [(2, "ease"), (7, "smooth"), (5, "smooth")]
+    kept = read_path_keys(tmp_path / "camera_path.json", 1.0)
+    assert [(key.frame, key.time, key.easing) for key in kept] == [(2, 0, "ease"), (7, 1, "smooth"), (5, 2, "smooth")]
+    again = PathEditor()
+    again.open(tmp_path / "camera_path.json", History())
+    assert (frames(again), times(again)) == (frames(editor), times(editor))
+    for _ in range(2):
+        assert history.undo().startswith("Undone")
+    assert [key.easing for key in editor.keys] == ["smooth"] * 3
+    editor.clear()
+    assert not (tmp_path / "camera_path.json").exists()
+    history.undo()
+    assert len(read_path_keys(tmp_path / "camera_path.json", 1.0)) == 3
+
+
+def test_a_damaged_path_is_left_alone(tmp_path: Path) -> None:
+    file = tmp_path / "camera_path.json"
+    file.write_text("{")
+    editor, _ = with_views(0, file)
+    assert "camera_path.json" in editor.error
+    with refuses("camera_path.damaged"):
+        editor.add(ORBIT.camera(640, 360), 0)
+    assert (file.read_text(), editor.keys) == ("{", ())
+
+
+def test_what_is_drawn_is_found_by_a_click() -> None:
+    editor, _ = with_views(3)
+    panel = PathList(270, 400, 16.0)
+    panel.draw(editor.keys, [None] * 3, 1, False)
+    found = {(key, row): panel.at(x + wide / 2, y + high / 2) for (x, y, wide, high), key, row in panel.areas}
+    whole = {place for place in found if place[0] != "row"}
+    assert {place: found[place] for place in whole} == {place: place for place in whole}
+    assert {("up", 1), ("remove", 1), ("time", 2), ("easing", 0), ("preview", -1)} <= whole
+    assert not {("time", 0), ("easing", 2), ("remove", 0)} & whole
+    assert panel.most_down(3) == 0
+    assert panel.most_down(30) > 500
+
+
+def test_thumbnails_are_of_their_view(stream_folder: Path) -> None:
+    thumbnails = Thumbnails()
+    views = [ORBIT.camera(640, 360), ORBIT.orbit(450, 0).camera(640, 360)]
+
+    def picture(number: int) -> np.ndarray | None:
+        return thumbnails.get(stream_folder, (), views[number], 3, (64, 36))
+
+    pictures = []
+    for number in range(2):
+        assert picture(number) is None
+        wait_until("a thumbnail", thumbnails.poll)
+        found = picture(number)
+        assert found is not None
+        pictures.append(found.astype(float))
+    assert pictures[0].shape == (36, 64, 3)
+    assert np.abs(pictures[0] - pictures[1]).mean() > 1, "from the other side it has other colors"
+    assert thumbnails.close()
+
+
+@pytest.mark.parametrize("easing", ["ease", "hold", "linear"])
+def test_the_movie_eases_as_chosen(easing: str) -> None:
+    editor, _ = with_views(3)
+    while editor.keys[0].easing != easing:
+        editor.next_easing(0)
+    path = editor.path(640, 360)
+    start, end = (editor.keys[number].camera.center for number in (0, 1))
+    if easing == "linear":
+        assert path.camera(0.5).center == pytest.approx(0.75 * start + 0.25 * end)
+    elif easing == "hold":
+        assert path.camera(1.99).center == pytest.approx(start)
+    else:
+        first, middle = (np.linalg.norm(path.camera(at + 0.1).center - path.camera(at).center) for at in (0.0, 1.0))
+        assert first < 0.2 * middle
+    assert path.camera(2.0).center == pytest.approx(end)
+    assert path.camera(4.0).center == pytest.approx(editor.keys[2].camera.center)
+    smooth = with_views(3)[0].path(640, 360)
+    assert path.camera(3.0).center == pytest.approx(smooth.camera(3.0).center), "other segments stay"
+    assert path.frame(1.0) == smooth.frame(1.0)

@@ -1,0 +1,109 @@
+"""Notices: passing ones go by themselves, failures stay until they are dismissed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gui.models.notices import MOST_FAILURES, SHOWN_SECONDS, Notices
+
+
+class Clock:
+    """Seconds that pass when told."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def notices(clock: Clock) -> Notices:
+    return Notices(clock)
+
+
+def test_a_passing_notice_is_shown_for_a_while(notices: Notices, clock: Clock) -> None:
+    assert (notices.text, notices.line, notices.card) == ("", "", None)
+    notices.tell("Undone:\nbake.qp 30 to 22")
+    assert (notices.text, notices.line, notices.card) == ("Undone: bake.qp 30 to 22",) * 2 + (None,)
+    clock.now = SHOWN_SECONDS - 1
+    assert notices.line
+    clock.now = SHOWN_SECONDS + 1
+    assert (notices.text, notices.line) == ("", "")
+
+
+def test_what_was_written_has_buttons_for_a_while(notices: Notices, clock: Clock) -> None:
+    notices.tell("Written: walk.mp4", path=Path("walk.mp4"))
+    assert notices.card is not None
+    assert (notices.card.path, notices.line, notices.text) == (Path("walk.mp4"), "", "Written: walk.mp4")
+    clock.now = SHOWN_SECONDS + 1
+    assert notices.card is None
+
+
+def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: Clock) -> None:
+    notices.tell("no such folder", bad=True)
+    notices.tell("the disk is full", bad=True)
+    clock.now = 1e6
+    assert notices.card is not None
+    assert (notices.card.text, notices.more, notices.card.bad) == ("the disk is full", 1, True)
+    notices.tell("Written: a.ply", path=Path("a.ply"))
+    assert (notices.card.text, notices.more, notices.card.bad) == ("Written: a.ply", 2, False)
+    clock.now += SHOWN_SECONDS + 1
+    assert (notices.card.text, notices.more) == ("the disk is full", 1)
+    assert notices.dismiss()
+    assert notices.text == "no such folder"
+    assert notices.dismiss()
+    assert (notices.text, notices.more, notices.dismiss()) == ("", 0, False)
+
+
+def test_a_remark_does_not_hide_a_failure(notices: Notices) -> None:
+    notices.tell("the disk is full", bad=True)
+    notices.tell("Nothing to undo.")
+    assert notices.card is not None
+    assert (notices.card.text, notices.line) == ("the disk is full", "Nothing to undo.")
+
+
+def test_what_was_written_stays_behind_remarks_and_failures(notices: Notices, clock: Clock) -> None:
+    notices.tell("Written: a.ply", path=Path("a.ply"), topic="export")
+    notices.tell("Nothing to undo.")
+    assert notices.card is not None
+    assert (notices.card.text, notices.line, notices.text) == ("Written: a.ply", *["Nothing to undo."] * 2)
+    notices.tell("the disk is full", bad=True, topic="export")
+    assert (notices.card.text, notices.more, notices.text) == ("the disk is full", 1, "the disk is full")
+    assert notices.line == "Nothing to undo.", "it is not about the export"
+    assert notices.dismiss()
+    assert (notices.card.text, notices.more) == ("Written: a.ply", 0)
+    notices.tell("the disk is full", bad=True, topic="export")
+    notices.clear("export")
+    assert (notices.card.text, notices.more) == ("Written: a.ply", 0)
+    clock.now = SHOWN_SECONDS + 1
+    assert notices.card is None
+
+
+def test_a_success_removes_what_it_is_about(notices: Notices) -> None:
+    notices.tell("no such folder", bad=True, topic="open")
+    notices.tell("the disk is full", bad=True, topic="export")
+    notices.tell("Opening walk ...", topic="open")
+    notices.clear("open")
+    assert (notices.text, notices.more) == ("the disk is full", 0)
+
+
+def test_what_is_in_progress_has_failed(notices: Notices) -> None:
+    notices.tell("Opening walk ...", topic="open")
+    notices.tell("walk: no such folder", bad=True, topic="open")
+    assert (notices.line, notices.text) == ("", "walk: no such folder")
+
+
+def test_the_same_failure_is_told_once_and_old_ones_are_dropped(notices: Notices) -> None:
+    for _ in range(3):
+        notices.tell("the disk is full", bad=True)
+    assert notices.more == 0
+    for number in range(2 * MOST_FAILURES):
+        notices.tell(f"failure {number}", bad=True)
+    assert notices.more == MOST_FAILURES - 1

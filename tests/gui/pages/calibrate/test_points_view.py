@@ -1,0 +1,259 @@
+"""Marking points by hand: the view with clicks, keys and the file, and the window with a real mouse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.drawing.palette import ACCENT, BORDER, FAIR
+from gui.models.take.workspace import Workspace
+from gui.pages.calibrate.magnifier import Magnifier
+from gui.pages.calibrate.marks import TieMarks, advice, expected
+from gui.pages.calibrate.points_view import PointsView
+from pipelines.takes.take import Take
+from studio.calibration import TiePoint, read_tie_points
+from studio.camera_files import read_rig
+from tests.support.waiting import wait_until
+
+SIZE = (900, 600)
+
+
+@pytest.fixture
+def stage_view(take_copy: Path) -> Iterator[PointsView]:
+    workspace = Workspace()
+    workspace.open(Take.open(take_copy))
+    found = PointsView(workspace)
+    yield found
+    assert found.close()
+    assert workspace.close()
+
+
+def picture(stage_view: PointsView) -> np.ndarray:
+    """The view's picture, once it shows what was requested."""
+    shown: list[np.ndarray] = []
+
+    def settled() -> bool:
+        new = stage_view.poll(SIZE)
+        shown.extend([] if new is None else [new])
+        return bool(shown) and stage_view.settled
+
+    wait_until("a picture", settled)
+    return shown[-1]
+
+
+def is_close(pixel: np.ndarray, color: tuple[int, int, int]) -> bool:
+    return bool(np.abs(pixel.astype(int) - color).max() < 60)
+
+
+def test_buttons_have_borders(stage_view: PointsView) -> None:
+    lines = (picture(stage_view)[:, :160] == BORDER).all(axis=2).sum(axis=1) > 120
+    assert lines.sum() == 2 * len(stage_view._buttons()), "one above and one below each"
+
+
+def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:
+    before = picture(stage_view)
+    stage_view.snaps = False
+    magnifier = stage_view._magnifiers[stage_view.camera]
+    stage_view.click(*magnifier.shown(30.0, 20.0))
+    assert stage_view.path is not None
+    (point,) = read_tie_points(stage_view.path)
+    assert point.pixels[stage_view.camera] == pytest.approx((30.0, 20.0), abs=0.02)
+    assert point.frame == 0
+    x, y = map(round, magnifier.shown(30.0, 20.0))
+    assert not is_close(before[y, x + 6], ACCENT)
+    after = picture(stage_view)
+    for dx, dy in ((6, 0), (-6, 0), (0, 6), (0, -6)):  # the arms of the cross; its center is open
+        assert is_close(after[y + dy, x + dx], ACCENT)
+    assert not is_close(after[y, x], ACCENT)
+    stage_view.click(*magnifier.shown(40.0, 25.0))  # the same point, moved
+    (point,) = read_tie_points(stage_view.path)
+    assert point.pixels[stage_view.camera] == pytest.approx((40.0, 25.0), abs=0.02)
+    first = stage_view.camera
+    stage_view.step_camera(1)
+    picture(stage_view)
+    stage_view.click(*stage_view._magnifiers[stage_view.camera].shown(10.0, 12.0))
+    assert stage_view.camera != first
+    assert set(read_tie_points(stage_view.path)[0].pixels) == {first, stage_view.camera}
+    stage_view.unmark()
+    assert set(read_tie_points(stage_view.path)[0].pixels) == {first}
+    stage_view.remove()
+    assert read_tie_points(stage_view.path) == ()
+
+
+def test_buttons_and_list_in_the_picture(stage_view: PointsView) -> None:
+    picture(stage_view)
+    for label, action in stage_view._buttons()[:1]:
+        assert label.startswith("New point")
+        action()
+        action()
+    assert stage_view.marks is not None
+    assert [point.name for point in stage_view.marks.points] == ["point 1", "point 2"]
+    assert stage_view.marks.chosen == 1
+    picture(stage_view)
+    step = 0.85 * stage_view.em * 1.45 + 3
+    stage_view.click(20, 1.5 * step)  # the first row
+    assert stage_view.marks.chosen == 0
+    stage_view.step_point(1)
+    stage_view.step_point(1)
+    assert stage_view.marks.chosen == 1
+    picture(stage_view)
+    stage_view.click(20, SIZE[1] - 12)  # the last button
+    assert stage_view.asks == "run"
+
+
+def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Path) -> None:
+    """The finished take's cameras are known, so a point's position in one follows from its marks in others."""
+    rig = read_rig(Take.open(take_copy).rig)
+    place = np.array([[0.05, -0.03, 0.1]]) + rig.focus
+    pixels = {camera.name: tuple(camera.project(place)[0][0].tolist()) for camera in rig}
+    names = rig.names
+    two = TiePoint("both", {name: pixels[name] for name in names[:2]})
+    found = expected(two, rig[names[2]], rig)
+    assert found is not None
+    assert found == pytest.approx(np.array([pixels[names[2]]]), abs=1e-3)
+    one = TiePoint("one", {names[0]: pixels[names[0]]})
+    line = expected(one, rig[names[2]], rig)
+    assert line is not None
+    ways = np.linalg.norm(line - np.array(pixels[names[2]]), axis=1)
+    assert ways.min() < 0.05 * rig[names[2]].width  # the line passes through the true position
+    assert expected(one, rig[names[0]], rig) is None
+    picture(stage_view)
+    assert stage_view.marks is not None
+    for name in names[:2]:
+        stage_view.marks.mark(name, *pixels[name], 0)
+    stage_view.show_camera(names[2])
+    shown = picture(stage_view)
+    x, y = stage_view._magnifiers[names[2]].shown(*pixels[names[2]])
+    radius = 0.7 * stage_view.em
+    for dx, dy in ((radius, 0), (-radius, 0), (0, radius), (0, -radius)):  # a ring at the expected position
+        assert is_close(shown[round(y + dy), round(x + dx)], FAIR)
+
+
+def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None:
+    picture(stage_view)
+    assert stage_view.marks is not None
+    assert stage_view.path is not None
+    stage_view.marks.mark(stage_view.camera, 3, 4, 0)
+    text = stage_view.path.read_text()
+    stage_view.path.write_text(text.replace("point 1", "a name from an editor"))
+    picture(stage_view)
+    assert [point.name for point in stage_view.marks.points] == ["a name from an editor"]
+    stage_view.path.write_text("points: [")
+    picture(stage_view)
+    assert "points.yaml: invalid YAML at line 1" in stage_view.status
+    stage_view.click(500, 300)
+    assert stage_view.path.read_text() == "points: ["  # it is not overwritten
+    stage_view.path.write_text(text)
+    picture(stage_view)
+    assert [point.name for point in stage_view.marks.points] == ["point 1"]
+    assert "invalid YAML" not in stage_view.status
+
+
+def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
+    settings = take_copy / "config.yaml"
+    lines = settings.read_text().splitlines()
+    settings.write_text("\n".join(f"  root: {tmp_path}/gone" if line.startswith("  root:") else line for line in lines))
+    workspace = Workspace()
+    workspace.open(Take.open(take_copy))
+    stage_view = PointsView(workspace)
+    picture(stage_view)
+    assert stage_view.names() == ()
+    assert stage_view.status == ""
+    stage_view.new_point()
+    stage_view.step_camera(1)
+    stage_view.unmark()
+    stage_view.undo()
+    stage_view.click(450, 300)
+    stage_view.wheel(1)
+    assert not (take_copy / "points.yaml").exists()
+    assert stage_view.close()
+    assert workspace.close()
+
+
+def test_names_and_places(tmp_path: Path) -> None:
+    marks = TieMarks(tmp_path / "points.yaml")
+    assert marks.describe("x") == "Select a point first."
+    marks.mark("a", 1, 2, 0)
+    assert marks.describe("mat corner; 0 0.3, 1") == ""
+    assert read_tie_points(marks.path) == (TiePoint("mat corner", {"a": (1.0, 2.0)}, (0.0, 0.3, 1.0), 0),)
+    assert "is not a position" in marks.describe("mat corner; 0 0.3")
+    assert "is not a position" in marks.describe("mat corner; 0 0.3 x")
+    assert marks.describe(" ; 1 2 3") == "A point needs a name."
+    marks.add()
+    assert "Another point is named 'mat corner'" in marks.describe("mat corner")
+    assert marks.describe("bolt") == ""
+    marks.choose(0)
+    assert marks.describe("mat corner") == ""
+    assert read_tie_points(marks.path)[0].world is None
+
+
+def test_changes_are_taken_back(tmp_path: Path) -> None:
+    marks = TieMarks(tmp_path / "points.yaml")
+    marks.mark("a", 1, 2, 0)
+    marks.mark("a", 50, 60, 0)
+    marks.undo()
+    assert read_tie_points(marks.path)[0].pixels == {"a": (1.0, 2.0)}
+    marks.add()
+    marks.mark("b", 3, 4, 0)
+    marks.choose(0)
+    marks.remove()
+    marks.undo()
+    assert [point.name for point in read_tie_points(marks.path)] == ["point 1", "point 2"]
+    assert marks.chosen == 0
+    for _ in range(5):
+        marks.undo()
+    assert read_tie_points(marks.path) == ()
+
+
+def test_what_a_click_does_is_said(tmp_path: Path) -> None:
+    marks, names = TieMarks(tmp_path / "points.yaml"), [f"cam{number}" for number in range(9)]
+    assert advice(marks, names, "cam0", 0) == ("click to add a point; fewer than 6 marks: cam0, cam1, cam2 and 6 more")
+    marks.mark("cam0", 1, 2, 7)
+    assert "click to move 'point 1' in cam0" in advice(marks, names, "cam0", 7)
+    assert "click to mark 'point 1' in cam1" in advice(marks, names, "cam1", 7)
+    assert "was marked in frame 7, but this is frame 9" in advice(marks, names, "cam1", 9)
+
+
+def test_zoom_keeps_the_place_under_the_mouse() -> None:
+    magnifier = Magnifier((1000, 500))
+    magnifier.place((100, 50, 400, 400))
+    assert magnifier.shown(0, 0) == pytest.approx((100, 150))
+    before = magnifier.pixel(220, 240)
+    magnifier.zoom(4, 220, 240)
+    assert magnifier.scale == pytest.approx(1.25**4)
+    assert magnifier.pixel(220, 240) == pytest.approx(before)
+    assert magnifier.shown(*magnifier.pixel(333, 222)) == pytest.approx((333, 222))
+    magnifier.pan(10_000, 10_000)  # not beyond the image
+    assert magnifier.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
+    magnifier.zoom(-100, 0, 0)
+    assert (magnifier.scale, magnifier.center) == (1.0, (500, 250))
+
+
+def test_points_in_the_window(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
+    window = open_window(str(take_copy))
+    window.wait_for("the take", lambda s: s["stages"]["calibrate"][0] == "done")
+    window.stage("calibrate")
+    window.click("points by hand")
+    window.wait_for("the view", lambda s: s["mode"] == ["points by hand"] and s["settled"])
+    file = take_copy / "points.yaml"
+    window.click("viewport", 0.6, 0.5)
+    wait_until("a point in the file", file.is_file)
+    (point,) = read_tie_points(file)
+    assert len(point.pixels) == 1
+    pictures = window.states()[-1]["pictures"]
+    window.key("c")
+    window.wait_for("the next camera", lambda s: s["pictures"] > pictures and s["settled"])
+    window.click("viewport", 0.6, 0.55)
+    wait_until("two marks in the file", lambda: len(read_tie_points(file)[0].pixels) == 2)
+    window.key("e")
+    window.wait_for("the dialog", lambda s: s["dialog"] == "point" and s["typing"])
+    window.retype("dialog line", "corner; 0 0 1")
+    window.key("Return")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.screenshot(artifacts / "points_by_hand.png")
+    assert read_tie_points(file)[0].name == "corner"
+    assert read_tie_points(file)[0].world == (0, 0, 1)
+    assert window.close() == 0

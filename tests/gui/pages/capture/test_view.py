@@ -1,0 +1,92 @@
+"""What Capture keeps in memory: small pictures of one take, up to a limit."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.models.take.workspace import Workspace
+from gui.pages.capture import view as capture
+from gui.pages.capture.view import CaptureView
+from pipelines.takes.take import Take
+from studio.capture.lru_cache import ByteCache
+
+SIZE = (720, 500)
+
+
+@pytest.fixture
+def workspace() -> Iterator[Workspace]:
+    found = Workspace()
+    yield found
+    assert found.close()
+
+
+def drawn(view: CaptureView, mode: str, frame: int) -> np.ndarray:
+    view.mode, view.frame, view.em = mode, frame, 16.0
+    return view.draw(SIZE, view.state())
+
+
+def kept() -> int:
+    """Bytes of images and mattes in all caches."""
+    return sum(one.used for one in gc.get_objects() if type(one) is ByteCache)
+
+
+def test_what_capture_keeps_is_bounded_and_its_pictures_stay_the_same(
+    workspace: Workspace, finished_project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gc.collect()
+    before = kept()
+    workspace.open(Take.open(finished_project / "take"))
+    usual = CaptureView(workspace)
+    wanted = {
+        (mode, frame): drawn(usual, mode, frame)
+        for mode in ("images", "mask overlay", "performer")
+        for frame in range(4)
+    }
+    used = kept() - before
+    usual.forget()
+    assert len({picture.tobytes() for picture in wanted.values()}) == len(wanted)
+
+    image = 64 * 48 * 4  # of one camera, with its matte
+    monkeypatch.setattr(capture, "KEPT_BYTES", 7 * image)  # more than the six of one frame
+    monkeypatch.setattr(capture, "DECODED_BYTES", image)
+    tight = CaptureView(workspace)
+    for key, picture in wanted.items():
+        assert np.array_equal(drawn(tight, *key), picture), key
+        assert kept() - before <= 8 * image < used
+    usual.close()
+    tight.close()
+
+
+def test_capture_lets_go_of_the_take_that_was_open(
+    workspace: Workspace, finished_project: Path, take_copy: Path
+) -> None:
+    workspace.open(Take.open(finished_project / "take"))
+    view = CaptureView(workspace)
+    first = drawn(view, "images", 0)
+    opened = view._open()
+    assert opened is not None
+    footage = weakref.ref(opened.footage)
+    del opened
+    gc.collect()
+    assert footage() is not None
+    workspace.open(Take.open(take_copy))
+    assert np.array_equal(drawn(view, "images", 0), first), "a copy of the same footage"
+    gc.collect()
+    assert footage() is None
+    opened = view._open()
+    assert opened is not None
+    footage = weakref.ref(opened.footage)
+    del opened
+    workspace.open(None)
+    gc.collect()
+    assert footage() is not None, "the view keeps it"
+    view.forget()
+    gc.collect()
+    assert footage() is None
+    view.close()

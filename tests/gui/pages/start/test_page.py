@@ -1,0 +1,137 @@
+"""The start page: what it reads, and where the arrow keys go."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gui.models.take.take_queue import TakeQueue
+from gui.pages.start import page as page_module
+from gui.pages.start.cards import Card
+from gui.pages.start.drawing import StartPicture
+from gui.pages.start.page import LOOK_EVERY, StartPage
+from pipelines.batch.queue_file import QueueFile
+from tests.support.waiting import wait_until
+
+
+class Clock:
+    """Seconds that pass at each look."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        self.now += LOOK_EVERY
+        return self.now
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StartPage]:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    queue = TakeQueue(QueueFile(tmp_path / "queue.json"))
+    found = StartPage(queue, True, Clock())
+    yield found
+    found.close()
+    queue.close()
+
+
+def test_cards_and_pictures_come_one_by_one_and_follow_the_disk(
+    page: StartPage, take_copy: Path, tmp_path: Path
+) -> None:
+    places = [str(take_copy), str(tmp_path / "gone"), "https://example.org/walk"]
+
+    def states() -> list[str]:
+        page.poll(places)
+        return [page.cards[place].kind for place in places if place in page.cards]
+
+    wait_until("cards", lambda: states() == ["take", "missing", "web"])
+    wait_until("a picture", lambda: bool(states()) and page.pictures.get(places[0]) is not None)
+    assert places[1] not in page.pictures
+    shutil.rmtree(take_copy)
+    wait_until("the folder is gone", lambda: states() == ["missing", "missing", "web"])
+    page.poll(places[2:])
+    assert set(page.cards) == {places[2]}
+
+
+def test_sizes_are_measured_once_a_minute(page: StartPage, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks: list[bool] = []
+    stamps = iter(range(10**6))
+
+    def describe(place: str, sizes: object = None) -> Card:
+        looks.append(sizes is None)
+        assert sizes in (None, (7, 9))
+        return Card(place, "take", "37%", "running", stream_bytes=7, total_bytes=9)
+
+    monkeypatch.setattr(page_module, "describe", describe)
+    monkeypatch.setattr(page_module, "fingerprint", lambda _: next(stamps))
+    monkeypatch.setattr(page_module, "thumbnail", lambda _: None)
+
+    def measured_twice() -> bool:
+        page.poll(["/takes/walk"])
+        return looks.count(True) > 1
+
+    wait_until("a second measurement", measured_twice)
+    assert looks[0]
+    assert looks.count(False) > 0
+
+
+def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None:
+    page.places = tuple(f"/takes/{number}" for number in range(5))
+    page.back = "walk"
+    for size in ((1280, 760), (820, 600)):
+        picture = StartPicture(*size, 16)
+        picture.draw(page)
+        names = [name for _, name in picture.boxes]
+        assert {"back", "new", "open", "address", "sample", *(f"card {number}" for number in range(5))} <= set(names)
+        reached, waiting = set(), ["new"]
+        while waiting:
+            name = waiting.pop()
+            reached.add(name)
+            for direction in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                page.focus = name
+                page.move(picture.boxes, *direction)
+                if page.focus not in reached:
+                    waiting.append(page.focus)
+        assert reached == set(names), size
+        page.focus, walked = names[0], []
+        for _ in names:
+            page.step(picture.boxes, 1)
+            walked.append(page.focus)
+        assert sorted(walked) == sorted(names)
+
+
+def test_boxes_do_not_overlap_and_the_focus_is_scrolled_to(page: StartPage) -> None:
+    page.places = tuple(f"/takes/{number}" for number in range(10))
+    page.back = "a take with a long name " * 20
+    for size, em in (((1280, 760), 16), ((1920, 1040), 16), ((3840, 2100), 32), ((820, 600), 16)):
+        picture = StartPicture(*size, em)
+        pixels = picture.draw(page)
+        assert pixels.shape == (size[1], size[0], 3)
+        for number, ((x, y, wide, high), name) in enumerate(picture.boxes):
+            assert x >= 0, name
+            assert x + wide <= size[0], name
+            for (left, top, width, height), other in picture.boxes[number + 1 :]:
+                apart = x + wide <= left or left + width <= x or y + high <= top or top + height <= y
+                assert apart, (name, other)
+        down = picture.scrolled_to("card 9")
+        scrolled = StartPicture(*size, em, down)
+        scrolled.draw(page)
+        ((_, top, _, high),) = [box for box, name in scrolled.boxes if name == "card 9"]
+        assert top >= 0
+        assert top + high <= size[1] - 2 * em, "above the line with the keys"
+        assert scrolled.at(*_middle(scrolled, "card 9")) == "card 9"
+
+
+def test_without_the_sample_it_cannot_be_chosen(page: StartPage) -> None:
+    page.sample = False
+    picture = StartPicture(1280, 760, 16)
+    picture.draw(page)
+    assert "sample" not in [name for _, name in picture.boxes]
+    assert "queue" in [name for _, name in picture.boxes]
+
+
+def _middle(picture: StartPicture, name: str) -> tuple[float, float]:
+    ((x, y, wide, high),) = [box for box, one in picture.boxes if one == name]
+    return x + wide / 2, y + high / 2

@@ -1,0 +1,39 @@
+"""The table of the calibration report: sorting by its titles, and its text."""
+
+from __future__ import annotations
+
+import pytest
+
+from gui.pages.report_table import Sorting, table_text
+
+NAMES = ["cam10", "cam2", "cam1", "cam3"]
+COLUMNS = {"error px": ["0.40", "from file", "1.20", "0.40"], "coverage": ["50%", "", "9%", "100%"]}
+
+
+@pytest.mark.parametrize(
+    ("clicks", "order"),
+    [
+        (["error px"], ["cam1", "cam10", "cam3", "cam2"]),
+        (["error px"] * 2, ["cam10", "cam3", "cam1", "cam2"]),
+        (["error px"] * 3, NAMES),
+        (["coverage"], ["cam3", "cam10", "cam1", "cam2"]),
+        (["error px", "coverage", "coverage"], ["cam1", "cam10", "cam3", "cam2"]),
+        (["camera"], ["cam1", "cam2", "cam3", "cam10"]),
+        (["camera"] * 2, ["cam10", "cam3", "cam2", "cam1"]),
+        (["camera"] * 3, NAMES),
+        (["focal px"], NAMES),
+    ],
+)
+def test_clicks_on_titles_sort(clicks: list[str], order: list[str]) -> None:
+    """Figures by value, worst first; rows without one last either way; a column that is gone changes nothing."""
+    sorting = Sorting()
+    for title in clicks:
+        sorting = sorting.clicked(title)
+    assert [NAMES[row] for row in sorting.order(NAMES, COLUMNS)] == order
+
+
+def test_the_text_is_what_spreadsheets_paste() -> None:
+    lines = table_text(NAMES, COLUMNS, [2, 0]).splitlines()
+    assert [line.split("\t") for line in lines] == [
+        ["camera", "error px", "coverage"], ["cam1", "1.20", "9%"], ["cam10", "0.40", "50%"],
+    ]  # fmt: skip

@@ -1,0 +1,701 @@
+"""The stage views on a real take; settings, preferences and new takes."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+
+from gui.actions.cameras import CameraActions
+from gui.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, HELD_OUT, SECOND
+from gui.models.evaluation import Evaluation
+from gui.models.marks import Marks
+from gui.models.playback.player import PlayerPresenter
+from gui.models.preferences import RECENT, Preferences
+from gui.models.take.cameras import CameraUses
+from gui.models.take.inspector import camera_rows, review_blocks
+from gui.models.take.new_take import NONE_HELD_OUT, NewTake
+from gui.models.take.settings import SECTIONS, fields_of
+from gui.models.take.workspace import Workspace
+from gui.pages.bake.qp_trial import TRIED_QPS
+from gui.pages.bake.view import BakeView, shares
+from gui.pages.calibrate.points_view import PointsView
+from gui.pages.calibrate.view import CalibrateView
+from gui.pages.capture.view import FootageCheck, grid
+from gui.pages.stage_views import StageViews
+from gui.pages.train import NOT_RUN, TrainView
+from gui.shell import Shell
+from gui.widgets.raycast import MeshPicture
+from pipelines.config import Config, dump_config, load_config
+from pipelines.config.loading import all_names
+from pipelines.stages.base import Context
+from pipelines.takes.atomic_files import write_text
+from pipelines.takes.take import Take
+from studio.calibration.report import CameraReport
+from studio.camera_files import read_rig
+from studio.cameras import Camera
+from studio.edits import EditList
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.stream import StreamReader
+from tests.support.errors import refuses
+from tests.support.object_store import ObjectStore
+from tests.support.waiting import wait_until
+
+SIZE = (720, 500)
+
+
+@pytest.fixture
+def views() -> Iterator[StageViews]:
+    workspace, player = Workspace(), PlayerPresenter()
+    found = StageViews(workspace, player, MeshPicture)
+    yield found
+    assert found.close()
+    assert workspace.close()
+
+
+def opened(views: StageViews, take: Path) -> None:
+    assert views.player.open(take), views.player.message
+    views.workspace.open(Take.open(take))
+
+
+def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
+    """The picture, once it shows what was requested."""
+    pictures: list[np.ndarray] = []
+
+    def there() -> bool:
+        views.workspace.poll()
+        new = views.poll(SIZE, SIZE, 16.0)
+        pictures.extend([] if new is None else [new])
+        return bool(pictures) and views.settled and accept(pictures[-1])
+
+    wait_until("the picture", there)
+    return pictures[-1]
+
+
+def has(picture: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int((picture == color).all(axis=2).sum())
+
+
+def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    for stage in ("capture", "calibrate", "initialize", "train", "bake"):
+        views.select(stage)
+        stage_view = views.stage_views[stage]
+        for mode in stage_view.modes:
+            if (stage, mode) == ("train", "gaussians"):
+                continue
+            views.choose(mode)
+            picture = shown(views, lambda picture: (picture != GROUND).any())
+            stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
+            assert picture.shape == (SIZE[1], SIZE[0], 3), (stage, mode)
+    views.select("initialize")
+    views.choose("mesh")
+    before = shown(views)
+    gray = (before == before[..., :1]).all(axis=2).sum()
+    assert (before != GROUND).any(axis=2).sum() > 0.05 * SIZE[0] * SIZE[1], gray
+    views.drag(60, 20, True, SIZE[1])
+    assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
+
+
+def test_the_edits_leave_a_camera_once_the_view_is_not_its_own(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    player = views.player
+    first, second = player.camera_names[:2]
+    player.look_through(first)
+    views.choose("edit")
+    shown(views)
+    assert player.camera == first, "the view is still its own"
+    views.leave_edits()
+    assert player.camera == first
+    views.choose("edit")
+    views.drag(60, 20, True, SIZE[1])
+    moved = views.editor.orbit.key
+    shown(views)
+    assert player.camera == ""
+    assert ("camera", f"free view, distance {player.orbit.distance:.2f}") in camera_rows(player)
+    assert views.editor.orbit.key == moved
+    player.look_through(second)  # from the list below the timeline
+    shown(views)
+    assert player.camera == second
+    assert views.editor.orbit.key == player.orbit.key != moved
+    views.wheel(1)
+    shown(views)
+    assert player.camera == ""
+    assert ("camera", f"free view, distance {views.editor.orbit.distance:.2f}") in camera_rows(player)
+    views.reset()
+    shown(views)
+    assert player.orbit.key == views.editor.orbit.key == player.home.key
+    views.leave_edits()
+    assert (player.camera, player.orbit.key) == ("", views.editor.orbit.key)
+
+
+def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -> None:
+    opened(views, take_copy)
+    player, trained = views.player, views.player.opened.sources["trained"]
+    player.choose("decoded")
+    player.opened.sources["decoded"].frame_count = 2  # as of a bake of frames 0 and 1
+    views.fit_transport()
+    assert player.transport.frame_count == 2
+    views.choose("edit")
+    assert views.fit_transport()
+    assert (player.transport.frame_count, player.transport.group_starts) == (5, trained.group_starts)
+    player.transport.seek(3)
+    views.editor.frame = 3
+    views.editor.press("out")
+    assert not views.fit_transport()
+
+    def note() -> str:
+        views.poll(SIZE, SIZE, 16.0)
+        return {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None), 1.0)}["Quality"]
+
+    assert note() == "Not evaluated yet."
+    player.transport.seek(4)
+    assert note() == "Trimmed off."
+    views.editor.press("out")
+    assert views.editor.edits == EditList()
+    assert note() == "Not evaluated yet."
+    views.leave_edits()
+    assert views.fit_transport()
+    assert player.transport.frame_count == 2
+
+
+def test_an_empty_view_says_that_its_first_picture_is_being_made(finished_project: Path) -> None:
+    clock = [0.0]
+    found = StageViews(Workspace(), PlayerPresenter(), MeshPicture, lambda: clock[0])
+    opened(found, finished_project / "take")
+    found.select("bake")
+    go_on, real = threading.Event(), np.full((SIZE[1], SIZE[0], 3), 77, np.uint8)
+
+    def draw(size: object, state: object) -> np.ndarray:
+        assert go_on.wait(60)
+        return real
+
+    found.stage_views["bake"].draw = draw  # type: ignore[method-assign]
+    try:
+        assert found.poll(SIZE, SIZE, 16.0) is None, "not for a moment"
+        clock[0] += 1
+        words = found.poll(SIZE, SIZE, 16.0)
+        assert words is not None
+        assert (words != GROUND).any()
+        assert not found.settled
+        assert found.poll(SIZE, SIZE, 16.0) is None, "once"
+        go_on.set()
+        assert (shown(found) == real).all()
+    finally:
+        go_on.set()
+        assert found.close()
+        assert found.workspace.close()
+
+
+def test_an_empty_view_rests_when_its_first_picture_fails(finished_project: Path) -> None:
+    clock = [0.0]
+    player = PlayerPresenter()
+    found = StageViews(Workspace(), player, MeshPicture, lambda: clock[0])
+    found.select("review")
+    done = [False]
+    player.poll = lambda: None  # type: ignore[method-assign]
+    settled = property(lambda self: done[0])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PlayerPresenter, "settled", settled)
+        player.message = ""
+        found.poll(SIZE, SIZE, 16.0)
+        clock[0] += 1
+        words = found.poll(SIZE, SIZE, 16.0)
+        assert words is not None
+        assert (words != GROUND).any()
+        done[0] = True
+        assert not found.settled
+        empty = found.poll(SIZE, SIZE, 16.0)
+        assert empty is not None
+        assert (empty == GROUND).all()
+        assert found.settled
+        assert found.poll(SIZE, SIZE, 16.0) is None, "once"
+    assert found.close()
+    assert found.workspace.close()
+
+
+def test_capture_shows_the_image_of_every_camera(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    views.select("capture")
+    views.choose("images")
+    picture = shown(views)
+    small = round(0.85 * 16)
+    width, height = grid(6, *SIZE, 64 / 48, small)
+    scale = min((width - 6) / 64, (height - small - 11) / 48)
+    places = set()
+    for number in range(6):
+        file = finished_project / "capture" / "images" / f"cam{number}" / "000.png"
+        filmed = cv2.imread(str(file))[..., ::-1]
+        large = cv2.resize(filmed, (int(64 * scale), int(48 * scale)), interpolation=cv2.INTER_LINEAR)
+        errors = cv2.matchTemplate(
+            picture, np.ascontiguousarray(large[2:-2, 2:-2]), cv2.TM_SQDIFF
+        )  # held-out cameras have a border
+        least, _, place, _ = cv2.minMaxLoc(errors)
+        assert least / large.size < 4, f"cam{number}"
+        places.add(place)
+    assert len(places) == 6
+
+
+def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    views.choose("cameras")
+    wait_until("the footage", lambda: views.workspace.poll() or views.workspace.context is not None)
+    context = views.workspace.context
+    assert context is not None
+    held_out = context.footage.raw.held_out_cameras
+    assert len(held_out) == 1
+    picture = shown(views, lambda picture: has(picture, HELD_OUT) > 0)
+    view = views.stage_views["calibrate"]._home.camera(*SIZE)  # type: ignore[attr-defined]
+    for camera in read_rig(Take.open(finished_project / "take").rig):
+        x, y = np.round(view.project(camera.center[None])[0][0]).astype(int)
+        around = picture[y - 3 : y + 4, x - 3 : x + 4].astype(int)
+        color = HELD_OUT if camera.name in held_out else SECOND
+        assert np.abs(around - color).max(axis=2).min() < 30, f"no apex of {camera.name} at {x}, {y}"
+
+
+def test_the_report_has_no_empty_columns_and_says_once_what_is_the_same(
+    views: StageViews, finished_project: Path
+) -> None:
+    opened(views, finished_project / "take")
+    calibrate = views.stage_views["calibrate"]
+    assert isinstance(calibrate, CalibrateView)
+    calibrate.em, calibrate.mode = 16.0, "report"
+    assert calibrate.draw(SIZE, calibrate.state()).std() > 0
+    (focal,) = {f"focal {camera.fx:.0f} px each" for camera in read_rig(Take.open(finished_project / "take").rig)}
+    assert calibrate._columns() == ({}, ["no reprojection errors", focal])
+    first = read_rig(Take.open(finished_project / "take").rig).names[0]
+    figures = CameraReport.model_construct(mean=0.4, p95=0.9, observations=55, coverage=0.5)
+    assert calibrate._report is not None
+    calibrate._figures = lambda name: figures if name == first else None  # type: ignore[method-assign]
+    columns, same = calibrate._columns()
+    assert list(columns) == ["error px", "p95 px", "points", "coverage"]
+    assert columns["error px"] == ["0.40", *["from file"] * 5]
+    assert columns["points"] == ["55", *[""] * 5]
+    assert same == [focal]
+
+
+def test_a_click_on_a_title_sorts_the_report(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    calibrate = views.stage_views["calibrate"]
+    assert isinstance(calibrate, CalibrateView)
+    calibrate.em = 16.0
+    assert calibrate.table_text == "", "no table is shown"
+    calibrate.mode = "report"
+    errors = {f"cam{i}": error for i, error in enumerate((0.4, 0.9, 0.2, 0.7, 0.1, 0.3))}
+    calibrate._figures = lambda name: CameraReport.model_construct(  # type: ignore[method-assign]
+        mean=errors[name], p95=1.0, observations=55, coverage=0.5
+    )
+
+    def drawn() -> list[str]:
+        calibrate.draw(SIZE, calibrate.state())
+        rows = [line.split("\t")[0] for line in calibrate.table_text.splitlines()[1:]]
+        assert rows == [name for name, _ in sorted(calibrate.places, key=lambda place: place[1][0, 1])]
+        return rows
+
+    assert drawn() == list(errors)
+    before = calibrate.state()
+    places = dict(calibrate._titles)
+    calibrate.click(*places["error px"].mean(0))
+    assert calibrate.state() != before, "it is drawn again"
+    assert drawn() == sorted(errors, key=errors.__getitem__, reverse=True)
+    calibrate.click(*dict(calibrate._titles)["error px"].mean(0))
+    assert drawn() == sorted(errors, key=errors.__getitem__)
+    calibrate.click(*dict(calibrate._titles)["camera"].mean(0))
+    assert drawn() == list(errors)
+    low = (SIZE[0], 190)  # room for some of the rows
+    calibrate.draw(low, calibrate.state())
+    some = [name for name, _ in calibrate.places]
+    assert 3 <= len(some) < len(errors)
+    assert some == list(errors)[: len(some)]
+    assert len(calibrate.table_text.splitlines()) == 1 + len(errors), "all of them are copied"
+    before = calibrate.state()
+    calibrate.wheel(-9)
+    assert calibrate.state() != before
+    calibrate.draw(low, calibrate.state())
+    assert [name for name, _ in calibrate.places] == list(errors)[-len(some) :]
+    calibrate.camera = "cam0"
+    calibrate.draw(low, calibrate.state())
+    assert "cam0" in dict(calibrate.places), "a camera that is chosen elsewhere is shown"
+    calibrate.mode = "cameras"
+    sorting = calibrate._sorting
+    calibrate.click(*places["error px"].mean(0))
+    assert calibrate._sorting == sorting, "no table is shown"
+
+
+def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
+    views: StageViews, finished_project: Path
+) -> None:
+    """Six cameras, 60 degrees apart; the one that is held out leaves a gap of 120 degrees."""
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    views.choose("coverage")
+    picture = shown(views, lambda picture: has(picture, GOOD) > 0)
+    assert has(picture, GOOD) > has(picture, FAIR) > 0
+    assert has(picture, HELD_OUT) > 0
+    (block,) = views.stage_views["calibrate"].blocks
+    told = dict(block.rows)
+    assert told["training cameras"] == "5"
+    assert int(told["farthest view"].split()[0]) == pytest.approx(60, abs=3)
+    assert "surface seen by 0 or 1" in told
+    views.choose("cameras")
+    assert not has(shown(views, lambda picture: not has(picture, GOOD)), FAIR)
+
+
+def test_texts_have_the_windows_size_also_in_smaller_pictures(views: StageViews, finished_project: Path) -> None:
+    """On dense screens, what takes long is drawn with fewer pixels and enlarged; tables are not."""
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    dense = (2 * SIZE[0], 2 * SIZE[1])
+    for mode, size in (("cameras", SIZE), ("report", dense)):
+        views.choose(mode)
+        pictures: list[np.ndarray] = []
+
+        def there(pictures: list[np.ndarray] = pictures, size: tuple[int, int] = size) -> bool:
+            new = views.poll(dense, SIZE, 32.0)
+            pictures.extend([] if new is None else [new])
+            return bool(pictures) and views.settled and pictures[-1].shape[:2] == size[::-1]
+
+        wait_until("the picture", there)
+        assert views.stage_view is not None
+        assert views.stage_view.em == 32.0 * size[0] / dense[0]
+
+
+def test_coverage_is_of_the_take_that_is_open(views: StageViews, finished_project: Path, tmp_path: Path) -> None:
+    opened(views, finished_project / "take")
+    views.select("calibrate")
+    shown(views)
+    calibrate = views.stage_views["calibrate"]
+    assert calibrate.blocks
+    opened(views, NewTake(str(finished_project / "capture"), "", str(tmp_path / "fresh")).create())
+    with refuses("take.no_cameras"):
+        calibrate.draw(SIZE, calibrate.state())
+    assert not calibrate.blocks
+
+
+def test_cameras_are_shown_when_the_points_of_the_first_group_are_damaged(views: StageViews, take_copy: Path) -> None:
+    take = Take.open(take_copy)
+    (take.initialize_group(0) / "points.ply").write_bytes(b"ply")
+    opened(views, take_copy)
+    calibrate = views.stage_views["calibrate"]
+    calibrate.em = 16
+    for mode in ("cameras", "report", "coverage"):
+        calibrate.mode = mode
+        assert calibrate.draw(SIZE, calibrate.state()).std() > 0
+    assert not calibrate.blocks
+
+
+def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    views.select("bake")
+    views.choose("bytes")
+    accent = (shown(views) == ACCENT).all(axis=2).sum(axis=1)
+    starts = np.flatnonzero((accent > 0) & (np.concatenate([[0], accent[:-1]]) == 0))
+    with StreamReader.open(finished_project / "take" / "stream") as reader:
+        rows = [row.bytes for row in shares(reader.manifest)]
+    bars = accent[starts + 1]
+    whole = SIZE[0] - 16 * (1 + 15) - 16 * 12  # pixels of a bar of 100%
+    drawn = [size for size in rows if int(size / sum(rows) * whole) > 0]
+    assert bars == pytest.approx(np.array(drawn) / sum(rows) * whole, abs=1.5)
+    copied = [line.split("\t") for line in views.stage_views["bake"].table_text.splitlines()[1:]]
+    assert [float(line[2].rstrip("%")) for line in copied] == pytest.approx(
+        [100 * size / sum(rows) for size in rows], abs=0.051
+    )
+    views.choose("planes")
+    assert views.stage_views["bake"].table_text == "", "no table is shown"
+
+
+def test_a_missing_image_is_named_and_the_others_are_shown(
+    views: StageViews, tmp_path: Path, footage_project: Path
+) -> None:
+    import shutil
+
+    shutil.copytree(footage_project / "capture", tmp_path / "capture")
+    (tmp_path / "capture" / "images" / "cam2" / "001.png").unlink()
+    (tmp_path / "capture" / "images" / "cam3" / "002.png").write_bytes(b"no picture")
+    new = NewTake(str(tmp_path / "capture"), str(footage_project / "ball.yaml"))
+    assert "cam2" in new.found().words
+    opened(views, new.create())
+    views.select("capture")
+    shown(views, lambda picture: has(picture, BAD) > 20)
+    views.capture.check()
+    shown(views, lambda picture: not views.capture.checking)
+    words = " ".join(views.capture._check.problems)
+    assert "cam3" in words
+
+
+def test_the_check_tells_of_white_balance_that_changes(tmp_path: Path) -> None:
+    """Camera b turns 10% bluer in two of its six frames."""
+    rng = np.random.default_rng(3)
+    for camera in ("a", "b"):
+        room = rng.uniform(60, 170, (120, 160, 3))
+        matte = np.zeros((120, 160), np.uint8)
+        matte[30:90, 60:100] = 255
+        for frame in range(6):
+            gain = (1.1, 1, 1) if camera == "b" and frame in (2, 3) else (1, 1, 1)  # blue, green, red
+            for kind, pixels in (("images", np.rint(room * gain).astype(np.uint8)), ("masks", matte)):
+                path = tmp_path / "capture" / kind / camera / f"{frame:03d}.png"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                cv2.imwrite(str(path), pixels)
+    config = Config.model_validate({"capture": {"root": str(tmp_path / "capture"), "masks": "files"}})
+    check = FootageCheck()
+    check.start(Context(Take.create(tmp_path / "take"), config))
+    wait_until("the check", lambda: not check.running)
+    (problem,) = check.problems
+    assert "Camera 'b'" in problem
+    assert "10% in blue in frames 2-3" in problem
+    assert check.words == "1 problem found"
+
+
+def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_project: Path, tmp_path: Path) -> None:
+    new = NewTake(str(footage_project / "capture"), "", str(tmp_path / "fresh"))
+    opened(views, new.create())
+    for stage, code in (
+        ("calibrate", "take.no_cameras"),
+        ("initialize", "take.not_initialized"),
+        ("bake", "take.not_baked"),
+    ):
+        views.select(stage)
+        stage_view = views.stage_views[stage]
+        with refuses(code):
+            stage_view.draw(SIZE, stage_view.state())
+        shown(views)  # the sentence, not an exception
+    train = views.stage_views["train"]
+    wait_until("the status", lambda: views.workspace.poll() or bool(views.workspace.assessment.stages))
+    assert isinstance(train, TrainView)
+    assert train._nothing == NOT_RUN
+    views.select("review")
+    assert "Nothing trained" in views.message
+    assert not views.player.choose("decoded")
+    assert "Bake" in views.player.message
+
+
+def test_shares_add_up_to_all_bytes(finished_project: Path) -> None:
+    with StreamReader.open(finished_project / "take" / "stream") as reader:
+        rows = shares(reader.manifest)
+        assert sum(row.bytes for row in rows) == reader.manifest.total_bytes
+        assert rows[-1].name == "manifest"
+        assert shares(reader.manifest, sound=True)[-1].name == "manifest and sound"
+        folder = finished_project / "take" / "stream"
+        assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) == reader.manifest.total_bytes
+
+
+def test_each_setting_has_a_field_with_words_and_its_text_reads_back() -> None:
+    fields = [field for stage in SECTIONS for field in fields_of(stage)]
+    assert sorted(field.name for field in fields) == sorted(all_names())
+    for field in fields:
+        assert len(field.documentation) > 10, field.name
+        value = field.parsed(field.shown(Config()))
+        if field.name != "capture.root":  # becomes absolute
+            assert load_config(None, [(field.name, value)]) == Config(), field.name
+    by_name = {field.name: field for field in fields}
+    assert by_name["bake.preset"].kind == "choice"
+    assert by_name["train.use_plates"].kind == "switch"
+    assert by_name["capture.images"].parsed("{frame}/{camera}.png") == "{frame}/{camera}.png"
+    assert by_name["capture.fps"].parsed("") is None
+    assert by_name["capture.held_out"].parsed("[a, b]") == ["a", "b"]
+
+
+def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
+    new = NewTake()
+    with refuses("take.no_footage"):
+        new.config()
+    assert "Choose the footage folder" in new.found().words
+    new.footage = str(tmp_path / "nowhere")
+    with refuses("footage.no_folder", file=tmp_path / "nowhere"):
+        new.config()
+    assert "no such folder" in new.found().words
+    new.footage = str(footage_project / "capture")
+    assert "6 cameras" in new.found().words
+    assert "cameras.json" in new.found().words
+    assert NONE_HELD_OUT in new.found().words
+    assert Path(new.proposed_take()).parent == footage_project
+    new.settings, new.take = str(footage_project / "ball.yaml"), str(tmp_path / "take")
+    words = new.found().words
+    assert NONE_HELD_OUT not in words
+    assert "Held out: " in words
+    root = new.create()
+    assert load_config(root / "config.yaml").train.group_size == 3
+    assert load_config(root / "config.yaml").capture.root == footage_project / "capture"
+    with refuses("take.exists", file=tmp_path / "take"):
+        new.create()
+    new.take = str(footage_project)
+    with pytest.raises(StudioError, match="not empty"):  # from the take
+        new.create()
+
+
+def test_a_new_take_from_footage_in_object_storage(
+    object_store: ObjectStore, footage_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    object_store.upload(footage_project / "capture", "day1")
+    new = NewTake("s3://studio/day1", str(footage_project / "ball.yaml"))
+    assert "in s3://studio/day1: 6 cameras" in new.found().words
+    assert "Camera file: cameras.json." in new.found().words
+    assert new.proposed_take() == str(tmp_path / "day1-take")
+    new.take = "s3://studio/takes/first"
+    with refuses("take.no_folder"):
+        new.create()
+    new.take = ""
+    take = Take.open(new.create())
+    config = load_config(take.config, [("calibrate.tie_points", "points.yaml")])
+    assert tuple(CameraUses.of(config.capture).uses) == tuple(f"cam{number}" for number in range(6))
+    write_text(take.config, dump_config(config))
+    workspace = Workspace()
+    workspace.open(take)
+    points = PointsView(workspace)
+    points.state()
+    with pytest.raises(StudioError, match=r"s3://studio/day1/points\.yaml: the window cannot save"):
+        points.draw(SIZE, points.state())
+    assert points.close()
+    assert workspace.close()
+    assert not list(tmp_path.glob("s3*")), "no folder is named like the address"
+
+
+def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: Path, tmp_path: Path) -> None:
+    """Where `run.paths` says: in the capture view, its check, the uses of cameras, and tie points."""
+    take = Take.create(tmp_path / "take")
+    paths = {"/mnt/nowhere": [str(footage_project)]}
+    changes = [("capture.root", "/mnt/nowhere/capture"), ("run.paths", paths), ("calibrate.tie_points", "points.yaml")]
+    write_text(take.config, dump_config(load_config(footage_project / "ball.yaml", changes)))
+    opened(views, take.root)
+    views.select("capture")
+    shown(views, lambda picture: (picture != GROUND).any())
+    stage_view = views.stage_views["capture"]
+    stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
+    views.capture.check()
+    shown(views, lambda picture: not views.capture.checking)
+    assert not views.capture._check.problems
+    told: list[str] = []
+    window = SimpleNamespace(
+        workspace=views.workspace,
+        notices=SimpleNamespace(tell=lambda words, bad, **_: told.append(words), clear=lambda _: None),
+    )
+    uses = CameraActions(cast("Shell", window))._uses()
+    assert uses is not None, told
+    assert len(uses.uses) == 6
+    points = PointsView(views.workspace)
+    assert points.path == footage_project / "capture" / "points.yaml"
+    assert points.close()
+
+
+def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "window.json"
+    preferences = Preferences.read(path)
+    for number in range(RECENT + 3):
+        preferences.opened(f"/takes/{number}")
+    preferences.opened("/takes/5")
+    preferences.background = "white"
+    assert preferences.save(path)
+    again = Preferences.read(path)
+    assert again == preferences
+    assert again.recent[0] == "/takes/5"
+    assert len(again.recent) == len(set(again.recent)) == RECENT
+    path.write_text('{"background": "pink", "recent": 5, "picture_size": ["x"]}')
+    assert Preferences.read(path) == Preferences()
+    path.write_text("{")
+    assert Preferences.read(path) == Preferences()
+
+
+def test_the_accent_is_the_only_bright_color_of_the_list(views: StageViews, finished_project: Path) -> None:
+    from gui.widgets import stage_list
+
+    opened(views, finished_project / "take")
+    rows = views.workspace.rows()
+    picture = stage_list.picture(rows, "train", 280, 16.0)
+    assert has(picture[round(3 * stage_list.row_height(16.0)) :], ACCENT) > 50
+    assert stage_list.row_at(3.5 * stage_list.row_height(16.0), 16.0, 6) == 3
+    assert stage_list.row_at(-1, 16.0, 6) is None
+
+
+def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_project: Path) -> None:
+    workspace, clock, gate = Workspace(), [0.0], threading.Event()
+    gate.set()
+
+    def draw(gaussians: Gaussians, camera: Camera, background: object) -> np.ndarray:
+        assert gate.wait(60)
+        return np.full((camera.height, camera.width, 3), 200, np.uint8)
+
+    views = StageViews(workspace, PlayerPresenter(draw), MeshPicture, lambda: clock[0])
+    opened(views, finished_project / "take")
+    views.choose("trained")
+    first = shown(views)
+    assert first.mean() == 200
+    gate.clear()
+    views.choose("decoded")
+    assert views.poll(SIZE, SIZE, 16.0) is None, "not at once: that would flicker"
+    assert not views.player.current
+    assert "drawing" in views.player.status
+    clock[0] = 1.0
+    waiting = views.poll(SIZE, SIZE, 16.0)
+    assert waiting is not None
+    assert np.median(waiting) < 100, "dimmed"
+    assert waiting.max() > 180, "with a word"
+    assert views.poll(SIZE, SIZE, 16.0) is None
+    gate.set()
+    assert shown(views).mean() == 200
+    assert views.player.current
+
+    # a window that ticks seldom would show the wrong picture for another draw
+    gate.clear()
+    clock[0] = 3.0
+    views.choose("trained")
+    slow = views.poll(SIZE, SIZE, 16.0)
+    assert slow is not None
+    assert np.median(slow) < 100, "dimmed at once"
+    gate.set()
+    assert shown(views).mean() == 200
+    assert views.close()
+    assert workspace.close()
+
+
+def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews, take_copy: Path) -> None:
+    opened(views, take_copy)
+    views.select("bake")
+    views.choose("try other QPs")
+    bake = views.stage_views["bake"]
+    assert isinstance(bake, BakeView)
+    wait_until("all QPs", lambda: shown(views) is not None and len(bake.points) == len(TRIED_QPS))
+    manifest = StreamReader.open(take_copy / "stream").manifest
+    longest = max(manifest.groups, key=lambda group: group.frame_count)
+    assert bake.trial.results[20].bytes_per_frame == longest.bytes / longest.frame_count, "what the bake gave"
+    trials = [bake.trial.results[qp] for qp in sorted(bake.trial.results)]
+    assert [one.bytes_per_frame for one in trials] == sorted((one.bytes_per_frame for one in trials), reverse=True)
+    assert trials[0].psnr > trials[-1].psnr + 3
+    titles, *copied = (line.split("\t") for line in bake.table_text.splitlines())
+    assert titles == ["QP", "KB per frame", "Mbit/s", "PSNR, dB"]
+    assert [int(line[0]) for line in copied] == sorted(bake.trial.results)
+    assert [float(line[3]) for line in copied] == pytest.approx([one.psnr for one in trials], abs=0.0051)
+    x, y = bake.points[30]
+    views.click(x + 2, y - 2)
+    assert load_config(take_copy / "config.yaml").bake.qp == 30
+    wait_until("the new setting", lambda: views.workspace.poll() or views.workspace.config.bake.qp == 30)
+    views.click(1.0, 1.0)
+    assert load_config(take_copy / "config.yaml").bake.qp == 30, "not a point"
+
+
+def test_without_settings_the_capture_says_why(views: StageViews) -> None:
+    assert "No take is open" in views.workspace.without_settings
+    views.workspace.opening = "walk"
+    assert views.workspace.without_settings == "Opening walk ..."
+
+
+def test_a_change_of_settings_is_named_when_it_is_undone(take_copy: Path) -> None:
+    workspace = Workspace()
+    workspace.open(Take.open(take_copy))
+    assert workspace.context is not None
+    before = workspace.context.config.bake.qp
+    assert workspace.change_settings({"bake.qp": before + 6}) is None
+    assert workspace.history.undo() == f"Undone: bake.qp {before} to {before + 6}."
+    assert workspace.context.config.bake.qp == before
+    assert workspace.change_settings({"bake.qp": before + 8}, "QP from the curve") is None
+    assert workspace.history.undo() == "Undone: QP from the curve."
+    assert workspace.close()
