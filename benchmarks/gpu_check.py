@@ -19,7 +19,7 @@ be used is measured; training uses gsplat where it can be used, as `v3studio` do
 
 Training stops when its share of the time is used up. The report then says how many of the steps were done, and the PSNR
 is that of the splats so far. PSNR is the mean over the held-out cameras, over black, in the padded bounding box of the
-matte. `busy` is the mean utilization that nvidia-smi reports while the part runs; null without nvidia-smi.
+mask. `busy` is the mean utilization that nvidia-smi reports while the part runs; null without nvidia-smi.
 
 Exit code: 0 if all parts ran, else 1. A part that failed has `error` in the report, and the others still run.
 """

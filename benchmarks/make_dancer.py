@@ -4,7 +4,7 @@
     v3studio run FOLDER/dancer.yaml --take TAKE
 
 It differs from the sample capture in body, texture, light and speed: hands move by up to 0.3 m per frame. Images are
-ray traced with four rays per pixel; the alpha channel is the exact matte. The same arguments give the same files.
+ray traced with four rays per pixel; the alpha channel is the exact mask. The same arguments give the same files.
 
     images/camNN/NNNNNN.png   RGBA, colors not premultiplied, with sensor noise of 2% of full scale
     cameras.json              calibration (OpenCV axes, meters, z up)

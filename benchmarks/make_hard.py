@@ -1,4 +1,4 @@
-"""Makes a synthetic capture that is hard for mattes, with exact mattes: thin parts, or colored shadows.
+"""Makes a synthetic capture that is hard for masks, with exact masks: thin parts, or colored shadows.
 
     python benchmarks/make_hard.py thin FOLDER [--frames N] [--seed N]
     python benchmarks/make_hard.py shadows FOLDER [--frames N] [--seed N]
@@ -11,10 +11,10 @@ has a size. The same arguments give the same pictures.
 
     videos/camNN.mp4              H.264, 4:2:0, with sensor noise of 1.2% of full scale
     clean_plates/camNN.png        the empty room, without noise
-    mattes/camNN/NNNNNN.png       exact mattes
+    mattes/camNN/NNNNNN.png       exact masks
     cameras.json                  calibration (OpenCV axes, meters, z up)
     own.yaml, exact.yaml          settings: the quickstart's training from clean plates (with mask_colored_shadows) or
-                                  from the exact mattes, cam03 and cam08 held out, evaluated with the exact mattes
+                                  from the exact masks, cam03 and cam08 held out, evaluated with the exact masks
 """
 
 from __future__ import annotations
@@ -315,14 +315,14 @@ def write_settings(folder: Path, frames: int) -> None:
     }
     for name, source in sources.items():
         settings = parse_yaml(quickstart.read_text())
-        settings["capture"] = {**files, **source, "evaluation_mattes": exact, "held_out": list(HELD_OUT)}
+        settings["capture"] = {**files, **source, "evaluation_masks": exact, "held_out": list(HELD_OUT)}
         settings["train"]["group_size"] = frames
         (folder / f"{name}.yaml").write_text(dump_yaml(settings))
 
 
 def main() -> None:
     """Entry point."""
-    parser = argparse.ArgumentParser(description="Make a synthetic capture that is hard for mattes.")
+    parser = argparse.ArgumentParser(description="Make a synthetic capture that is hard for masks.")
     parser.add_argument("scene", choices=sorted(SCENES))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--frames", type=int, default=3)
@@ -340,11 +340,11 @@ def main() -> None:
         cv2.imwrite(str(folder / "clean_plates" / f"{camera.name}.png"), to_bytes(plate)[..., ::-1])
         images = []
         for frame, body in enumerate(bodies):
-            image, matte = draw(room, body, random)
+            image, mask = draw(room, body, random)
             images.append(to_bytes(image + NOISE * random.standard_normal(image.shape)))
             path = folder / "mattes" / camera.name / f"{frame:06d}.png"
             path.parent.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(path), to_bytes(matte))
+            cv2.imwrite(str(path), to_bytes(mask))
         write_video(folder / "videos" / f"{camera.name}.mp4", images)
         print(f"{camera.name} of {CAMERAS} cameras", flush=True)
     write_settings(folder, arguments.frames)

@@ -1,10 +1,10 @@
-"""What mattes do to a picture: crops of held-out cameras after training with own, refined and exact mattes.
+"""What masks do to a picture: crops of held-out cameras after training with own, refined and exact masks.
 
     python benchmarks/matte_crops.py OUT [--config FILE] [--figure FILE.jpg] [--threads N]
 
 Trains the first frame of the sample capture (`sample_configs/quickstart.yaml`, full schedule of the keyframe, one seed)
 three times, into OUT/own, OUT/refined and OUT/exact; takes that are there are kept. Then draws a figure: one row per
-crop, one column per take, the first one the footage cut out with the exact matte, all over black and twice enlarged,
+crop, one column per take, the first one the footage cut out with the exact mask, all over black and twice enlarged,
 and prints the PSNR of each crop against that. The held-out cameras and the crops below are those of the sample.
 """
 
@@ -26,10 +26,10 @@ ROOT = Path(__file__).parents[1]
 ENLARGED = 2
 VARIANTS = {
     "own": (),
-    "refined": ("train.refine_mattes=always",),
-    "exact": ("capture.masks=files", "capture.mask_files=mattes/{camera}.mkv", "train.refine_mattes=always"),
+    "refined": ("train.refine_masks=always",),
+    "exact": ("capture.masks=files", "capture.mask_files=mattes/{camera}.mkv", "train.refine_masks=always"),
 }
-"""Overrides by name. With exact mattes, refinement is on as well, so that coverage has the same weight in both."""
+"""Overrides by name. With exact masks, refinement is on as well, so that coverage has the same weight in both."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def train(out: Path, config: Path, threads: int) -> dict[str, Path]:
 
 
 def views(take: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """By held-out camera: footage cut out with the exact matte, and the splats; (H, W, 3) float32 over black."""
+    """By held-out camera: footage cut out with the exact mask, and the splats; (H, W, 3) float32 over black."""
     from pipelines.config import load_config
     from pipelines.stages.base import Context
     from pipelines.takes.frame_files import read_frame
@@ -83,8 +83,8 @@ def views(take: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     found = {}
     for camera in dict.fromkeys(crop.camera for crop in CROPS):
         frame = footage.frames[0]
-        image, matte = footage.image(camera, frame), footage.evaluation_matte(camera, frame)
-        pair = ViewPair.of(gaussians, footage.rig[camera], image, matte, (0, 0, 0))
+        image, mask = footage.image(camera, frame), footage.evaluation_mask(camera, frame)
+        pair = ViewPair.of(gaussians, footage.rig[camera], image, mask, (0, 0, 0))
         found[camera] = (pair.truth, pair.drawn)
     return found
 

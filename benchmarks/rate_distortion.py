@@ -7,7 +7,7 @@
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at up to 300,000 splats
 
 Frames are rendered from the take's held-out cameras (or from its training cameras if none is held out) and compared,
-within the bounding box of the performer's matte, with the footage and with the trained splats before baking. PSNR is
+within the bounding box of the performer's mask, with the footage and with the trained splats before baking. PSNR is
 computed from the mean squared error over all views. Bytes include all files of all groups, but not the manifest or the
 JSON files of the released layout.
 
@@ -108,12 +108,12 @@ class Views:
         """Add frame `index` of the take."""
         footage, settings = self.context.footage.calibrated, self.context.config
         for camera in self.cameras:
-            matte = footage.evaluation_matte(camera, footage.frames[index])
-            box = padded_box(matte, settings.evaluate.crop_padding)
+            mask = footage.evaluation_mask(camera, footage.frames[index])
+            box = padded_box(mask, settings.evaluate.crop_padding)
             if box is None:
                 continue
             image = footage.view(camera, footage.frames[index]).image[box].astype(np.float32) / 255
-            alpha = matte[box][..., None].astype(np.float32) / 255
+            alpha = mask[box][..., None].astype(np.float32) / 255
             background = np.array(settings.capture.background, dtype=np.float32)
             self.boxes[index, camera] = box
             self.truth[index, camera] = image * alpha + background * (1 - alpha)

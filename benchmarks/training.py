@@ -146,7 +146,7 @@ class Scene:
 
         def draw() -> object:
             render = rasterize(splats, view.camera, black)
-            return torch.autograd.grad([render.image, render.alpha], drawn, [view.image, view.matte])
+            return torch.autograd.grad([render.image, render.alpha], drawn, [view.image, view.mask])
 
         for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
             self.two("drawing", draw, draw, step, calls)

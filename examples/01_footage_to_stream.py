@@ -19,7 +19,7 @@ QUICK = {
     "capture.root": str(SAMPLE),
     "capture.masks": "clean_plate",
     "capture.clean_plates": "clean_plates/{camera}.png",
-    "capture.evaluation_mattes": "mattes/{camera}.mkv",
+    "capture.evaluation_masks": "mattes/{camera}.mkv",
     "capture.held_out": ["cam05"],
     "capture.stop": 2,
     "capture.scale": 0.25,

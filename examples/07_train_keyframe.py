@@ -1,4 +1,4 @@
-"""Train one keyframe from arrays: images, mattes and cameras in memory, without a take or files.
+"""Train one keyframe from arrays: images, masks and cameras in memory, without a take or files.
 
 The images are rendered from known splats, so that the PSNR of a held-out camera can be computed.
 """
@@ -43,8 +43,8 @@ def main() -> None:
             held_out = (camera, drawn.image)
             continue
         image = (drawn.image.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
-        matte = (drawn.alpha * 255).round().to(torch.uint8).numpy()
-        captured = SimpleNamespace(camera=camera, image=image, matte=matte, plate=None)
+        mask = (drawn.alpha * 255).round().to(torch.uint8).numpy()
+        captured = SimpleNamespace(camera=camera, image=image, mask=mask, plate=None)
         views.append(v3.TrainingView.from_view(captured))
 
     settings = v3.TrainSettings(

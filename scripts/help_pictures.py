@@ -42,7 +42,7 @@ SHORT = ("--capture.start", "14", "--capture.stop", "16", "--train.group_size", 
 FROM_FOOTAGE = ("--until", "calibrate", "--capture.rig", "null", "--calibrate.frames", "4")
 SWAPPED = ("cam03", "cam04")
 WRONG: dict[str, tuple[str, ...]] = {
-    "mattes": (*SHORT, "--until", "initialize", "--capture.mask_sensitivity", "0.25"),
+    "masks": (*SHORT, "--until", "initialize", "--capture.mask_sensitivity", "0.25"),
     "cal_good": FROM_FOOTAGE,
     "swapped": (*SHORT, "--until", "initialize"),
     "few": (
@@ -84,30 +84,30 @@ def context_of(take: Path) -> Context:
 
 
 def outline(take: Path) -> np.ndarray:
-    """Footage with the matte's outline, cut out around the performer."""
+    """Footage with the mask's outline, cut out around the performer."""
     import cv2
 
     from gui.drawing.palette import ACCENT
 
     footage = context_of(take).footage.calibrated
     image = footage.raw_image(CAMERA, FRAME).astype(np.float32)
-    matte = footage.raw_matte(CAMERA, FRAME)[..., None] / np.float32(255)
-    shown = (image * (0.35 + 0.65 * matte)).astype(np.uint8)
-    edge = cv2.morphologyEx((matte > 0.5).astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((2, 2), np.uint8)) > 0
+    mask = footage.raw_mask(CAMERA, FRAME)[..., None] / np.float32(255)
+    shown = (image * (0.35 + 0.65 * mask)).astype(np.uint8)
+    edge = cv2.morphologyEx((mask > 0.5).astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((2, 2), np.uint8)) > 0
     shown[edge] = ACCENT
     return shown
 
 
 def performer_box(good: Path) -> tuple[slice, slice]:
     """Rows and columns around the performer in the camera's footage, of the pictures' shape."""
-    matte = context_of(good).footage.calibrated.raw_matte(CAMERA, FRAME)
-    rows, columns = np.flatnonzero((matte > 127).any(1)), np.flatnonzero((matte > 127).any(0))
+    mask = context_of(good).footage.calibrated.raw_mask(CAMERA, FRAME)
+    rows, columns = np.flatnonzero((mask > 127).any(1)), np.flatnonzero((mask > 127).any(0))
     high = (rows[-1] - rows[0]) * 1.15
     high = max(high, (columns[-1] - columns[0]) * 1.1 * SIZE[1] / SIZE[0])
     wide = high * SIZE[0] / SIZE[1]
     y, x = (rows[0] + rows[-1]) / 2, (columns[0] + columns[-1]) / 2
-    top = int(np.clip(y - high / 2, 0, matte.shape[0] - high))
-    left = int(np.clip(x - wide / 2, 0, matte.shape[1] - wide))
+    top = int(np.clip(y - high / 2, 0, mask.shape[0] - high))
+    left = int(np.clip(x - wide / 2, 0, mask.shape[1] - wide))
     return slice(top, top + int(high)), slice(left, left + int(wide))
 
 
@@ -160,11 +160,11 @@ def pictures(take: Path, work: Path) -> Iterator[tuple[str, np.ndarray]]:
     box = performer_box(take)
     group_1 = 15  # its first frame
     yield "capture_good", outline(take)[box]
-    yield "capture_bad", outline(work / "mattes")[box]
+    yield "capture_bad", outline(work / "masks")[box]
     yield "calibrate_good", stage_picture(work / "cal_good", CalibrateView)
     yield "calibrate_bad", stage_picture(work / "swapped", InitializeView, MeshPicture)
     yield "initialize_good", stage_picture(take, InitializeView, MeshPicture, frame=group_1)
-    yield "initialize_bad", stage_picture(work / "mattes", InitializeView, MeshPicture)
+    yield "initialize_bad", stage_picture(work / "masks", InitializeView, MeshPicture)
     yield "train_good", render(take, False, FRAME)[box]
     yield "train_bad", render(work / "few", False, 0)[box]
     yield "bake_good", render(take, True, FRAME)[box]

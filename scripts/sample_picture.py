@@ -2,7 +2,7 @@
 
     python scripts/sample_picture.py TAKE docs/images/sample.jpg [--frame 14]
 
-Each held-out camera has one row: footage, performer cut out with the exact matte, trained Gaussians, decoded stream,
+Each held-out camera has one row: footage, performer cut out with the exact mask, trained Gaussians, decoded stream,
 and the difference between performer and decoded stream, multiplied by 4.
 """
 
@@ -33,9 +33,9 @@ def row(context: Context, camera: str, index: int) -> list[np.ndarray]:
     frame = footage.frames[index]
     group = next(one for one in context.groups if index in one.indices)
     view = footage.view(camera, frame)
-    exact = footage.evaluation_matte(camera, frame)
-    matte = exact.astype(np.float32)[..., None] / 255
-    performer = view.image * matte
+    exact = footage.evaluation_mask(camera, frame)
+    mask = exact.astype(np.float32)[..., None] / 255
+    performer = view.image * mask
     trained = read_frame(context.take.trained_frame(group.index, index))
     with StreamReader.open(context.take.stream) as reader:
         decoded = reader.gaussians(index)

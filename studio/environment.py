@@ -24,7 +24,7 @@ def keep_freed_memory() -> None:
     """Let the C library keep freed memory for the next arrays, instead of returning it to the system.
 
     By default, glibc returns large blocks at once, and each new array costs a page fault per 4 KiB: half of the time of
-    a matte, and a part of each training step. Up to 256 MiB per pool of the C library are kept. Without glibc, and if
+    a mask, and a part of each training step. Up to 256 MiB per pool of the C library are kept. Without glibc, and if
     the environment sets one of its MALLOC variables, this does nothing.
     """
     import ctypes

@@ -10,14 +10,14 @@ from studio.cameras import Camera
 
 
 class ViewLike(Protocol):
-    """Input of meshing: a pinhole camera, image (H, W, 3) uint8 RGB and matte (H, W) uint8, 255 = foreground."""
+    """Input of meshing: a pinhole camera, image (H, W, 3) uint8 RGB and mask (H, W) uint8, 255 = foreground."""
 
     @property
     def camera(self) -> Camera: ...
     @property
     def image(self) -> np.ndarray: ...
     @property
-    def matte(self) -> np.ndarray: ...
+    def mask(self) -> np.ndarray: ...
 
 
 class CapturedView(ViewLike, Protocol):

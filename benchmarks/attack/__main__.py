@@ -121,7 +121,7 @@ PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
     ),
     "bombs": ("a sentence within two minutes and 2 GiB", bombs.attack),
     "models": (
-        "a sentence, or a matte",
+        "a sentence, or a mask",
         lambda folder, share, outcome: mutations.models(folder, max(20, round(2000 * share)), outcome),
     ),
     "servers": ("a sentence within the deadlines", servers.attack),

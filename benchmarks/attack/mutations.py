@@ -31,13 +31,13 @@ from studio.audio import SoundFile
 from studio.calibration.manual.file import read_tie_points
 from studio.camera_files import read_rig, write_rig
 from studio.capture.images import read_image
-from studio.capture.mattes.onnx_model import OnnxModel
 from studio.capture.settings import OnnxSettings
 from studio.capture.video import VideoReader
 from studio.errors import StudioError
 from studio.export.videogs import export_videogs
 from studio.gaussians import Gaussians
 from studio.imports import open_import
+from studio.masks.onnx_model import OnnxModel
 from studio.splat_files import READERS, ending_of, write_splats
 from studio.stream import BakeSettings, StreamReader
 from tests.support.rigs import ring
@@ -55,7 +55,7 @@ BATCH = 500
 PATIENCE = 60.0
 """Seconds per mutation, on a busy machine, after which it counts as hanging."""
 
-MODELS = ROOT / "tests" / "studio" / "capture" / "mattes" / "data"
+MODELS = ROOT / "tests" / "studio" / "masks" / "data"
 NO_MODELS = {
     "an empty file": b"",
     "a picture": b"\x89PNG\r\n\x1a\n" + bytes(1000),
@@ -283,19 +283,19 @@ def models(folder: Path, total: int, outcome: Outcome) -> None:
         if path.name in ("free.onnx", "fixed.onnx"):
             (folder / "models").mkdir(exist_ok=True)
             shutil.copy(path, folder / "models")
-            every.append(Kind(path.name, folder / "models", path.name, matte))
+            every.append(Kind(path.name, folder / "models", path.name, mask))
     mutated(every, total, outcome)
     for name, content in NO_MODELS.items():
         path = folder / "models" / "none.onnx"
         path.write_bytes(content)
         found: Counter[str] = Counter()
-        in_process(lambda _, path=path: refusal(matte, path), range(1), outcome, found)
+        in_process(lambda _, path=path: refusal(mask, path), range(1), outcome, found)
         if not outcome.wrong and not next(iter(found)).startswith("refused"):
             outcome.failed(f"{name} was taken for a model")
 
 
-def matte(path: Path) -> None:
-    """A matte of a small picture."""
+def mask(path: Path) -> None:
+    """A mask of a small picture."""
     OnnxModel(path, OnnxSettings(mask_model_mean=(0, 0, 0), mask_model_std=(1, 1, 1)), device="cpu", threads=1)(
         np.zeros((64, 64, 3), np.uint8)
     )

@@ -9,7 +9,7 @@ MODULES = {
     "v3studio": "The public interface",
     "studio.gaussians": "Gaussians",
     "studio.cameras": "Cameras",
-    "studio.capture": "Footage and mattes",
+    "studio.capture": "Footage and masks",
     "studio.calibration": "Calibration",
     "studio.camera_files": "Camera files",
     "studio.meshing": "Visual hull and initial points",

@@ -63,7 +63,7 @@ class CameraActions:
         self._window.select("capture")
         views.show_alone(camera, toggle=False)
 
-    def _mattes(self, camera: str) -> None:
+    def _masks(self, camera: str) -> None:
         self._alone(camera)
         self._window.views.choose("mask overlay")
 
@@ -81,7 +81,7 @@ class CameraActions:
         use = uses.uses[camera]
         items: list[Item] = [
             ("look", "Look through", lambda: self.look_through(camera)),
-            ("mattes", "Show its mattes", lambda: self._mattes(camera)),
+            ("masks", "Show its masks", lambda: self._masks(camera)),
         ]
         if take.rig.is_file():
             items.append(("errors", "Show its reprojection errors", lambda: self._errors(camera)))

@@ -15,7 +15,7 @@ ICONS: Mapping[str, str] = {
     "mask overlay": "layers",
     "images": "image",
     "performer": "person-standing",
-    "garbage mattes": "pentagon",
+    "garbage masks": "pentagon",
     "cameras": "camera",
     "coverage": "radar",
     "report": "table",

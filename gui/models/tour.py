@@ -69,7 +69,7 @@ def _capture(facts: TourFacts) -> str:
     shown = {
         "mask overlay": "what does not belong to the performer is darkened",
         "images": "as they were filmed",
-        "performer": "only the performer, cut out by the mattes",
+        "performer": "only the performer, cut out by the masks",
     }[facts.mode]
     if facts.alone:
         return (

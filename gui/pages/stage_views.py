@@ -28,7 +28,7 @@ from gui.pages.train import TrainView
 Choice = tuple[str, str, str]
 
 REVIEW_CHOICES: tuple[Choice, ...] = (
-    ("truth", "Footage", "Footage of a capture camera, matted (1)"),
+    ("truth", "Footage", "Footage of a capture camera, maskd (1)"),
     ("trained", "Trained", "Trained Gaussians (2)"),
     ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
     ("other", "Other bake", "Another bake or take to compare with; View > Bakes chooses it (4)"),
@@ -67,10 +67,10 @@ SLOW_TICK = 0.25
 for another draw."""
 
 TOOLTIPS = {
-    "mask overlay": "Images with the background darkened and the matte's edge outlined",
+    "mask overlay": "Images with the background darkened and the mask's edge outlined",
     "images": "Original images",
-    "performer": "Images cut out by the mattes",
-    "garbage mattes": "Draw where the performer never is: click a camera, then the corners of a polygon",
+    "performer": "Images cut out by the masks",
+    "garbage masks": "Draw where the performer never is: click a camera, then the corners of a polygon",
     "cameras": "Camera frustums with their images, and sparse points",
     "coverage": "Directions around the performer, and its surface, by how well the training cameras see them",
     "report": "Reprojection error per camera",

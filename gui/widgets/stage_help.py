@@ -41,7 +41,7 @@ HELP: Mapping[str, StageHelp] = {
         (
             "The outline follows the performer in every camera, with nothing missing inside and no background outside.",
             "All cameras show the same moment: compare a fast hand or foot across them.",
-            "Scrub through the take; mattes often fail in single frames. Check reads all of the footage.",
+            "Scrub through the take; masks often fail in single frames. Check reads all of the footage.",
         ),
         "The outline follows the body, the hands and the axe.",
         "A sensitivity that is too low: parts of the body count as background.",
@@ -60,11 +60,11 @@ HELP: Mapping[str, StageHelp] = {
     "initialize": StageHelp(
         (
             "The hull has all limbs and props; it may be thicker than the performer.",
-            "A missing limb means a matte that misses it in at least one camera.",
-            "A hull with sheets or blocks around it means background in the mattes, or wrong cameras.",
+            "A missing limb means a mask that misses it in at least one camera.",
+            "A hull with sheets or blocks around it means background in the masks, or wrong cameras.",
         ),
         "Head, both arms, both legs and the axe are there.",
-        "Mattes with holes: what one camera misses is carved away.",
+        "Masks with holes: what one camera misses is carved away.",
         ("capture.mask_sensitivity", "initialize.tolerance", "initialize.resolution"),
     ),
     "train": StageHelp(

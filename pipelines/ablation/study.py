@@ -14,7 +14,7 @@ from pipelines.config.loading import digest_text
 from pipelines.events import Emit
 from pipelines.runs.runner import run
 from pipelines.takes.atomic_files import digest_of, read_model, write_model
-from pipelines.takes.drawn_mattes import for_another_take
+from pipelines.takes.drawn_masks import for_another_take
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 

@@ -118,12 +118,12 @@ def add_sync_command(commands: Any) -> None:
 
 def _sync(arguments: argparse.Namespace) -> int:
     from pipelines.config import load_config
-    from pipelines.takes.drawn_mattes import for_another_take
+    from pipelines.takes.drawn_masks import for_another_take
     from studio.capture import open_footage, refuse_unknown_cameras
     from studio.capture.sync import check_sync
 
     capture = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config).capture
-    spec = capture.replace(offsets={}, masks="none", evaluation_mattes="")
+    spec = capture.replace(offsets={}, masks="none", evaluation_masks="")
     footage = open_footage(spec, None, strict=False)
     try:
         # configured offsets are ignored here, but their camera names are checked

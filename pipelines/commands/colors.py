@@ -31,12 +31,12 @@ def register(commands: Any) -> None:
 def _colors(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.config import load_config
-    from pipelines.takes.drawn_mattes import for_another_take
+    from pipelines.takes.drawn_masks import for_another_take
     from studio.capture import open_footage
     from studio.capture.color_chart import fit_chart_colors
 
     capture = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config).capture
-    footage = open_footage(capture.replace(masks="none", evaluation_mattes="", audio=None), None, strict=False)
+    footage = open_footage(capture.replace(masks="none", evaluation_masks="", audio=None), None, strict=False)
     try:
         with working("colors", None) as progress:
             fit = fit_chart_colors(footage, arguments.chart_frame, footage.train_cameras, progress)

@@ -16,7 +16,7 @@ _HELP = "measure takes by one protocol and draw them side by side"
 _NOTE = """protocols:
 {protocols}
 
-All takes are compared with the same images and mattes: those of the first take's settings, or of --truth. Each is drawn
+All takes are compared with the same images and masks: those of the first take's settings, or of --truth. Each is drawn
 with its own calibration. Figures of different protocols cannot be compared with each other.
 
 An interrupted comparison goes on where it was when the same command runs again; its finished frames are in
@@ -38,7 +38,7 @@ def register(commands: Any) -> None:
     parser.add_argument("--protocol", choices=list(PROTOCOLS), default="box", help="default: %(default)s")
     parser.add_argument("--cameras", default="", metavar="A,B", help="cameras to measure instead of the protocol's")
     parser.add_argument(
-        "--truth", type=Path, metavar="TAKE", help="take whose footage and mattes are the truth (default: the first)"
+        "--truth", type=Path, metavar="TAKE", help="take whose footage and masks are the truth (default: the first)"
     )
     parser.add_argument("--every", type=int, default=1, metavar="N", help="measure every n-th frame, without flicker")
     parser.add_argument("--lpips", choices=("alex", "vgg"), help="also compute LPIPS, as the setting evaluate.lpips")
@@ -122,10 +122,10 @@ def _print(result: Comparison, out: Path) -> None:
     screen.print(table)
     sizes = ", ".join(f"{name} {width}x{height}" for name, (width, height) in protocol.resolution.items())
     frames = len(protocol.frames)
-    mattes = "exact mattes" if protocol.exact_mattes else "the take's own mattes"
+    masks = "exact masks" if protocol.exact_masks else "the take's own masks"
     screen.print(
         f"{protocol.name}: {sizes}; {frames} frame{'s' * (frames != 1)}; crop: {protocol.crop}; background "
-        f"{protocol.background}; {mattes} of {protocol.truth}.\n"
+        f"{protocol.background}; {masks} of {protocol.truth}.\n"
         "PSNR in dB as filmed, and after a 3x4 color fit of each view. Flicker: change of the residual from frame to "
         "frame, in levels of 255, and the same at group borders.",
         style="dim",

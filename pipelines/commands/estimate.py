@@ -97,7 +97,7 @@ def _context(arguments: argparse.Namespace, stack: ExitStack) -> Context:
     from pipelines.config import load_config
     from pipelines.runs.runner import run
     from pipelines.stages.base import Context
-    from pipelines.takes.drawn_mattes import for_another_take
+    from pipelines.takes.drawn_masks import for_another_take
     from pipelines.takes.take import Take
 
     if arguments.config.is_dir():

@@ -168,7 +168,7 @@ def _run(arguments: argparse.Namespace) -> int:
     keep_freed_memory()
     from pipelines.config import load_config
     from pipelines.takes.atomic_files import disk_errors
-    from pipelines.takes.drawn_mattes import for_another_take
+    from pipelines.takes.drawn_masks import for_another_take
     from pipelines.takes.take import Take
 
     if arguments.take is None and arguments.config is not None and arguments.config.is_dir():

@@ -50,7 +50,7 @@ def compare(
         out: folder of the results; created. Pictures of an earlier comparison in it are replaced, other files stay.
         protocol: which cameras, pixels and size.
         cameras: names instead of the protocol's.
-        truth: folder of the take whose footage settings (images, mattes) are the truth; None: the first.
+        truth: folder of the take whose footage settings (images, masks) are the truth; None: the first.
         every: measure every n-th frame; flicker needs 1.
         pictures: frames to draw, spread over the measured ones.
         lpips: the metric; None: not measured.
@@ -104,7 +104,7 @@ def compare(
             finished.remove()
             raise StudioError(
                 "compare.nothing_visible",
-                f"the matte is empty in all frames of {', '.join(names)}: nothing to measure",
+                f"the mask is empty in all frames of {', '.join(names)}: nothing to measure",
                 fix="Name other cameras with --cameras A,B.",
                 option="--cameras",
             )
@@ -194,7 +194,7 @@ def _protocol(
     lpips: Lpips | None,
 ) -> ComparisonProtocol:
     footage = takes[0].footage
-    crop = "none" if protocol.padding is None else f"bounding box of the matte, padded by {protocol.padding} px"
+    crop = "none" if protocol.padding is None else f"bounding box of the mask, padded by {protocol.padding} px"
     return ComparisonProtocol(
         name=protocol.name,
         title=protocol.title,
@@ -203,7 +203,7 @@ def _protocol(
         background=protocol.background,
         crop=crop,
         truth=str(truth.absolute()),
-        exact_mattes=footage.has_evaluation_mattes,
+        exact_masks=footage.has_evaluation_masks,
         frames=tuple(int(frame) for frame in frames),
         **({} if lpips is None else {"lpips": lpips.protocol}),
     )

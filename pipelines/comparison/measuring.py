@@ -22,7 +22,7 @@ class _Residual:
     """What is kept of a view for the flicker of the next frame."""
 
     values: np.ndarray
-    matte: np.ndarray
+    mask: np.ndarray
 
 
 class FrameMeasurer:
@@ -72,7 +72,7 @@ class FrameMeasurer:
         """
         if self._flicker and before is not None and before != self._last:
             self._before = {
-                (take.name, camera): _Residual(pair.residual, pair.matte)
+                (take.name, camera): _Residual(pair.residual, pair.mask)
                 for take in self._takes
                 for camera, pair in self._views(take, before, lambda: tick(False))
             }
@@ -86,7 +86,7 @@ class FrameMeasurer:
                 if quality is not None:
                     row[camera] = Measures(**{k: v for k, v in asdict(quality).items() if v is not None})
                 if self._flicker:
-                    now = _Residual(pair.residual, pair.matte)
+                    now = _Residual(pair.residual, pair.mask)
                     if before is not None:
                         changes += _change(self._before[take.name, camera], now, self._protocol.padding)
                     self._before[take.name, camera] = now
@@ -106,7 +106,7 @@ class FrameMeasurer:
                     gaussians,
                     take.place.camera(take.footage.rig[camera]),
                     take.footage.image(camera, frame),
-                    take.footage.evaluation_matte(camera, frame),
+                    take.footage.evaluation_mask(camera, frame),
                     self._protocol.background,
                     self._device,
                 ),
@@ -122,12 +122,12 @@ def _figures(take: OpenedTake, frame: int, row: dict[str, Measures], changes: Se
 
 
 def _change(before: _Residual, now: _Residual, padding: int | None) -> list[float]:
-    """Flicker in the box around the performer of both frames; none if one of the mattes is empty."""
+    """Flicker in the box around the performer of both frames; none if one of the masks is empty."""
     if before.values.shape != now.values.shape:
         return []
     box: tuple[slice, ...] | None = (slice(None), slice(None))
     if padding is not None:
-        if not ((before.matte > 127).any() and (now.matte > 127).any()):
+        if not ((before.mask > 127).any() and (now.mask > 127).any()):
             return []
-        box = padded_box(np.maximum(before.matte, now.matte), padding)
+        box = padded_box(np.maximum(before.mask, now.mask), padding)
     return [] if box is None else [flicker(before.values[box], now.values[box])]

@@ -55,7 +55,7 @@ def open_takes(
 ) -> tuple[list[OpenedTake], tuple[str, ...]]:
     """Open takes for a comparison.
 
-    Images and mattes come from the footage settings of one take, so that all are compared with the same; each take is
+    Images and masks come from the footage settings of one take, so that all are compared with the same; each take is
     drawn with its own calibration.
 
     Args:

@@ -74,8 +74,8 @@ class ComparisonProtocol(Result):
     truth: str
     """The take whose footage settings say what the truth is."""
 
-    exact_mattes: bool
-    """Whether the truth's mattes are exact ones (capture.evaluation_mattes)."""
+    exact_masks: bool
+    """Whether the truth's masks are exact ones (capture.evaluation_masks)."""
 
     frames: tuple[int, ...]
     mean: str = "over the views of a frame, then over frames"

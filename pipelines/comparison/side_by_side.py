@@ -24,7 +24,7 @@ def side_by_side(names: Sequence[str], pairs: Sequence[ViewPair], padding: int |
     Returns:
         (H, W, 3) uint8.
     """
-    boxes = [(slice(None), slice(None)) if padding is None else padded_box(pair.matte, padding) for pair in pairs]
+    boxes = [(slice(None), slice(None)) if padding is None else padded_box(pair.mask, padding) for pair in pairs]
     cut = [
         (pair.truth[box or ...], pair.drawn[box or ...], _difference(pair)[box or ...])
         for pair, box in zip(pairs, boxes, strict=True)

@@ -36,7 +36,7 @@ VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
 
 ADDED: JsonObject = {
     "train.regularize": "planes",
-    "train.refine_mattes": "never",
+    "train.refine_masks": "never",
     "train.refine_above": 0.22,
     "train.refine_moved_below": 0.66,
     "train.refine_every": 100,

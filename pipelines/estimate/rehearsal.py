@@ -165,7 +165,7 @@ def _read(context: Context, work: Work, found: Measured) -> tuple[list[FootageVi
         for name in names:
             context.cancellation.check()
             view = footage.view(name, frame)
-            if not (view.matte > 127).any():
+            if not (view.mask > 127).any():
                 continue
             seen = TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates)
             if position == 0:
@@ -275,7 +275,7 @@ def _evaluate(context: Context, view: FootageView, splats: Gaussians) -> float:
     from studio.perceptual import SMALLEST
 
     background = context.config.capture.background
-    box = padded_box(view.matte, context.config.evaluate.crop_padding)
+    box = padded_box(view.mask, context.config.evaluate.crop_padding)
     assert box is not None  # only views that show the performer were kept
     begun = time.perf_counter()
     truth = torch.from_numpy(view.image[box]).float() / 255

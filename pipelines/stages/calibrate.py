@@ -185,7 +185,7 @@ class CalibrateStage:
         if section.look_at != "everything" and context.config.capture.masks == "none":
             raise StudioError(
                 "settings.conflict",
-                f"calibrate.look_at = {section.look_at} needs mattes, but capture.masks is none",
+                f"calibrate.look_at = {section.look_at} needs masks, but capture.masks is none",
                 value=section.look_at,
                 fix="Set capture.masks, or calibrate.look_at to everything.",
                 setting="calibrate.look_at",
@@ -320,7 +320,7 @@ def _of_target(reports: dict[str, IntrinsicsReport]) -> dict[str, dict[str, Intr
 
 def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.ndarray:
     """(H, W) uint8: 255 where features may be detected."""
-    performer = footage.raw_matte(camera, frame) >= 128
+    performer = footage.raw_mask(camera, frame) >= 128
     return np.where(performer != room, 255, 0).astype(np.uint8)
 
 

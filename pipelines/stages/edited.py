@@ -50,9 +50,9 @@ def change_words(name: str, before: object, now: object) -> str:
 
 
 def within_box(view: FootageView, box: CropBox | None) -> FootageView:
-    """A view in which the matte ends where the camera does not see the box; None: the view as it is."""
+    """A view in which the mask ends where the camera does not see the box; None: the view as it is."""
     from studio.edits import silhouette
 
     if box is None:
         return view
-    return replace(view, matte=np.where(silhouette(view.camera, box), view.matte, 0).astype(view.matte.dtype))
+    return replace(view, mask=np.where(silhouette(view.camera, box), view.mask, 0).astype(view.mask.dtype))

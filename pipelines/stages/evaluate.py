@@ -98,8 +98,8 @@ class EvaluateStage:
         if not measured.frames:
             raise StudioError(
                 "evaluation.nothing_visible",
-                f"the matte is empty in all frames of {', '.join(cameras)}: nothing to measure",
-                fix="Check the mattes, or hold out other cameras.",
+                f"the mask is empty in all frames of {', '.join(cameras)}: nothing to measure",
+                fix="Check the masks, or hold out other cameras.",
                 cameras=list(cameras),
                 setting="capture.held_out",
             )
@@ -126,9 +126,9 @@ class EvaluateStage:
             if held_out
             else "No camera was held out: these are the training cameras.",
             resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
-            crop=f"bounding box of the matte, padded by {context.config.evaluate.crop_padding} px",
+            crop=f"bounding box of the mask, padded by {context.config.evaluate.crop_padding} px",
             background=context.config.capture.background,
-            truth="the camera's image composited over the background with the evaluation matte"
+            truth="the camera's image composited over the background with the evaluation mask"
             + (", where the camera sees the crop box" if context.edits.crop is not None else ""),
             frames=tuple(int(footage.frames[index]) for index in baked),
             mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",

@@ -44,19 +44,19 @@ def evaluated_view(context: Context, camera: str, frame: int) -> EvaluatedView |
     """One view of a frame of the footage, or None if the camera does not see the performer.
 
     Raises:
-        StudioError: an image or matte cannot be read.
+        StudioError: an image or mask cannot be read.
     """
     from studio.edits import silhouette
 
     footage, settings, crop = context.footage.calibrated, context.config, context.edits.crop
     view = footage.view(camera, frame)
-    matte = footage.evaluation_matte(camera, frame)
+    mask = footage.evaluation_mask(camera, frame)
     if crop is not None:
-        matte = np.where(silhouette(view.camera, crop), matte, 0).astype(matte.dtype)
-    box = padded_box(matte, settings.evaluate.crop_padding)
+        mask = np.where(silhouette(view.camera, crop), mask, 0).astype(mask.dtype)
+    box = padded_box(mask, settings.evaluate.crop_padding)
     if box is None:
         return None
-    alpha = matte[box][..., None].astype(np.float32) / 255
+    alpha = mask[box][..., None].astype(np.float32) / 255
     background = np.array(settings.capture.background, dtype=np.float32)
     truth = view.image[box].astype(np.float32) / 255 * alpha + background * (1 - alpha)
     world = context.edits.similarity

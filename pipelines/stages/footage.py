@@ -12,7 +12,7 @@ import numpy as np
 from pipelines.config import Config
 from pipelines.stages.edited import trained_edits
 from pipelines.stages.params import Params, settings_affecting
-from pipelines.takes.drawn_mattes import file_of_garbage, with_garbage_of
+from pipelines.takes.drawn_masks import file_of_garbage, with_garbage_of
 from pipelines.takes.edits import read_edits
 from pipelines.takes.path_here import path_here
 from pipelines.takes.take import Take
@@ -40,7 +40,7 @@ class TakeFootage:
     @cached_property
     def capture(self) -> CaptureSettings:
         """The settings of the footage, with its folder on this machine: where it is mounted here (`run.paths`), or the
-        mirror of a folder in object storage, which is listed on first access; and with the path of garbage mattes in
+        mirror of a folder in object storage, which is listed on first access; and with the path of garbage masks in
         the take.
 
         Raises:
@@ -91,7 +91,7 @@ class TakeFootage:
 
         everything = self.capture.replace(start=None, stop=None, step=1)
         garbage = file_of_garbage(self.config.capture, self.take)
-        names = {} if garbage is None else {garbage: self.config.capture.garbage_mattes}
+        names = {} if garbage is None else {garbage: self.config.capture.garbage_masks}
         return open_footage(everything, None, strict=False).digest(names)
 
     def forget_cameras(self) -> None:
@@ -129,9 +129,9 @@ def performer_over(footage: Footage, camera: str, frame: int, background: Sequen
         (H, W, 3) uint8 RGB, without lens distortion, in the size of `footage.rig[camera]`.
 
     Raises:
-        StudioError: `footage.unknown_camera`, `footage.no_such_frame`, or an unreadable image or matte.
+        StudioError: `footage.unknown_camera`, `footage.no_such_frame`, or an unreadable image or mask.
     """
-    alpha = footage.evaluation_matte(camera, frame)[..., None].astype(np.float32) / 255
+    alpha = footage.evaluation_mask(camera, frame)[..., None].astype(np.float32) / 255
     color = np.array(background, np.float32) * 255
     image = footage.image(camera, frame).astype(np.float32) * alpha + color * (1 - alpha)
     return (image + 0.5).astype(np.uint8)

@@ -25,7 +25,7 @@ def footage_check(
         reporter: gets a warning for each camera whose exposure or white balance changes.
 
     Raises:
-        StudioError: a frame cannot be read or has an empty matte. It names all problems, also if the block failed
+        StudioError: a frame cannot be read or has an empty mask. It names all problems, also if the block failed
             first with one of them.
         Cancelled: the run was cancelled.
     """

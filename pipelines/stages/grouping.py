@@ -56,7 +56,7 @@ def find_groups(footage: TakeFootage, progress: ProgressFn) -> None:
     """Find where groups begin and write it to `Take.grouping`; does nothing if it is known.
 
     Raises:
-        StudioError: an image or a matte cannot be read.
+        StudioError: an image or a mask cannot be read.
         Cancelled: from `progress`.
     """
     if is_known(footage):
@@ -69,7 +69,7 @@ def find_groups(footage: TakeFootage, progress: ProgressFn) -> None:
     looks: list[list[np.ndarray | None]] = []
     for number, frame in enumerate(raw.frames):
         progress(number, len(raw.frames))
-        looks.append([look(raw.raw_image(name, frame), raw.raw_matte(name, frame)) for name in cameras])
+        looks.append([look(raw.raw_image(name, frame), raw.raw_mask(name, frame)) for name in cameras])
     starts, changes = starts_of(looks, settings.group_size, settings.group_change)
     found = FoundGroups(
         key=key(footage),

@@ -1,4 +1,4 @@
-"""The stage `initialize`: initial points for each keyframe, sampled on the visual hull of the mattes."""
+"""The stage `initialize`: initial points for each keyframe, sampled on the visual hull of the masks."""
 
 from __future__ import annotations
 

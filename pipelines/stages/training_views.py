@@ -57,7 +57,7 @@ def training_views(
         # first, since what it decodes serves the smaller view, too
         large = within_box(footage.full_size_view(name, frame), box) if closer else None
         view = within_box(footage.view(name, frame), box)
-        if not (view.matte > 127).any():
+        if not (view.mask > 127).any():
             return None
         sampling = settings.chroma_siting != "none"
         chroma = footage.chroma(name) if sampling else None
@@ -91,9 +91,9 @@ def training_views(
             raise
     if not views:
         raise StudioError(
-            "matte.all_empty",
+            "mask.all_empty",
             f"no training camera sees the performer in frame {frame}",
-            fix="Check the mattes.",
+            fix="Check the masks.",
             frame=int(frame),
         )
     return views

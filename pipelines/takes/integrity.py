@@ -159,8 +159,8 @@ def _notes_of_kept(take: Take) -> dict[Path, Callable[[Path], object]]:
 def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
     """Files that no stage writes, and what reads each."""
     from pipelines.takes.edits import read_edits
-    from studio.capture.mattes.garbage_polygons import read_garbage_polygons
     from studio.export.camera_path import read_path_keys
+    from studio.masks.garbage_polygons import read_garbage_polygons
 
     return {
         take.edits: read_edits,

@@ -14,7 +14,7 @@ Layout::
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
     camera_path.json                            camera path for movies, if any
-    garbage.yaml                                garbage mattes that were drawn in the window, if any
+    garbage.yaml                                garbage masks that were drawn in the window, if any
     edits.json                                  trim, crop box, removed floaters, world, if any
     .v3studio/                                  lock, records of finished stages, work in progress
 """
@@ -262,7 +262,7 @@ class Take:
 
     @property
     def garbage(self) -> Path:
-        """garbage.yaml: garbage mattes that were drawn in the window."""
+        """garbage.yaml: garbage masks that were drawn in the window."""
         return self.root / "garbage.yaml"
 
     @property
@@ -289,7 +289,7 @@ class Take:
 
     @property
     def footage_cache(self) -> Path:
-        """Cache of mattes and background plates. Its files never become stale and may be deleted at any time."""
+        """Cache of masks and background plates. Its files never become stale and may be deleted at any time."""
         return self.private / "footage"
 
     @property

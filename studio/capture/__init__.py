@@ -1,4 +1,4 @@
-"""Footage of a capture: images, mattes and cameras, by camera and frame."""
+"""Footage of a capture: images, masks and cameras, by camera and frame."""
 
 from typing import TYPE_CHECKING
 
@@ -7,8 +7,6 @@ from studio.lazy import lazy_exports
 if TYPE_CHECKING:
     from studio.capture.checks import check_footage
     from studio.capture.footage import Footage, FootageView
-    from studio.capture.mattes.matte_source import MatteSource
-    from studio.capture.mattes.matting_function import FunctionMatteSource, MattingFunction
     from studio.capture.open_footage import (
         find_cameras,
         held_out_cameras,
@@ -17,13 +15,15 @@ if TYPE_CHECKING:
         refuse_unknown_cameras,
     )
     from studio.capture.settings import CaptureSettings
+    from studio.masks.mask_source import MaskSource
+    from studio.masks.matting_function import FunctionMaskSource, MattingFunction
 
 __all__ = [
     "CaptureSettings",
     "Footage",
     "FootageView",
-    "FunctionMatteSource",
-    "MatteSource",
+    "FunctionMaskSource",
+    "MaskSource",
     "MattingFunction",
     "check_footage",
     "find_cameras",

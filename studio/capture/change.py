@@ -15,18 +15,18 @@ _MIN_PIXELS = 16
 """Minimum number of foreground pixels; images with fewer contain too little information."""
 
 
-def look(image: np.ndarray, matte: np.ndarray, side: int = LOOK_SIDE) -> np.ndarray | None:
+def look(image: np.ndarray, mask: np.ndarray, side: int = LOOK_SIDE) -> np.ndarray | None:
     """A thumbnail of the performer, centered and scaled to fill it.
 
     Args:
         image: (H, W, 3) uint8 RGB.
-        matte: (H, W) uint8, 255 = foreground.
+        mask: (H, W) uint8, 255 = foreground.
         side: width and height of the result in pixels.
 
     Returns:
-        (side, side, 4) float32 in 0..1: color times matte, then matte; None if the performer is not visible.
+        (side, side, 4) float32 in 0..1: color times mask, then mask; None if the performer is not visible.
     """
-    inside = matte > 127
+    inside = mask > 127
     if int(inside.sum()) < _MIN_PIXELS:
         return None
     rows, columns = np.nonzero(inside)
@@ -35,7 +35,7 @@ def look(image: np.ndarray, matte: np.ndarray, side: int = LOOK_SIDE) -> np.ndar
     transform = np.array(
         [[scale, 0, side / 2 - columns.mean() * scale], [0, scale, side / 2 - rows.mean() * scale]], np.float32
     )
-    weight = matte.astype(np.float32)[..., None] / 255
+    weight = mask.astype(np.float32)[..., None] / 255
     layered = np.dstack([image.astype(np.float32) / 255 * weight, weight])
     blur = max(1, round(1 / scale))  # footprint of a thumbnail pixel
     return cv2.warpAffine(cv2.blur(layered, (blur, blur)), transform, (side, side), flags=cv2.INTER_LINEAR)

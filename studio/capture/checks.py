@@ -1,4 +1,4 @@
-"""Check of a whole capture: decode each frame and matte once and report problems."""
+"""Check of a whole capture: decode each frame and mask once and report problems."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from studio.capture.color_drift import ColorDrift
 from studio.capture.footage import Footage
 from studio.capture.frame_numbers import number_ranges
-from studio.capture.mattes.matte_source import FullMatteSource, MissingMatteSource
 from studio.counts import plural
 from studio.errors import Message, StudioError
+from studio.masks.mask_source import FullMaskSource, MissingMaskSource
 from studio.progress import ProgressFn, no_progress
 
 _EMPTY = 2e-5  # fraction of the image: 20 pixels per megapixel
@@ -23,7 +23,7 @@ _MOST_ERRORS = 3  # reported per camera
 
 @dataclass
 class _CameraProblems:
-    """Errors of one camera, and frame numbers with an empty or a full matte."""
+    """Errors of one camera, and frame numbers with an empty or a full mask."""
 
     errors: list[Message] = field(default_factory=list)
     empty: list[int] = field(default_factory=list)
@@ -36,23 +36,23 @@ def check_footage(
     frames: tuple[int, ...] | None = None,
     drift: ColorDrift | None = None,
 ) -> list[Message]:
-    """Decode all frames and mattes, several cameras in parallel, and report problems.
+    """Decode all frames and masks, several cameras in parallel, and report problems.
 
     Args:
         footage: the capture to check.
         progress: called with the number of images decoded and their total; may raise `Cancelled`.
         frames: frame numbers to check; None checks all.
-        drift: sees the frames of cameras with mattes, for its own messages.
+        drift: sees the frames of cameras with masks, for its own messages.
 
     Returns:
         `Footage.problems`, then for each camera up to three errors (with the codes of `Footage.image` and
-        `Footage.matte`) and at most one `matte.empty` and one `matte.full` with the fields `camera` and `frames`.
+        `Footage.mask`) and at most one `mask.empty` and one `mask.full` with the fields `camera` and `frames`.
         Empty if no problems are found.
     """
     frames = footage.frames if frames is None else frames
     total = len(frames) * len(footage.camera_names)
-    missing = footage.matte_source if isinstance(footage.matte_source, MissingMatteSource) else None
-    masked = missing is None and not isinstance(footage.matte_source, FullMatteSource)
+    missing = footage.mask_source if isinstance(footage.mask_source, MissingMaskSource) else None
+    masked = missing is None and not isinstance(footage.mask_source, FullMaskSource)
     lock, stop = threading.Lock(), threading.Event()
     done = 0
 
@@ -73,7 +73,7 @@ def check_footage(
                 image = footage.image(camera, frame)  # also fills the cache for training if the capture fits into it
                 if not masked:
                     continue
-                matte = footage.matte(camera, frame)
+                mask = footage.mask(camera, frame)
             except StudioError as error:
                 found.errors.append(error.message)
                 if len(found.errors) > _MOST_ERRORS:  # a truncated video gives one error per frame
@@ -81,8 +81,8 @@ def check_footage(
                     break
                 continue
             if drift is not None:
-                drift.see(camera, frame, image, matte)
-            share = float((matte >= 128).mean())
+                drift.see(camera, frame, image, mask)
+            share = float((mask >= 128).mean())
             if share < _EMPTY:
                 found.empty.append(frame)
             elif share > _FULL:
@@ -103,7 +103,7 @@ def check_footage(
         if found.empty:
             problems.append(
                 Message(
-                    "matte.empty",
+                    "mask.empty",
                     f"Camera '{camera}': the mask is empty in {_frames(found.empty)}",
                     fix="Fix the masks, or exclude the camera or the frames.",
                     fields={"camera": camera, "frames": tuple(found.empty)},
@@ -112,7 +112,7 @@ def check_footage(
         if found.full:
             problems.append(
                 Message(
-                    "matte.full",
+                    "mask.full",
                     f"Camera '{camera}': the mask covers the whole image in {_frames(found.full)}",
                     fix="Fix the masks: white is the performer, black the background.",
                     fields={"camera": camera, "frames": tuple(found.full)},

@@ -26,16 +26,16 @@ class ColorDrift:
         self._first: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._gains: dict[str, dict[int, np.ndarray]] = {}
 
-    def see(self, camera: str, frame: int, image: np.ndarray, matte: np.ndarray) -> None:
+    def see(self, camera: str, frame: int, image: np.ndarray, mask: np.ndarray) -> None:
         """Measure a frame.
 
         Args:
             camera: its name.
             frame: number in the footage.
             image: (H, W, 3) uint8 RGB.
-            matte: (H, W) uint8, 255 is the performer.
+            mask: (H, W) uint8, 255 is the performer.
         """
-        colors, around = image[::_STEP, ::_STEP].astype(np.float32), matte[::_STEP, ::_STEP] < 8
+        colors, around = image[::_STEP, ::_STEP].astype(np.float32), mask[::_STEP, ::_STEP] < 8
         if camera not in self._first:
             self._first[camera] = (colors, around)
             self._gains[camera] = {}

@@ -1,4 +1,4 @@
-"""Footage: images, mattes and cameras of a capture, by camera and frame."""
+"""Footage: images, masks and cameras of a capture, by camera and frame."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from studio.cameras import Camera, Rig
 from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource
 from studio.capture.lru_cache import ByteCache
-from studio.capture.mattes.matte_source import GarbageMattes, MatteSource, PlateMatteSource, Recolors
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
 from studio.chroma import ChromaSampling
 from studio.errors import Message, StudioError
+from studio.masks.mask_source import GarbageMasks, MaskSource, PlateMaskSource, Recolors
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,20 +27,20 @@ class FootageView:
     Attributes:
         camera: pinhole camera of the image.
         image: (H, W, 3) uint8 RGB.
-        matte: (H, W) uint8, 255 = foreground.
+        mask: (H, W) uint8, 255 = foreground.
         frame: frame number.
         plate: (H, W, 3) uint8 RGB clean plate of this camera; None if the capture has none.
     """
 
     camera: Camera
     image: np.ndarray
-    matte: np.ndarray
+    mask: np.ndarray
     frame: int = 0
     plate: np.ndarray | None = None
 
 
 class Footage:
-    """A capture's images, mattes and cameras; create it with `open_footage`.
+    """A capture's images, masks and cameras; create it with `open_footage`.
 
     Thread safe. Images are decoded on demand and cached up to a memory limit.
 
@@ -62,15 +62,15 @@ class Footage:
         frames: tuple[int, ...],
         held_out: tuple[str, ...],
         fps: float,
-        matte_source: MatteSource,
-        exact_matte_source: MatteSource | None,
+        mask_source: MaskSource,
+        exact_mask_source: MaskSource | None,
         warps: Mapping[str, Warp] | None,
         pool: DecoderPool,
         cache: ByteCache,
         description: str,
         problems: tuple[Message, ...] = (),
         sound: CaptureSound | None = None,
-        garbage: GarbageMattes | None = None,
+        garbage: GarbageMasks | None = None,
     ) -> None:
         self.spec = spec
         self.camera_names = tuple(sources)
@@ -82,8 +82,8 @@ class Footage:
         self.problems = problems
         self.sound = sound
         self._sources = dict(sources)
-        self._matte_source = matte_source
-        self._exact_matte_source = exact_matte_source
+        self._mask_source = mask_source
+        self._exact_mask_source = exact_mask_source
         self._garbage = garbage
         self._warps = dict(warps) if warps is not None else None
         self._pool = pool
@@ -116,14 +116,14 @@ class Footage:
         return self._rig
 
     @property
-    def has_evaluation_mattes(self) -> bool:
-        """Whether the capture has exact mattes for evaluation."""
-        return self._exact_matte_source is not None
+    def has_evaluation_masks(self) -> bool:
+        """Whether the capture has exact masks for evaluation."""
+        return self._exact_mask_source is not None
 
     @property
-    def matte_source(self) -> MatteSource:
-        """The source of the mattes."""
-        return self._matte_source
+    def mask_source(self) -> MaskSource:
+        """The source of the masks."""
+        return self._mask_source
 
     def raw_size(self, camera: str) -> tuple[int, int]:
         """(width, height) of the camera's stored frames in pixels."""
@@ -151,12 +151,12 @@ class Footage:
         """
         return np.array(self._raw(camera, frame)[:, :, :3])
 
-    def raw_matte(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W) uint8 matte of `raw_image`, 255 = foreground. Raises StudioError as `matte`."""
-        return self._raw_matte(camera, frame).copy()
+    def raw_mask(self, camera: str, frame: int) -> np.ndarray:
+        """(H, W) uint8 mask of `raw_image`, 255 = foreground. Raises StudioError as `mask`."""
+        return self._raw_mask(camera, frame).copy()
 
     def image(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W, 3) uint8 RGB, undistorted, scaled, and despilled if the matte source does that (see `Recolors`).
+        """(H, W, 3) uint8 RGB, undistorted, scaled, and despilled if the mask source does that (see `Recolors`).
 
         The caller may modify the array.
 
@@ -165,28 +165,28 @@ class Footage:
         """
         return self._image(camera, frame).copy()
 
-    def matte(self, camera: str, frame: int) -> np.ndarray:
+    def mask(self, camera: str, frame: int) -> np.ndarray:
         """(H, W) uint8, 255 = foreground, undistorted and scaled like the image.
 
         Raises:
-            StudioError: as `image`, or the matte source fails (code `matte.*`).
+            StudioError: as `image`, or the mask source fails (code `mask.*`).
         """
-        return self._matte(camera, frame, self._matte_source, "matte").copy()
+        return self._mask(camera, frame, self._mask_source, "mask").copy()
 
-    def evaluation_matte(self, camera: str, frame: int) -> np.ndarray:
-        """The exact matte if the capture has one (`spec.evaluation_mattes`), else `matte`."""
-        if self._exact_matte_source is None:
-            return self.matte(camera, frame)
-        return self._matte(camera, frame, self._exact_matte_source, "exact").copy()
+    def evaluation_mask(self, camera: str, frame: int) -> np.ndarray:
+        """The exact mask if the capture has one (`spec.evaluation_masks`), else `mask`."""
+        if self._exact_mask_source is None:
+            return self.mask(camera, frame)
+        return self._mask(camera, frame, self._exact_mask_source, "exact").copy()
 
     def view(self, camera: str, frame: int) -> FootageView:
-        """Camera, image and matte together; the frame is decoded only once.
+        """Camera, image and mask together; the frame is decoded only once.
 
         Raises:
-            StudioError: as `image`, `matte` and `rig`.
+            StudioError: as `image`, `mask` and `rig`.
         """
-        image, matte = self.image(camera, frame), self.matte(camera, frame)
-        return FootageView(self.rig[camera], image, matte, frame, self.plate(camera))
+        image, mask = self.image(camera, frame), self.mask(camera, frame)
+        return FootageView(self.rig[camera], image, mask, frame, self.plate(camera))
 
     def full_size_view(self, camera: str, frame: int) -> FootageView:
         """As `view`, at the size of the footage, whatever `spec.scale` is. Its images are not cached; a `view` of the
@@ -198,15 +198,15 @@ class Footage:
         scaled = self._warp(camera).source
         warp = Warp(scaled, scaled.width, scaled.height, 1.0)
         maps = self._maps(camera, warp)
-        raw, matte = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3]), self._raw_matte(camera, frame)
-        self._cache.put(("raw matte", camera, frame), matte)
-        if isinstance(self._matte_source, Recolors):
-            raw = self._matte_source.recolored(camera, raw, matte)
+        raw, mask = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3]), self._raw_mask(camera, frame)
+        self._cache.put(("raw mask", camera, frame), mask)
+        if isinstance(self._mask_source, Recolors):
+            raw = self._mask_source.recolored(camera, raw, mask)
         plate = self._raw_plate(camera)
         if plate is not None:
             plate = warp.apply(plate, maps, smooth=True)
         return FootageView(
-            warp.camera, warp.apply(raw, maps, smooth=True), warp.apply(matte, maps, smooth=False), frame, plate
+            warp.camera, warp.apply(raw, maps, smooth=True), warp.apply(mask, maps, smooth=False), frame, plate
         )
 
     def plate(self, camera: str) -> np.ndarray | None:
@@ -246,22 +246,22 @@ class Footage:
         return self._digests[key]
 
     def files(self) -> list[Path]:
-        """All files that images and mattes depend on."""
+        """All files that images and masks depend on."""
         paths = [path for source in self._sources.values() for path in source.files(self.frames)]
-        paths += self._matte_source.files()
-        if self._exact_matte_source is not None:
-            paths += self._exact_matte_source.files()
+        paths += self._mask_source.files()
+        if self._exact_mask_source is not None:
+            paths += self._exact_mask_source.files()
         return paths if self._garbage is None else paths + self._garbage.files()
 
     def close(self) -> None:
         """Close all video decoders. The next read opens them again."""
         self._pool.close()
 
-    def with_matte_source(self, matte_source: MatteSource) -> Footage:
-        """The same footage with another matte source, such as a `FunctionMatteSource`."""
+    def with_mask_source(self, mask_source: MaskSource) -> Footage:
+        """The same footage with another mask source, such as a `FunctionMaskSource`."""
         return Footage(
-            self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, matte_source,
-            self._exact_matte_source, self._warps, self._pool, ByteCache(self._cache.limit), self.description,
+            self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, mask_source,
+            self._exact_mask_source, self._warps, self._pool, ByteCache(self._cache.limit), self.description,
             self.problems, self.sound, self._garbage,
         )  # fmt: skip
 
@@ -278,7 +278,7 @@ class Footage:
         return source
 
     def _raw_plate(self, camera: str) -> np.ndarray | None:
-        return self._matte_source.plate(camera) if isinstance(self._matte_source, PlateMatteSource) else None
+        return self._mask_source.plate(camera) if isinstance(self._mask_source, PlateMaskSource) else None
 
     def _raw(self, camera: str, frame: int) -> np.ndarray:
         key = ("raw", camera, frame)
@@ -291,14 +291,14 @@ class Footage:
 
     def _image(self, camera: str, frame: int) -> np.ndarray:
         warp = self._warp(camera)
-        if warp.is_identity and not isinstance(self._matte_source, Recolors):
+        if warp.is_identity and not isinstance(self._mask_source, Recolors):
             return np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
         key = ("image", camera, frame)
         cached = self._cache.get(key)
         if cached is None:
             image = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
-            if isinstance(self._matte_source, Recolors):
-                image = self._matte_source.recolored(camera, image, self._raw_matte(camera, frame))
+            if isinstance(self._mask_source, Recolors):
+                image = self._mask_source.recolored(camera, image, self._raw_mask(camera, frame))
             if not warp.is_identity:
                 image = warp.apply(image, self._maps(camera, warp), smooth=True)
             cached = (image,)
@@ -306,30 +306,30 @@ class Footage:
             self._release(camera, frame)
         return cached[0]
 
-    def _raw_matte(self, camera: str, frame: int) -> np.ndarray:
-        """As `raw_matte`, cached only if both the image and the matte need it."""
-        key = ("raw matte", camera, frame)
+    def _raw_mask(self, camera: str, frame: int) -> np.ndarray:
+        """As `raw_mask`, cached only if both the image and the mask need it."""
+        key = ("raw mask", camera, frame)
         cached = self._cache.get(key)
         if cached is None:
             raw = self._raw(camera, frame)
-            matte = self._matte_source.matte(camera, frame, raw)
+            mask = self._mask_source.mask(camera, frame, raw)
             inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
-            cached = (matte if inside is None else np.where(inside, matte, 0).astype(np.uint8),)
-            if isinstance(self._matte_source, Recolors):
+            cached = (mask if inside is None else np.where(inside, mask, 0).astype(np.uint8),)
+            if isinstance(self._mask_source, Recolors):
                 self._cache.put(key, *cached)
         return cached[0]
 
-    def _matte(self, camera: str, frame: int, matte_source: MatteSource, kind: str) -> np.ndarray:
+    def _mask(self, camera: str, frame: int, mask_source: MaskSource, kind: str) -> np.ndarray:
         key = (kind, camera, frame)
         cached = self._cache.get(key)
         if cached is None:
             warp = self._warp(camera)
-            if matte_source is self._matte_source:
-                raw = self._raw_matte(camera, frame)
+            if mask_source is self._mask_source:
+                raw = self._raw_mask(camera, frame)
             else:
-                raw = matte_source.matte(camera, frame, self._raw(camera, frame))
-            matte = raw if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=False)
-            cached = (matte,)
+                raw = mask_source.mask(camera, frame, self._raw(camera, frame))
+            mask = raw if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=False)
+            cached = (mask,)
             self._cache.put(key, *cached)
             self._release(camera, frame)
         return cached[0]
@@ -337,9 +337,9 @@ class Footage:
     def _release(self, camera: str, frame: int) -> None:
         """Drop the decoded frame once everything derived from it is cached; otherwise the frames of 81 cameras at 4K
         would evict the results."""
-        exact = self._exact_matte_source is not None and camera in self.held_out_cameras
-        if all(self._cache.holds((kind, camera, frame)) for kind in ("image", "matte", *(("exact",) if exact else ()))):
-            for kind in ("raw", "raw matte"):
+        exact = self._exact_mask_source is not None and camera in self.held_out_cameras
+        if all(self._cache.holds((kind, camera, frame)) for kind in ("image", "mask", *(("exact",) if exact else ()))):
+            for kind in ("raw", "raw mask"):
                 self._cache.drop((kind, camera, frame))
 
     def _maps(self, camera: str, warp: Warp) -> tuple[np.ndarray, np.ndarray] | None:

@@ -1,4 +1,4 @@
-"""Opens `Footage`: finds the files, matches cameras with the rig, selects frames and the matte source."""
+"""Opens `Footage`: finds the files, matches cameras with the rig, selects frames and the mask source."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from studio.capture.footage import Footage
 from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
 from studio.capture.lru_cache import ByteCache
-from studio.capture.mattes.choose import exact_mattes, mask_source
-from studio.capture.mattes.garbage_mattes import garbage_mattes
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
 from studio.counts import counted, plural
 from studio.errors import Message, StudioError, shown
+from studio.masks.garbage_masks import garbage_masks
+from studio.masks.sources import choose_mask_source, exact_masks
 from studio.memory import memory_limit
 from studio.storage import is_address, mirrored
 
@@ -46,7 +46,7 @@ def open_footage(
             extension in a rig's camera name, as COLMAP writes it, is ignored.
         strict: raise if cameras lack frames that others have. Otherwise, `Footage.problems` lists such problems, and
             `Footage.frames` contains only the frames that all cameras have.
-        cache_folder: where to cache backgrounds estimated from the footage (masks "median_background") and mattes of
+        cache_folder: where to cache backgrounds estimated from the footage (masks "median_background") and masks of
             a matting model for other processes; None caches them in memory only.
         device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
         most_cached: bytes that decoded images may take, if that is less than what the settings allow; None: no such
@@ -58,7 +58,7 @@ def open_footage(
     Raises:
         StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
             unknown camera in the settings, missing frames, or an aspect ratio that differs from the calibration's;
-            `calibration.camera_missing`; `matte.*`: mattes are missing; `storage.*`.
+            `calibration.camera_missing`; `mask.*`: masks are missing; `storage.*`.
     """
     spec = _on_this_machine(spec)
     if not spec.root.is_dir():
@@ -93,15 +93,15 @@ def open_footage(
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask
-    garbage = garbage_mattes(spec, tuple(sources), pool)
-    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder, device, threads, garbage)
-    exact, exact_note = exact_mattes(spec, tuple(sources), masked)
+    garbage = garbage_masks(spec, tuple(sources), pool)
+    mask_source, mask_note = choose_mask_source(spec, sources, masked, pool, cache_folder, device, threads, garbage)
+    exact, exact_note = exact_masks(spec, tuple(sources), masked)
     notes += [mask_note, exact_note]
     if held_out:
         notes.append(f"Held out: {', '.join(held_out)}.")
     description = "\n".join(note for note in notes if note)
     return Footage(
-        spec, sources, frames, held_out, rate / spec.step, matte_source, exact, warps, pool, cache, description,
+        spec, sources, frames, held_out, rate / spec.step, mask_source, exact, warps, pool, cache, description,
         tuple(problems), sound, garbage,
     )  # fmt: skip
 

@@ -60,7 +60,7 @@ class FileSettings(Settings):
     time, for static cameras. chroma_key: a screen of one color. plain: the performer has already been cut out on plain
     white or black. model: a matting model. none: everything is foreground. auto: the first of alpha, files, clean_plate
     and plain that fits the capture; otherwise median_background if there are at least 10 frames. If none fits, steps
-    that need masks stop. See docs/guides/mattes.md."""
+    that need masks stop. See docs/guides/masks.md."""
 
     mask_files: str = "auto"
     """Pattern of the mask files; white is the performer. auto: search folders named mask, masks, matte, mattes or
@@ -70,8 +70,8 @@ class FileSettings(Settings):
     """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named
     clean_plates, clean_plate, bg, background or backgrounds."""
 
-    evaluation_mattes: Annotated[str, Affects("evaluation")] = ""
-    """Pattern of ground-truth mattes, if the capture has them. Used for evaluation only, never for training."""
+    evaluation_masks: Annotated[str, Affects("evaluation")] = ""
+    """Pattern of ground-truth masks, if the capture has them. Used for evaluation only, never for training."""
 
     audio: Annotated[str | None, Affects("sound")] = None
     """Sound of the performance: an audio file (WAV or anything else that FFmpeg reads) relative to root, or the name of
@@ -86,7 +86,7 @@ class FileSettings(Settings):
 
 
 class DifferenceSettings(Settings):
-    """Mattes from the difference between the footage and a known background."""
+    """Masks from the difference between the footage and a known background."""
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
@@ -99,7 +99,7 @@ class DifferenceSettings(Settings):
     mask_colored_shadows: bool = False
     """With mask_shadows, masks from clean plates or median: treat background as shadow also where its color changes, as
     in shadows of colored lights, or where it is very dark (down to 0.12). Before a set without texture, and where it is
-    thin, a performer as dark as such a shadow, or lighter than it, can be lost; see docs/guides/mattes.md."""
+    thin, a performer as dark as such a shadow, or lighter than it, can be lost; see docs/guides/masks.md."""
 
     mask_components: int = Field(default=0, ge=0)
     """Masks from clean plates, median, screen or model: maximum number of connected components per camera, largest
@@ -107,7 +107,7 @@ class DifferenceSettings(Settings):
 
 
 class ScreenSettings(Settings):
-    """Masks from a colored screen, and garbage mattes."""
+    """Masks from a colored screen, and garbage masks."""
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
@@ -118,15 +118,15 @@ class ScreenSettings(Settings):
     despill: Annotated[bool, Affects("training_views", "evaluation")] = True
     """Masks from a screen: remove spill from the performer's edges in the images used for training and evaluation."""
 
-    garbage_mattes: Annotated[str, Heading("Garbage mattes")] = ""
+    garbage_masks: Annotated[str, Heading("Garbage masks")] = ""
     """Where the performer never is, for all sources of masks: the pattern of images that are black there and white
     elsewhere, such as garbage/{camera}.png, or a YAML file with polygons, such as garbage.yaml; take:garbage.yaml is
-    what was drawn in the window. Cameras without one are not restricted. See docs/guides/mattes.md."""
+    what was drawn in the window. Cameras without one are not restricted. See docs/guides/masks.md."""
 
     @field_validator("key_color", mode="wrap")
     @classmethod
     def _color_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
-        from studio.capture.mattes.screen_color import saturated
+        from studio.masks.screen_color import saturated
 
         try:
             color = check(value)
@@ -146,7 +146,7 @@ class OnnxSettings(Settings):
     affects: ClassVar[Affects | None] = _DEFAULT
 
     mask_model: str = ""
-    """Masks from a model: its ONNX file, relative to root. Input: one RGB image (1x3xHxW, float). Output: a matte from
+    """Masks from a model: its ONNX file, relative to root. Input: one RGB image (1x3xHxW, float). Output: a mask from
     0 to 1. Requires the extra matting (onnxruntime)."""
 
     mask_model_size: int = Field(default=0, ge=0, multiple_of=32)

@@ -132,12 +132,12 @@ class Warp:
         return first, second
 
     def apply(self, raw: np.ndarray, maps: tuple[np.ndarray, np.ndarray] | None, smooth: bool) -> np.ndarray:
-        """Undistort and scale an image or a matte.
+        """Undistort and scale an image or a mask.
 
         Args:
             raw: (H, W, 3) or (H, W) uint8 at the footage's size.
             maps: from `maps`; None for pinhole cameras.
-            smooth: bicubic (for images) rather than bilinear (for mattes, which must not overshoot).
+            smooth: bicubic (for images) rather than bilinear (for masks, which must not overshoot).
 
         Returns:
             (h, w, 3) or (h, w) uint8 at the size of `camera`; pixels outside the raw image are 0.

@@ -15,8 +15,8 @@ class EvaluationProtocol:
         name: as on the command line.
         title: one sentence.
         cameras: names of the cameras; empty: those that are held out.
-        padding: pixels around the bounding box of the performer's matte; None: the full frame.
-        background: RGB, 0 to 1, behind performer and splats. Footage without mattes covers it.
+        padding: pixels around the bounding box of the performer's mask; None: the full frame.
+        background: RGB, 0 to 1, behind performer and splats. Footage without masks covers it.
         scale: of the footage's stored size; None: that of the take.
     """
 
@@ -33,7 +33,7 @@ PROTOCOLS = {
     for protocol in (
         EvaluationProtocol(
             "box",
-            "held-out cameras at the take's size, bounding box of the matte padded by 8 px, over black",
+            "held-out cameras at the take's size, bounding box of the mask padded by 8 px, over black",
             (),
             8,
             (0.0, 0.0, 0.0),
@@ -50,7 +50,7 @@ PROTOCOLS = {
         EvaluationProtocol(
             "n3dv",
             "camera cam00 at half the footage's size, full frame, as published for Neural 3D Video; over black where "
-            "the capture has mattes",
+            "the capture has masks",
             ("cam00",),
             None,
             (0.0, 0.0, 0.0),

@@ -41,17 +41,17 @@ class ViewPair:
     """Footage and drawing of one view over the same background, full frame, float32 RGB in 0 to 1.
 
     Attributes:
-        truth: (H, W, 3) footage, composited with the matte.
+        truth: (H, W, 3) footage, composited with the mask.
         drawn: (H, W, 3) splats.
         fitted: (H, W, 3) splats after the best 3x4 color matrix.
-        matte: (H, W) uint8.
+        mask: (H, W) uint8.
         background: RGB, 0 to 1.
     """
 
     truth: np.ndarray
     drawn: np.ndarray
     fitted: np.ndarray
-    matte: np.ndarray
+    mask: np.ndarray
     background: tuple[float, ...]
 
     @property
@@ -66,7 +66,7 @@ class ViewPair:
         gaussians: Gaussians,
         camera: Camera,
         image: np.ndarray,
-        matte: np.ndarray,
+        mask: np.ndarray,
         background: Sequence[float],
         device: str = "cpu",
     ) -> ViewPair:
@@ -76,7 +76,7 @@ class ViewPair:
             gaussians: on any device.
             camera: pinhole camera of `image`.
             image: (H, W, 3) uint8 RGB.
-            matte: (H, W) uint8, 255 is the performer.
+            mask: (H, W) uint8, 255 is the performer.
             background: RGB, 0 to 1.
             device: torch device to draw on.
         """
@@ -89,13 +89,13 @@ class ViewPair:
         with torch.no_grad():
             render = rasterize(gaussians.to(device), camera, torch.zeros_like(color))
             rest = (1 - render.alpha)[..., None] * color
-            shown = torch.from_numpy(matte).to(device)[..., None].float() / 255
+            shown = torch.from_numpy(mask).to(device)[..., None].float() / 255
             truth = torch.from_numpy(image).to(device).float() / 255 * shown + color * (1 - shown)
             drawn = (render.image + rest).clamp(0, 1)
             matrix = fit_color(render.image, render.alpha, truth - rest, shown[..., 0] > 0.5)
             fitted = (correct_color(render.image, render.alpha, matrix) + rest).clamp(0, 1)
         images = [each.cpu().numpy() for each in (truth, drawn, fitted)]
-        return cls(images[0], images[1], images[2], matte, tuple(background))
+        return cls(images[0], images[1], images[2], mask, tuple(background))
 
 
 def measure_view(
@@ -105,7 +105,7 @@ def measure_view(
 
     Args:
         pair: footage and drawing.
-        padding: pixels around the bounding box of the matte; None: the full frame.
+        padding: pixels around the bounding box of the mask; None: the full frame.
         lpips: the metric, of (H, W, 3) tensors.
 
     Returns:
@@ -113,7 +113,7 @@ def measure_view(
     """
     from studio.metrics import psnr, ssim
 
-    box = (slice(None), slice(None)) if padding is None else padded_box(pair.matte, padding)
+    box = (slice(None), slice(None)) if padding is None else padded_box(pair.mask, padding)
     if box is None:
         return None
     truth, drawn, fitted = (_tensor(image[box]) for image in (pair.truth, pair.drawn, pair.fitted))
@@ -130,15 +130,15 @@ def measure_view(
     )
 
 
-def padded_box(matte: np.ndarray, padding: int) -> tuple[slice, slice] | None:
-    """Rows and columns of the bounding box of an (H, W) uint8 matte above 127, padded by `padding` pixels and clipped
-    to the image; None if the matte is empty."""
-    rows, columns = np.flatnonzero((matte > 127).any(1)), np.flatnonzero((matte > 127).any(0))
+def padded_box(mask: np.ndarray, padding: int) -> tuple[slice, slice] | None:
+    """Rows and columns of the bounding box of an (H, W) uint8 mask above 127, padded by `padding` pixels and clipped
+    to the image; None if the mask is empty."""
+    rows, columns = np.flatnonzero((mask > 127).any(1)), np.flatnonzero((mask > 127).any(0))
     if rows.size == 0:
         return None
     return (
-        slice(max(0, int(rows[0]) - padding), min(matte.shape[0], int(rows[-1]) + 1 + padding)),
-        slice(max(0, int(columns[0]) - padding), min(matte.shape[1], int(columns[-1]) + 1 + padding)),
+        slice(max(0, int(rows[0]) - padding), min(mask.shape[0], int(rows[-1]) + 1 + padding)),
+        slice(max(0, int(columns[0]) - padding), min(mask.shape[1], int(columns[-1]) + 1 + padding)),
     )
 
 

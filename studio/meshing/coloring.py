@@ -40,7 +40,7 @@ def color_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Color every point with the median of its best views.
 
-    A point is visible in a view if it projects into the image and the matte, faces the camera, and is not occluded by
+    A point is visible in a view if it projects into the image and the mask, faces the camera, and is not occluded by
     the mesh (tested with a depth map of reduced size). Views are ranked by viewing angle and distance.
 
     Args:
@@ -81,7 +81,7 @@ def color_points(
         candidates = candidates[depth[candidates] <= surface[row, column] + slack]
         if len(candidates) == 0:
             continue
-        covered = _bilinear(view.matte, pixels[candidates]) > 127
+        covered = _bilinear(view.mask, pixels[candidates]) > 127
         candidates = candidates[covered]
         color = _bilinear(view.image, pixels[candidates]) / 255.0
         seen[candidates] += 1

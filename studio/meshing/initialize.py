@@ -18,7 +18,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.views import ViewLike
 
 _DISAGREEMENT = 0.12
-"""Disagreement above which a warning is given. Correct masks (exact mattes, clean plates) gave 0.01 to 0.05; masks with
+"""Disagreement above which a warning is given. Correct masks (exact masks, clean plates) gave 0.01 to 0.05; masks with
 shadows classified as performer, or from a background estimated from the footage, gave 0.12 to 0.19."""
 _MIN_OUTLIER_SHARE = 0.002
 """Fraction of the hull rejected by an outlier mask above which a warning is given."""
@@ -59,7 +59,7 @@ def initialize_points(
     """Colored points on the visual hull of one frame.
 
     Args:
-        views: pinhole views of the frame, with image and matte.
+        views: pinhole views of the frame, with image and mask.
         settings: settings of hull, mesh and sampling; None: the defaults.
         seed: random seed of the sampling; the same inputs and seed give the same points.
         progress: called often; may raise `Cancelled`.

@@ -1,7 +1,7 @@
 """Silhouettes as signed distance maps.
 
-A mask (matte) is converted to a map of signed distances in pixels: positive inside the silhouette, negative outside,
-zero on its outline (with subpixel accuracy where the matte has soft edges). Multiplied by depth / focal length, it is
+A mask is converted to a map of signed distances in pixels: positive inside the silhouette, negative outside,
+zero on its outline (with subpixel accuracy where the mask has soft edges). Multiplied by depth / focal length, it is
 the distance in world units between a point and the silhouette's viewing cone. A single pixel of the map also shows
 whether a ball of a given radius can touch the silhouette, which coarse-to-fine carving needs.
 """
@@ -20,11 +20,11 @@ from studio.progress import ProgressFn, no_progress
 from studio.views import ViewLike
 
 
-def signed_distance(matte: np.ndarray) -> np.ndarray:
-    """Signed distance of every pixel center to the outline of a matte.
+def signed_distance(mask: np.ndarray) -> np.ndarray:
+    """Signed distance of every pixel center to the outline of a mask.
 
     Args:
-        matte: (H, W) uint8, 0 = background, 255 = foreground; the outline is where it crosses one half.
+        mask: (H, W) uint8, 0 = background, 255 = foreground; the outline is where it crosses one half.
 
     Returns:
         (H, W) float32 in pixels, positive inside. Without any foreground, all values are minus the image diagonal;
@@ -32,12 +32,12 @@ def signed_distance(matte: np.ndarray) -> np.ndarray:
     """
     import cv2
 
-    inside = (matte >= 128).astype(np.uint8)
-    diagonal = float(np.hypot(*matte.shape))
+    inside = (mask >= 128).astype(np.uint8)
+    diagonal = float(np.hypot(*mask.shape))
     if not inside.any():
-        return np.full(matte.shape, -diagonal, np.float32)
+        return np.full(mask.shape, -diagonal, np.float32)
     if inside.all():
-        return np.full(matte.shape, diagonal, np.float32)
+        return np.full(mask.shape, diagonal, np.float32)
     # distanceTransform measures the distance to the nearest pixel center of the other class; the outline is half a
     # pixel closer.
     within = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)
@@ -45,7 +45,7 @@ def signed_distance(matte: np.ndarray) -> np.ndarray:
     distance = np.where(inside > 0, within - 0.5, 0.5 - beyond).astype(np.float32)
     # On the outline itself, the coverage of the pixel is more accurate.
     edge = np.abs(distance) < 0.75
-    coverage = matte.astype(np.float32) / 255.0 - 0.5
+    coverage = mask.astype(np.float32) / 255.0 - 0.5
     return np.where(edge, np.where(inside > 0, np.minimum(coverage, 0.5), np.maximum(coverage, -0.5)), distance)
 
 
@@ -54,7 +54,7 @@ class Silhouettes:
 
     Args:
         views: at least two views with pinhole cameras. Each is read once, so a lazy sequence works.
-        max_pixels: maximum total number of pixels of all maps, at 4 bytes per pixel; larger mattes are downscaled.
+        max_pixels: maximum total number of pixels of all maps, at 4 bytes per pixel; larger masks are downscaled.
         progress: called per view; may raise `Cancelled`.
 
     Attributes:
@@ -62,7 +62,7 @@ class Silhouettes:
         cameras: cameras reduced to the size of the maps.
         maps: (1, 1, h, w) float32 per camera: signed distance in pixels of the reduced image.
         boxes: (4,) float64 left, top, right, bottom of the foreground in reduced pixels; None for an empty mask.
-        mattes: (h, w) uint8 reduced mattes.
+        masks: (h, w) uint8 reduced masks.
         footprints: focal lengths in full-size pixels; a pixel covers depth / footprint in world units.
 
     Raises:
@@ -85,11 +85,11 @@ class Silhouettes:
         self.cameras: list[Camera] = []
         self.maps: list[torch.Tensor] = []
         self.boxes: list[np.ndarray | None] = []
-        self.mattes: list[np.ndarray] = []
+        self.masks: list[np.ndarray] = []
         self.footprints: list[float] = []
         budget = max_pixels / len(views)
         for index, view in enumerate(views):
-            self._add(view.camera, view.matte, budget)
+            self._add(view.camera, view.mask, budget)
             progress(index + 1, len(views))
         if all(box is None for box in self.boxes):
             raise StudioError(
@@ -99,7 +99,7 @@ class Silhouettes:
                 setting="capture.masks",
             )
 
-    def _add(self, camera: Camera, matte: np.ndarray, budget: float) -> None:
+    def _add(self, camera: Camera, mask: np.ndarray, budget: float) -> None:
         import cv2
 
         if not camera.is_pinhole:
@@ -109,22 +109,22 @@ class Silhouettes:
                 fix="Undistort its images before meshing.",
                 camera=camera.name,
             )
-        if matte.shape != (camera.height, camera.width):
+        if mask.shape != (camera.height, camera.width):
             raise StudioError(
                 "hull.mask_size",
-                f"Camera '{camera.name}': the mask is {matte.shape[1]}x{matte.shape[0]}, but the camera "
+                f"Camera '{camera.name}': the mask is {mask.shape[1]}x{mask.shape[0]}, but the camera "
                 f"{camera.width}x{camera.height}",
-                value=(matte.shape[1], matte.shape[0]),
+                value=(mask.shape[1], mask.shape[0]),
                 fix="Masks must have the size of the images.",
                 camera=camera.name,
                 expected=(camera.width, camera.height),
             )
-        factor = min(1.0, float(np.sqrt(budget / matte.size)))
+        factor = min(1.0, float(np.sqrt(budget / mask.size)))
         reduced = camera
         if factor < 1.0:
             reduced = camera.scaled(factor)
-            matte = cv2.resize(matte, (reduced.width, reduced.height), interpolation=cv2.INTER_AREA)
-        rows, columns = np.nonzero(matte >= 128)
+            mask = cv2.resize(mask, (reduced.width, reduced.height), interpolation=cv2.INTER_AREA)
+        rows, columns = np.nonzero(mask >= 128)
         box = (
             None
             if len(rows) == 0
@@ -133,8 +133,8 @@ class Silhouettes:
         self.names.append(camera.name)
         self.cameras.append(reduced)
         self.footprints.append(max(camera.fx, camera.fy))
-        self.maps.append(torch.from_numpy(signed_distance(matte))[None, None])
-        self.mattes.append(matte)
+        self.maps.append(torch.from_numpy(signed_distance(mask))[None, None])
+        self.masks.append(mask)
         self.boxes.append(box)
 
     def __len__(self) -> int:
@@ -144,7 +144,7 @@ class Silhouettes:
         """A copy without some cameras; the maps are shared."""
         kept = [index for index, name in enumerate(self.names) if name not in names]
         result = copy.copy(self)
-        for part in ("names", "cameras", "maps", "boxes", "mattes", "footprints"):
+        for part in ("names", "cameras", "maps", "boxes", "masks", "footprints"):
             setattr(result, part, [getattr(self, part)[index] for index in kept])
         return result
 

@@ -196,17 +196,17 @@ def _compare(
     uncovered_areas: list[np.ndarray] = []
     disagreement: dict[str, float] = {}
     uncovered: dict[str, float] = {}
-    for name, camera, matte in zip(shapes.names, shapes.cameras, shapes.mattes, strict=True):
+    for name, camera, mask in zip(shapes.names, shapes.cameras, shapes.masks, strict=True):
         tick()
-        small = camera.scaled(min(1.0, float(np.sqrt(_COMPARE_PIXELS / matte.size))))
+        small = camera.scaled(min(1.0, float(np.sqrt(_COMPARE_PIXELS / mask.size))))
         cover = np.isfinite(rays.depth(small)) if rays else np.zeros((small.height, small.width), bool)
-        mask = cv2.resize(matte, (small.width, small.height), interpolation=cv2.INTER_AREA) >= 128
-        union = int((cover | mask).sum())
-        disagreement[name] = 1.0 - int((cover & mask).sum()) / union if union else 0.0
-        gap = mask & ~cover
-        uncovered[name] = int(gap.sum()) / max(int(mask.sum()), 1)
+        foreground = cv2.resize(mask, (small.width, small.height), interpolation=cv2.INTER_AREA) >= 128
+        union = int((cover | foreground).sum())
+        disagreement[name] = 1.0 - int((cover & foreground).sum()) / union if union else 0.0
+        gap = foreground & ~cover
+        uncovered[name] = int(gap.sum()) / max(int(foreground.sum()), 1)
         # Thin rims are caused by smoothing and small calibration errors; a missing limb is thicker.
         gap = cv2.morphologyEx(gap.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-        gap = cv2.dilate(gap, np.ones((3, 3), np.uint8)) * mask.astype(np.uint8)
+        gap = cv2.dilate(gap, np.ones((3, 3), np.uint8)) * foreground.astype(np.uint8)
         uncovered_areas.append(cv2.resize(gap, (camera.width, camera.height), interpolation=cv2.INTER_NEAREST) > 0)
     return uncovered_areas, disagreement, uncovered

@@ -58,7 +58,7 @@ def shares(gaussians: Gaussians, views: Sequence[TrainingView]) -> Shares:
 def picture_error(gaussians: Gaussians, view: TrainingView) -> Tensor:
     """(H, W) mean absolute difference of RGB between drawing and footage.
 
-    0 at and outside the performer's outline, where errors come from mattes, and more splats do not help.
+    0 at and outside the performer's outline, where errors come from masks, and more splats do not help.
     """
     background = torch.full((3,), _GRAY, device=view.device)
     backdrop = view.backdrop(background)
@@ -66,4 +66,4 @@ def picture_error(gaussians: Gaussians, view: TrainingView) -> Tensor:
     render = rasterize(gaussians, view.camera, behind)
     image = view.in_its_colors(render.image, render.alpha, behind)
     error = (image - view.composited(background)).abs().mean(-1)
-    return error * interior(view.matte)
+    return error * interior(view.mask)

@@ -136,7 +136,7 @@ def _camera_color(gaussians: Gaussians, view: TrainingView, vignettes: bool) -> 
     image, alpha, target, backdrop = render.image, render.alpha, view.composited(black), view.backdrop(black)
     if backdrop is not None:
         target = target - (1 - alpha)[..., None] * backdrop
-    inside = interior(view.matte)
+    inside = interior(view.mask)
     if not vignettes:
         return fit_color(image, alpha, target, inside, RIDGE).cpu(), None
     r2 = radius_squared(view.camera, view.full_size, view.device)

@@ -201,7 +201,7 @@ class _Run:
         prune(optimizer, worth, pruned_in_round(settings, len(optimizer), self._pruned))
 
     def _refine(self) -> None:
-        """Refine the mattes if due, and set the dropout."""
+        """Refine the masks if due, and set the dropout."""
         settings = self._settings
         if not settings.prune_finetune_iterations:
             return
@@ -230,7 +230,7 @@ class _Run:
             raise StudioError(
                 "training.no_splats_left",
                 f"keyframe training removed all splats at step {iteration}",
-                fix="Check the mattes and the calibration",
+                fix="Check the masks and the calibration",
                 step=iteration,
             )
 

@@ -1,7 +1,7 @@
-"""Mattes that all cameras agree on: refined from the splats' own drawn alpha while they train.
+"""Masks that all cameras agree on: refined from the splats' own drawn alpha while they train.
 
-The matte of one picture is uncertain at outlines, in shadows and where performer and room have the same color. Splats
-have to agree with all pictures at once, so their drawn alpha, sharpened, is the better matte, also where each single
+The mask of one picture is uncertain at outlines, in shadows and where performer and room have the same color. Splats
+have to agree with all pictures at once, so their drawn alpha, sharpened, is the better mask, also where each single
 one is wrong.
 """
 
@@ -29,49 +29,49 @@ def sharpened(alpha: Tensor) -> Tensor:
     return ((alpha - 0.5) * CONTRAST + 0.5).clamp(0, 1)
 
 
-def drawn_matte(gaussians: Gaussians, view: TrainingView) -> Tensor:
-    """(H, W) the matte of a view as the splats see it, 0 to 1, without gradient."""
+def drawn_mask(gaussians: Gaussians, view: TrainingView) -> Tensor:
+    """(H, W) the mask of a view as the splats see it, 0 to 1, without gradient."""
     with torch.no_grad():
         return sharpened(rasterize(gaussians, view.camera).alpha)
 
 
 def disagreement(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> float:
-    """How much the views' mattes differ from drawn ones: the sum of the absolute differences of all views, divided by
+    """How much the views' masks differ from drawn ones: the sum of the absolute differences of all views, divided by
     the length of the drawn outlines, in pixels.
 
-    About a quarter of a pixel for exact mattes and a trained keyframe.
+    About a quarter of a pixel for exact masks and a trained keyframe.
 
     Args:
-        drawn: (H, W) per view, 0 to 1, from `drawn_matte`.
-        views: with the mattes to compare, in the same order.
+        drawn: (H, W) per view, 0 to 1, from `drawn_mask`.
+        views: with the masks to compare, in the same order.
     """
-    difference = sum(float((one - view.matte).abs().sum()) for one, view in zip(drawn, views, strict=True))
+    difference = sum(float((one - view.mask).abs().sum()) for one, view in zip(drawn, views, strict=True))
     return difference / max(1.0, sum(_outline(one) for one in drawn))
 
 
-def _refined(gaussians: Gaussians, view: TrainingView, matte: Tensor) -> TrainingView:
-    """A view with its drawn matte, and with others in its views of details."""
-    refined = view.with_matte(matte)
-    refined.closer = tuple(one and one.with_matte(drawn_matte(gaussians, one)) for one in view.closer)
+def _refined(gaussians: Gaussians, view: TrainingView, mask: Tensor) -> TrainingView:
+    """A view with its drawn mask, and with others in its views of details."""
+    refined = view.with_mask(mask)
+    refined.closer = tuple(one and one.with_mask(drawn_mask(gaussians, one)) for one in view.closer)
     return refined
 
 
-def _outline(matte: Tensor) -> float:
+def _outline(mask: Tensor) -> float:
     """Length of the outline at one half in pixels: sides between a pixel inside and one outside."""
-    inside = matte > 0.5
+    inside = mask > 0.5
     return float((inside[1:] != inside[:-1]).sum() + (inside[:, 1:] != inside[:, :-1]).sum())
 
 
 class Refinement:
-    """The last part of training a frame: mattes from the splats, which are drawn again and again, and chroma.
+    """The last part of training a frame: masks from the splats, which are drawn again and again, and chroma.
 
     Args:
         stepper: its views are replaced.
         settings: see `TrainSettings`.
-        moved: the splats come from another frame. If they are far from the mattes, it is they that are wrong.
+        moved: the splats come from another frame. If they are far from the masks, it is they that are wrong.
 
     Attributes:
-        refined: whether the mattes are refined; None before `begin`.
+        refined: whether the masks are refined; None before `begin`.
     """
 
     def __init__(self, stepper: Stepper, settings: TrainSettings, moved: bool = False) -> None:
@@ -82,14 +82,14 @@ class Refinement:
         self._siting_shift = 0.0
 
     def begin(self, gaussians: Gaussians) -> None:
-        """Decide whether the mattes need it, refine them, and set the weights of the steps that follow."""
+        """Decide whether the masks need it, refine them, and set the weights of the steps that follow."""
         self._siting_shift = chroma_shift(gaussians, self._stepper.views, self._settings.chroma_siting)
         drawn = self._drawn(gaussians)
         self.refined = self._wants(drawn)
         self._set(gaussians, drawn)
 
     def refresh(self, gaussians: Gaussians) -> None:
-        """Draw the mattes again, after `begin`. Moved splats that were too far off may have come closer."""
+        """Draw the masks again, after `begin`. Moved splats that were too far off may have come closer."""
         drawn = self._drawn(gaussians)
         if not self.refined and self._highest < math.inf:
             self.refined = self._wants(drawn)
@@ -97,14 +97,14 @@ class Refinement:
             self._set(gaussians, drawn)
 
     def _drawn(self, gaussians: Gaussians) -> list[Tensor]:
-        if self._settings.refine_mattes == "never":
+        if self._settings.refine_masks == "never":
             return []
-        return [drawn_matte(gaussians, view) for view in self._stepper.views]
+        return [drawn_mask(gaussians, view) for view in self._stepper.views]
 
     def _wants(self, drawn: list[Tensor]) -> bool:
         settings = self._settings
-        if settings.refine_mattes != "auto":
-            return settings.refine_mattes == "always"
+        if settings.refine_masks != "auto":
+            return settings.refine_masks == "always"
         return settings.refine_above < disagreement(drawn, self._stepper.views) < self._highest
 
     def _set(self, gaussians: Gaussians, drawn: list[Tensor]) -> None:
@@ -112,12 +112,12 @@ class Refinement:
         if self.refined:
             stepper.views = [_refined(gaussians, view, one) for view, one in zip(stepper.views, drawn, strict=True)]
         self._splats = gaussians.clone()
-        if settings.refine_mattes != "never":
+        if settings.refine_masks != "never":
             stepper.alpha_weight = max(stepper.alpha_weight, settings.refined_alpha_weight)
         stepper.chroma_shift = None if settings.chroma_siting == "none" else self._siting_shift
 
     def state(self) -> dict[str, Tensor]:
-        """What `restore` needs: the splats that drew the mattes, a hundredth of the mattes' size. Empty before
+        """What `restore` needs: the splats that drew the masks, a hundredth of the masks' size. Empty before
         `begin`."""
         if self._splats is None:
             return {}
@@ -132,4 +132,4 @@ class Refinement:
         device = self._stepper.views[0].device
         splats = Gaussians.from_state_dict(parts).to(device)
         self.refined, self._siting_shift = bool(state["refined"]), float(state["siting_shift"])
-        self._set(splats, [drawn_matte(splats, view) for view in self._stepper.views] if self.refined else [])
+        self._set(splats, [drawn_mask(splats, view) for view in self._stepper.views] if self.refined else [])

@@ -57,7 +57,7 @@ class TrainSettings(Settings):
     """Weight of D-SSIM against L1: lambda in the paper's equation 7."""
 
     alpha_weight: float = Field(default=0.0, ge=0)
-    """Weight of the L1 difference between rendered alpha and matte. 0: coverage is learned from the background only."""
+    """Weight of the L1 difference between rendered alpha and mask. 0: coverage is learned from the background only."""
 
     opacity_reg: float = Field(default=0.01, ge=0)
     """Keyframe: weight of the mean opacity. Splats that no image needs fade and are pruned, which leaves fewer floaters
@@ -81,26 +81,26 @@ class TrainSettings(Settings):
 
     use_plates: bool = True
     """If the capture has clean plates, compare the unmasked footage with splats rendered over the plate instead of
-    masking the performer. Reduces the effect of matte errors."""
+    masking the performer. Reduces the effect of mask errors."""
 
-    refine_mattes: Annotated[Literal["auto", "always", "never"], Heading("Refined mattes")] = "never"
-    """Replace the mattes by those that all cameras agree on, the splats' own drawn alpha with twice the contrast, when
-    pruning of a keyframe and when fine-tuning of a later frame begin. auto: if the mattes differ from them by more than
+    refine_masks: Annotated[Literal["auto", "always", "never"], Heading("Refined masks")] = "never"
+    """Replace the masks by those that all cameras agree on, the splats' own drawn alpha with twice the contrast, when
+    pruning of a keyframe and when fine-tuning of a later frame begin. auto: if the masks differ from them by more than
     refine_above. never: also leaves the weight of alpha_weight as it is."""
 
     refine_above: float = Field(default=0.22, ge=0)
-    """For auto: mean distance between the outlines of given and refined mattes, in pixels. On the sample capture, it is
-    0.14 for exact mattes and 0.33 for those from clean plates."""
+    """For auto: mean distance between the outlines of given and refined masks, in pixels. On the sample capture, it is
+    0.14 for exact masks and 0.33 for those from clean plates."""
 
     refine_moved_below: Annotated[float, _LATER] = Field(default=0.66, gt=0)
-    """For auto in later frames: above this distance, in pixels, the motion was not found. The given mattes are then
+    """For auto in later frames: above this distance, in pixels, the motion was not found. The given masks are then
     kept until fine-tuning has brought the splats closer."""
 
     refine_every: int = Field(default=100, ge=1)
-    """Steps after which the mattes are refined again."""
+    """Steps after which the masks are refined again."""
 
     refined_alpha_weight: float = Field(default=1.0, ge=0)
-    """alpha_weight from then on, if that is larger, also for mattes that auto found good."""
+    """alpha_weight from then on, if that is larger, also for masks that auto found good."""
 
     chroma_siting: Literal["auto", "left", "center", "none"] = "none"
     """Footage with subsampled chroma (4:2:0, 4:2:2) is compared with drawings that are subsampled in the same way, so

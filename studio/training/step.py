@@ -60,7 +60,7 @@ class Stepper:
 
     Attributes:
         dropout: fraction of the splats that a step with dropout leaves out.
-        alpha_weight: weight of the difference between drawn alpha and matte.
+        alpha_weight: weight of the difference between drawn alpha and mask.
         chroma_shift: drawings of views with subsampled chroma go through the same subsampling before they are compared;
             this is the encoder's shift, see `studio.chroma.resampled`. None: they do not.
     """
@@ -113,7 +113,7 @@ class Stepper:
                 parts = self._compared(rasterize(gaussians, closer.camera, behind), closer, background, behind)
             loss = loss + detail_loss(image, target, box, self._settings.dssim_weight, parts)
         if self.alpha_weight:
-            loss = loss + self.alpha_weight * (render.alpha - view.matte).abs().mean()
+            loss = loss + self.alpha_weight * (render.alpha - view.mask).abs().mean()
         return Step(loss, target, render, view, image)
 
     def _compared(
@@ -151,6 +151,6 @@ def check_finite(loss: Tensor, phase: str) -> None:
             "training.diverged",
             f"{phase} training diverged: the loss is {float(loss)}",
             value=float(loss),
-            fix="Lower the learning rates (train.rates), or check the images and mattes",
+            fix="Lower the learning rates (train.rates), or check the images and masks",
             phase=phase,
         )

@@ -1,4 +1,4 @@
-"""Training views: images and mattes of one frame as tensors, cropped to the performer."""
+"""Training views: images and masks of one frame as tensors, cropped to the performer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ bytes per pixel."""
 
 
 _INSIDE = 0.99
-_BORDER = 2  # pixels of the outline that are not used: mattes and splats are soft there
+_BORDER = 2  # pixels of the outline that are not used: masks and splats are soft there
 
 
 class TrainingView:
@@ -37,11 +37,11 @@ class TrainingView:
     Args:
         camera: pinhole camera of `image`.
         image: (H, W, 3) RGB of the footage, uint8 or float32 in 0 to 1.
-        matte: (H, W), same dtype; 255 or 1 is the performer.
+        mask: (H, W), same dtype; 255 or 1 is the performer.
         full_size: (width, height) of the uncropped image, pixels.
         plate: (H, W, 3) clean plate, same dtype, or None. With a plate, the performer is not cut out: on and around the
             performer, the footage is compared with the splats rendered over the plate. This models soft edges correctly
-            and tolerates small matte errors.
+            and tolerates small mask errors.
         chroma: chroma grid of `image`; None: no subsampling.
 
     Attributes:
@@ -58,7 +58,7 @@ class TrainingView:
         self,
         camera: Camera,
         image: Tensor,
-        matte: Tensor,
+        mask: Tensor,
         full_size: tuple[int, int],
         plate: Tensor | None = None,
         chroma: ChromaSampling | None = None,
@@ -69,11 +69,11 @@ class TrainingView:
         self.details: tuple[Detail, ...] = ()
         self.detail_boxes: tuple[DetailBox, ...] = ()
         self.closer: tuple[TrainingView | None, ...] = ()
-        self._image, self._matte, self._plate = image, matte, plate
-        self._near = None if plate is None else surroundings(_floats(matte)).to(torch.uint8)
+        self._image, self._mask, self._plate = image, mask, plate
+        self._near = None if plate is None else surroundings(_floats(mask)).to(torch.uint8)
         self._cached: tuple[Tensor, Tensor, Tensor | None] | None = None
-        if matte.numel() <= CACHED_PIXELS:
-            self._matte, self._cached = _floats(matte), self._parts()
+        if mask.numel() <= CACHED_PIXELS:
+            self._mask, self._cached = _floats(mask), self._parts()
 
     @property
     def device(self) -> torch.device:
@@ -86,9 +86,9 @@ class TrainingView:
         return _floats(self._image)
 
     @property
-    def matte(self) -> Tensor:
+    def mask(self) -> Tensor:
         """(H, W) float32 in 0 to 1; 1 is the performer."""
-        return _floats(self._matte)
+        return _floats(self._mask)
 
     @property
     def plate(self) -> Tensor | None:
@@ -108,42 +108,42 @@ class TrainingView:
         """Convert a view of the footage.
 
         Args:
-            view: image, matte, camera and optional clean plate.
+            view: image, mask, camera and optional clean plate.
             device: device of the tensors.
-            crop_margin: crop to the bounding box of the matte, padded by this fraction of its size plus 16 pixels;
+            crop_margin: crop to the bounding box of the mask, padded by this fraction of its size plus 16 pixels;
                 None: keep the full image.
             use_plate: False ignores the clean plate.
             chroma: chroma grid of the view's image; None: no subsampling.
             box: (left, top, width, height) in pixels to crop to, instead of `crop_margin`.
 
         Raises:
-            StudioError: `matte.empty`: the matte does not contain any performer pixels.
+            StudioError: `mask.empty`: the mask does not contain any performer pixels.
         """
-        camera, image, matte, plate = view.camera, view.image, view.matte, view.plate if use_plate else None
+        camera, image, mask, plate = view.camera, view.image, view.mask, view.plate if use_plate else None
         size = (camera.width, camera.height)
         if box is None and crop_margin is not None:
-            box = matte_box(matte, crop_margin, camera.name)
+            box = mask_box(mask, crop_margin, camera.name)
         if box is not None:
             left, top, width, height = box
             camera = camera.cropped(left, top, width, height)
             chroma = None if chroma is None else chroma.cropped(left, top)
             image = image[top : top + height, left : left + width]
-            matte = matte[top : top + height, left : left + width]
+            mask = mask[top : top + height, left : left + width]
             plate = None if plate is None else plate[top : top + height, left : left + width]
 
         def tensor(image: np.ndarray) -> Tensor:
             # copy: a NumPy view of the crop would keep the full image in memory
             return torch.from_numpy(np.array(image, dtype=np.uint8, order="C")).to(device)
 
-        return cls(camera, tensor(image), tensor(matte), size, None if plate is None else tensor(plate), chroma)
+        return cls(camera, tensor(image), tensor(mask), size, None if plate is None else tensor(plate), chroma)
 
-    def with_matte(self, matte: Tensor) -> TrainingView:
-        """The same view with another (H, W) matte, 0 to 1. With a plate, the compared pixels stay the same."""
+    def with_mask(self, mask: Tensor) -> TrainingView:
+        """The same view with another (H, W) mask, 0 to 1. With a plate, the compared pixels stay the same."""
         view = copy.copy(self)
-        if self._matte.is_floating_point():
-            view._matte = matte
+        if self._mask.is_floating_point():
+            view._mask = mask
         else:  # a large view is stored as bytes
-            view._matte = (matte * 255 + 0.5).to(torch.uint8)
+            view._mask = (mask * 255 + 0.5).to(torch.uint8)
         if self._cached is not None and self._plate is None:
             view._cached = view._parts()
         return view
@@ -179,7 +179,7 @@ class TrainingView:
             top, bottom = (
                 round((edge - self.camera.K[1, 2]) * down + large.camera.K[1, 2]) for edge in (box.top, box.bottom)
             )
-            if not (large.matte[top:bottom, left:right] > 127).any():
+            if not (large.mask[top:bottom, left:right] > 127).any():
                 return None
             size = (left, top, right - left, bottom - top)
             found = TrainingView.from_view(large, self.device, None, use_plate, chroma, size)
@@ -216,10 +216,10 @@ class TrainingView:
         """
         width, height = self.camera.width // 2, self.camera.height // 2
         camera = self.camera.cropped(0, 0, 2 * width, 2 * height).resized(width, height)
-        covered = self.matte[..., None]
-        matte = _halved(covered)
+        covered = self.mask[..., None]
+        mask = _halved(covered)
         if self._plate is None:
-            image = _halved(self.image * covered) / matte.clamp_min(1e-6)
+            image = _halved(self.image * covered) / mask.clamp_min(1e-6)
         else:
             image = _halved(self.image)
 
@@ -228,14 +228,14 @@ class TrainingView:
 
         plate = None if self.plate is None else stored(_halved(self.plate))
         size = (self.full_size[0] // 2, self.full_size[1] // 2)
-        view = TrainingView(camera, stored(image), stored(matte)[..., 0], size, plate)
+        view = TrainingView(camera, stored(image), stored(mask)[..., 0], size, plate)
         view.color, view.vignette = self.color, self.vignette
         return view.with_details(self.details)
 
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3) target image over a (3,) background color.
 
-        Without a plate: the performer, composited over the color with the matte. With a plate: the footage on and
+        Without a plate: the performer, composited over the color with the mask. With a plate: the footage on and
         around the performer, and the color elsewhere.
         """
         image, rest, _ = self._cached or self._parts()
@@ -251,7 +251,7 @@ class TrainingView:
 
     def _parts(self) -> tuple[Tensor, Tensor, Tensor | None]:
         """The image (H, W, 3) times its weight, one minus the weight (H, W, 1), and the plate times the weight."""
-        shown = self.matte[..., None] if self._near is None else self._near.to(torch.float32)[..., None]
+        shown = self.mask[..., None] if self._near is None else self._near.to(torch.float32)[..., None]
         plate = self.plate
         return self.image * shown, 1 - shown, None if plate is None else plate * shown
 
@@ -279,49 +279,49 @@ def _halved(image: Tensor) -> Tensor:
     return torch.nn.functional.avg_pool2d(image.permute(2, 0, 1), 2).permute(1, 2, 0).contiguous()
 
 
-def surroundings(matte: Tensor) -> Tensor:
-    """(H, W) mask, 1 on and around the performer: the matte dilated by 2% of the performer's size, at least 4 px."""
-    inside = matte > 0.5
+def surroundings(mask: Tensor) -> Tensor:
+    """(H, W) mask, 1 on and around the performer: the mask dilated by 2% of the performer's size, at least 4 px."""
+    inside = mask > 0.5
     extent = max(int(inside.any(0).sum()), int(inside.any(1).sum()))
     reach = max(4, round(0.02 * extent))
-    grown = (matte > 0.02).float()[None, None]
+    grown = (mask > 0.02).float()[None, None]
     for axis in ((1, 0), (0, 1)):  # separable: rows, then columns
         size, padding = [2 * reach * on + 1 for on in axis], [reach * on for on in axis]
         grown = torch.nn.functional.max_pool2d(grown, size, stride=1, padding=padding)
     return grown[0, 0]
 
 
-def interior(matte: Tensor) -> Tensor:
+def interior(mask: Tensor) -> Tensor:
     """(H, W) bool: at least two pixels from the outline; all of a performer that is too thin to have an inside."""
-    inside = (matte > _INSIDE).float()
+    inside = (mask > _INSIDE).float()
     eroded = 1 - torch.nn.functional.max_pool2d(1 - inside[None, None], 2 * _BORDER + 1, 1, _BORDER)[0, 0]
-    return eroded > 0.5 if bool((eroded > 0.5).any()) else matte > 0.5
+    return eroded > 0.5 if bool((eroded > 0.5).any()) else mask > 0.5
 
 
-def matte_box(matte: np.ndarray, margin: float, name: str) -> tuple[int, int, int, int]:
+def mask_box(mask: np.ndarray, margin: float, name: str) -> tuple[int, int, int, int]:
     """Bounding box (left, top, width, height) of the performer in pixels, padded and clipped to the image.
 
     Args:
-        matte: (H, W) uint8; pixels above one half are the performer.
+        mask: (H, W) uint8; pixels above one half are the performer.
         margin: padding as a fraction of the size of the box; 16 pixels are added to it.
         name: name of the camera, for the error.
 
     Raises:
-        StudioError: `matte.empty`: no pixel of the matte is above one half.
+        StudioError: `mask.empty`: no pixel of the mask is above one half.
     """
-    rows = np.flatnonzero((matte > 127).any(1))
-    columns = np.flatnonzero((matte > 127).any(0))
+    rows = np.flatnonzero((mask > 127).any(1))
+    columns = np.flatnonzero((mask > 127).any(0))
     if rows.size == 0:
         raise StudioError(
-            "matte.empty",
-            f"the matte of camera '{name}' is empty, so the view cannot be used for training",
-            fix="Fix the matte",
+            "mask.empty",
+            f"the mask of camera '{name}' is empty, so the view cannot be used for training",
+            fix="Fix the mask",
             camera=name,
         )
     pad_y = 16 + int(margin * (rows[-1] - rows[0] + 1))
     pad_x = 16 + int(margin * (columns[-1] - columns[0] + 1))
-    top, bottom = max(0, rows[0] - pad_y), min(matte.shape[0], rows[-1] + 1 + pad_y)
-    left, right = max(0, columns[0] - pad_x), min(matte.shape[1], columns[-1] + 1 + pad_x)
+    top, bottom = max(0, rows[0] - pad_y), min(mask.shape[0], rows[-1] + 1 + pad_y)
+    left, right = max(0, columns[0] - pad_x), min(mask.shape[1], columns[-1] + 1 + pad_x)
     return int(left), int(top), int(right - left), int(bottom - top)
 
 

@@ -57,7 +57,7 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     assert player.opened.take is not None
     footage = player.context.footage.calibrated
     filmed = footage.image("cam4", footage.frames[0]).astype(float) * (
-        footage.matte("cam4", footage.frames[0])[..., None] / 255
+        footage.mask("cam4", footage.frames[0])[..., None] / 255
     )
     shrunk = truth.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown enlarged four times
     assert np.abs(shrunk - filmed).mean() < 3.0

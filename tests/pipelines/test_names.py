@@ -44,10 +44,10 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory, run_in: Call
         old = camera["name"]
         camera["name"] = new = NAMES.get(old, old)
         (capture / "images" / old).rename(capture / "images" / new)
-        (capture / "matte é" / new).mkdir(parents=True)
+        (capture / "mask é" / new).mkdir(parents=True)
         for path in (capture / "images" / new).iterdir():
             image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            assert cv2.imwrite(str(capture / "matte é" / new / path.name), image[..., 3])
+            assert cv2.imwrite(str(capture / "mask é" / new / path.name), image[..., 3])
             assert cv2.imwrite(str(path), image[..., :3])
     (capture / "caméras.json").write_text(json.dumps(rig, ensure_ascii=False), encoding="utf-8")
     (capture / "cameras.json").unlink()
@@ -56,7 +56,7 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory, run_in: Call
         "root": capture.name,
         "rig": "caméras.json",
         "masks": "files",
-        "mask_files": "matte é/{camera}/{frame:03d}.png",
+        "mask_files": "mask é/{camera}/{frame:03d}.png",
         "held_out": [NAMES["cam4"]],
     }
     settings["run"]["preview_seconds"] = 0.01

@@ -10,7 +10,7 @@ from pipelines.config import Config, dump_config, load_config
 from pipelines.config.presets import PRESETS, with_values
 from pipelines.stages.camera_file import camera_file
 from pipelines.takes.atomic_files import disk_errors, write_text
-from pipelines.takes.drawn_mattes import for_another_take
+from pipelines.takes.drawn_masks import for_another_take
 from pipelines.takes.take import Take
 from studio.counts import counted
 from studio.errors import StudioError

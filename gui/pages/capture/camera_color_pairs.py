@@ -160,17 +160,17 @@ def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarr
     """A camera's image and the image in the colors of the mean camera, (H, W, 3) uint8, cropped to the performer.
 
     Raises:
-        StudioError: `matte.empty`: the camera does not see the performer.
+        StudioError: `mask.empty`: the camera does not see the performer.
     """
     import cv2
     import torch
 
     from studio.color_fit import uncorrected
-    from studio.training.views import matte_box
+    from studio.training.views import mask_box
     from studio.vignette import Vignette
 
     name = view.camera.name
-    left, top, width, height = matte_box(view.matte, MARGIN, name)
+    left, top, width, height = mask_box(view.mask, MARGIN, name)
     inside = (slice(top, top + height), slice(left, left + width))
     seen = torch.from_numpy(np.ascontiguousarray(view.image[inside])) / 255
     if name in colors.vignettes:

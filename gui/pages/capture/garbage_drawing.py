@@ -1,4 +1,4 @@
-"""Garbage mattes drawn in the window: polygons of one camera where the performer never is."""
+"""Garbage masks drawn in the window: polygons of one camera where the performer never is."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from gui.drawing.palette import BAD, FAIR, GOOD
 from gui.models.history import Change
 from gui.models.take.workspace import Workspace, setting_value
 from pipelines.takes.atomic_files import disk_errors, remove
-from pipelines.takes.drawn_mattes import DRAWN, file_of_garbage
+from pipelines.takes.drawn_masks import DRAWN, file_of_garbage
 from studio.atomic_files import write_bytes
-from studio.capture.mattes.garbage_polygons import (
+from studio.errors import Message, StudioError
+from studio.masks.garbage_polygons import (
     EXTENSIONS,
     GarbagePolygons,
     read_garbage_polygons,
     write_garbage_polygons,
 )
-from studio.errors import Message, StudioError
 from studio.storage import is_address
 
-SETTING = "capture.garbage_mattes"
+SETTING = "capture.garbage_masks"
 Polygons = Mapping[str, GarbagePolygons]
 Point = tuple[float, float]
 _State = tuple[object, Polygons | None]
@@ -52,10 +52,10 @@ class GarbageDrawing:
         """The polygons in use, by camera.
 
         Raises:
-            StudioError: the garbage mattes are images, or the file cannot be read.
+            StudioError: the garbage masks are images, or the file cannot be read.
         """
         context = self._workspace.context
-        if context is None or not context.config.capture.garbage_mattes:
+        if context is None or not context.config.capture.garbage_masks:
             return {}
         return read_garbage_polygons(self._path())
 
@@ -63,7 +63,7 @@ class GarbageDrawing:
     def stamp(self) -> object:
         """Changes with the polygons in use."""
         context = self._workspace.context
-        if context is None or not context.config.capture.garbage_mattes:
+        if context is None or not context.config.capture.garbage_masks:
             return None
         in_take = file_of_garbage(context.config.capture, context.take) is not None
         if not in_take and is_address(context.config.capture.root):  # objects are not asked for at each tick
@@ -105,7 +105,7 @@ class GarbageDrawing:
         place = np.array(at) * _scale(one, size)
         left = tuple(polygon for polygon in one.remove if not _holds(polygon, place))
         if len(left) < len(one.remove):
-            self._write({**old, camera: replace(one, remove=left)}, f"delete a garbage matte of {camera}")
+            self._write({**old, camera: replace(one, remove=left)}, f"delete a garbage mask of {camera}")
 
     def leave(self) -> bool:
         """Forget the unfinished polygon; returns whether there was one."""
@@ -115,7 +115,7 @@ class GarbageDrawing:
     def _close(self, camera: str, size: tuple[int, int]) -> None:
         context = self._workspace.context
         try:
-            used = context is not None and context.config.capture.garbage_mattes
+            used = context is not None and context.config.capture.garbage_masks
             old = self.polygons() if used else self._own() or {}  # or the file would lose what is in it
         except StudioError as error:
             self.refused = str(error)
@@ -123,17 +123,17 @@ class GarbageDrawing:
         one = old.get(camera, GarbagePolygons())
         polygon = np.array(self.corners) * _scale(one, size)
         new = {**old, camera: replace(one, remove=(*one.remove, polygon))}
-        if self._write(new, f"garbage matte of {camera}"):
+        if self._write(new, f"garbage mask of {camera}"):
             self.corners = ()
 
     def _path(self) -> Path:
         context = self._workspace.context
         assert context is not None
-        named = context.config.capture.garbage_mattes
+        named = context.config.capture.garbage_masks
         if Path(named).suffix.lower() not in EXTENSIONS:
             raise StudioError(
                 "gui.garbage_images",
-                "the garbage mattes of this take are images, so no polygons can be drawn",
+                "the garbage masks of this take are images, so no polygons can be drawn",
                 value=named,
                 fix=f"Empty {SETTING}, or add polygons to the images.",
                 setting=SETTING,

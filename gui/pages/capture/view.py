@@ -1,4 +1,4 @@
-"""Capture: all cameras at the current frame with mattes, and problems in the footage."""
+"""Capture: all cameras at the current frame with masks, and problems in the footage."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from studio.capture.color_drift import ColorDrift
 from studio.capture.lru_cache import ByteCache
 from studio.errors import Cancelled, StudioError
 
-GARBAGE = "garbage mattes"
+GARBAGE = "garbage masks"
 """The mode in which they are drawn."""
 
 DRAWING = "click corners, the first again to close; right click takes back or deletes; Escape: all cameras"
@@ -38,11 +38,11 @@ DECODED_BYTES = 64 * 1024 * 1024
 
 
 class CaptureView(StageView):
-    """Thumbnails of all cameras, or one of them (`camera`): with the matte as an overlay, without it, or cut out; and
-    with garbage mattes, which are drawn on one camera.
+    """Thumbnails of all cameras, or one of them (`camera`): with the mask as an overlay, without it, or cut out; and
+    with garbage masks, which are drawn on one camera.
 
     Attributes:
-        garbage: the garbage mattes.
+        garbage: the garbage masks.
     """
 
     modes = ("mask overlay", "images", "performer", GARBAGE)
@@ -160,13 +160,13 @@ class CaptureView(StageView):
         small = opened.image(name, frame, widest)
         if self.mode == "images":
             return small
-        mask = opened.matte(name, frame, widest)
+        mask = opened.mask(name, frame, widest)
         if self.mode == GARBAGE:  # bright, since one looks for what is not the performer
             return outlined(small, mask)
-        matte = mask[..., None] / np.float32(255)
+        alpha = mask[..., None] / np.float32(255)
         if self.mode == "performer":
-            return (small * matte + np.array(GROUND) * (1 - matte)).astype(np.uint8)
-        return outlined(small * (0.35 + 0.65 * matte), 255 * matte[..., 0])
+            return (small * alpha + np.array(GROUND) * (1 - alpha)).astype(np.uint8)
+        return outlined(small * (0.35 + 0.65 * alpha), 255 * alpha[..., 0])
 
     def _drawn_polygons(self) -> Polygons:
         try:
@@ -180,13 +180,13 @@ class CaptureView(StageView):
         return found
 
     def click(self, x: float, y: float) -> None:
-        """Add a corner to the garbage matte, if one is drawn."""
+        """Add a corner to the garbage mask, if one is drawn."""
         at = self._image_at
         if at is not None and self.mode == GARBAGE and at.camera == self.camera:
             self.garbage.click(at.camera, at.pixel(x, y), at.size, 0.6 * self.em / at.scale)
 
     def right_click(self, x: float, y: float) -> None:
-        """Take back a corner, or delete the garbage matte under the pointer."""
+        """Take back a corner, or delete the garbage mask under the pointer."""
         at = self._image_at
         if at is not None and self.mode == GARBAGE and at.camera == self.camera:
             self.garbage.right_click(at.camera, at.pixel(x, y), at.size)
@@ -213,7 +213,7 @@ class CaptureView(StageView):
 
 
 class _Reduced:
-    """The images and mattes of a footage, at most some pixels wide; the newest ones are kept. Must not be modified."""
+    """The images and masks of a footage, at most some pixels wide; the newest ones are kept. Must not be modified."""
 
     def __init__(self, footage: Footage) -> None:
         self.footage = footage
@@ -223,9 +223,9 @@ class _Reduced:
         """(h, w, 3) uint8 RGB. Raises StudioError as `Footage.raw_image`."""
         return self._small(("image", camera, frame, widest), widest, lambda: self.footage.raw_image(camera, frame))
 
-    def matte(self, camera: str, frame: int, widest: int) -> np.ndarray:
-        """(h, w) uint8, 255 = foreground. Raises StudioError as `Footage.raw_matte`."""
-        return self._small(("matte", camera, frame, widest), widest, lambda: self.footage.raw_matte(camera, frame))
+    def mask(self, camera: str, frame: int, widest: int) -> np.ndarray:
+        """(h, w) uint8, 255 = foreground. Raises StudioError as `Footage.raw_mask`."""
+        return self._small(("mask", camera, frame, widest), widest, lambda: self.footage.raw_mask(camera, frame))
 
     def _small(self, key: Hashable, widest: int, read: Callable[[], np.ndarray]) -> np.ndarray:
         import cv2
@@ -263,12 +263,12 @@ class _ImageAt:
         return np.asarray(points) * self.scale + self.place[:2]
 
 
-def outlined(image: np.ndarray, matte: np.ndarray) -> np.ndarray:
-    """A copy of an image (H, W, 3) with the edge of a matte (H, W), 0 to 255."""
+def outlined(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """A copy of an image (H, W, 3) with the edge of a mask (H, W), 0 to 255."""
     import cv2
 
     shown = image.astype(np.uint8)
-    inside = (matte > 127).astype(np.uint8)
+    inside = (mask > 127).astype(np.uint8)
     shown[cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0] = TINT
     return shown
 

@@ -101,7 +101,7 @@ def write_pictures(
             raise StudioError(
                 "calibration.mask_empty",
                 f"camera '{name}': the masks exclude all of its images",
-                fix="Fix the mattes, or set calibrate.look_at to everything.",
+                fix="Fix the masks, or set calibrate.look_at to everything.",
                 camera=name,
                 setting="calibrate.look_at",
             )

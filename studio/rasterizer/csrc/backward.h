@@ -20,7 +20,7 @@ enum Slot { S_Q, S_QU, S_QUU, S_QV, S_QUV, S_QVV, S_RED, S_GREEN, S_BLUE, S_DEPT
 // State of the pixels of a block. With T the transmittance, g the gradient of the color and S the sum over everything
 // behind a splat of (blended color . g), dLoss/dalpha = T (color . g) - S / (1 - alpha). S starts with the whole pixel
 // and shrinks from front to back.
-// Which outputs besides the image have a gradient. Training compares alpha with the matte; nothing in it uses depth.
+// Which outputs besides the image have a gradient. Training compares alpha with the mask; nothing in it uses depth.
 enum GradientsOf { IMAGE, IMAGE_ALPHA, IMAGE_ALPHA_DEPTH };
 
 // Which sums over pixels are needed. SHAPE: not those for opacities and colors, which motion does not train.

@@ -80,7 +80,7 @@ def test_settings(notices: Notices) -> None:
     assert failure(notices) == ""
 
 
-def test_cameras_and_garbage_mattes(notices: Notices, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cameras_and_garbage_masks(notices: Notices, monkeypatch: pytest.MonkeyPatch) -> None:
     garbage = SimpleNamespace(refused="", stamp=1)
     views = SimpleNamespace(capture=SimpleNamespace(garbage=garbage), asked=None, pressed=False)
     context = SimpleNamespace(footage=SimpleNamespace(capture=None))

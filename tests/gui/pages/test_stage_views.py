@@ -437,11 +437,11 @@ def test_the_check_tells_of_white_balance_that_changes(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     for camera in ("a", "b"):
         room = rng.uniform(60, 170, (120, 160, 3))
-        matte = np.zeros((120, 160), np.uint8)
-        matte[30:90, 60:100] = 255
+        mask = np.zeros((120, 160), np.uint8)
+        mask[30:90, 60:100] = 255
         for frame in range(6):
             gain = (1.1, 1, 1) if camera == "b" and frame in (2, 3) else (1, 1, 1)  # blue, green, red
-            for kind, pixels in (("images", np.rint(room * gain).astype(np.uint8)), ("masks", matte)):
+            for kind, pixels in (("images", np.rint(room * gain).astype(np.uint8)), ("masks", mask)):
                 path = tmp_path / "capture" / kind / camera / f"{frame:03d}.png"
                 path.parent.mkdir(parents=True, exist_ok=True)
                 cv2.imwrite(str(path), pixels)

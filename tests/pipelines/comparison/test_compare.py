@@ -60,7 +60,7 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
     assert "flicker (levels of 255)" in Take.open(two[0]).report.read_text()
     assert "trained_on" not in fine or not fine["trained_on"]
     assert f"{fine['psnr']:.2f}" in done.stdout
-    assert "own mattes" in " ".join(done.stdout.split())
+    assert "own masks" in " ".join(done.stdout.split())
     pictures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
     assert pictures == ["cam4_000000.png", "cam4_000004.png"]
     picture = cv2.imread(str(tmp_path / "out" / pictures[0]))

@@ -129,10 +129,10 @@ def test_one_failure_ends_the_others_and_is_what_is_told() -> None:
         raise AssertionError("was never stopped")
 
     def bad() -> None:
-        raise StudioError("matte.empty", "no camera sees the performer")
+        raise StudioError("mask.empty", "no camera sees the performer")
 
     ran: list[int] = []
-    with refuses("matte.empty"):
+    with refuses("mask.empty"):
         run_groups({0: endless, 1: bad, 2: lambda: ran.append(2)}, 2, [1, 1, 1], stop)
     assert not ran
 

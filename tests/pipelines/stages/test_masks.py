@@ -1,4 +1,4 @@
-"""Takes with generated mattes: by a matting model, and by keying."""
+"""Takes with generated masks: by a matting model, and by keying."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
-MODELS = Path(__file__).parents[2] / "studio" / "capture" / "mattes" / "data"
+MODELS = Path(__file__).parents[2] / "studio" / "masks" / "data"
 RADIUS = 0.55  # of the ball
 GREEN = (80, 165, 60)  # as OpenCV writes it: blue first
 
@@ -57,7 +57,7 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
     assert done.returncode == 0, done.stderr
     assert np.median(radii(project / "take")) == pytest.approx(RADIUS, abs=0.05)
     take = Take.open(project / "take")
-    kept = {path: path.stat().st_mtime_ns for path in (take.footage_cache / "mattes").iterdir()}
+    kept = {path: path.stat().st_mtime_ns for path in (take.footage_cache / "masks").iterdir()}
     assert kept
     config = load_config(take.config)
     assert status(take, config)["initialize"].state == "done"
@@ -65,7 +65,7 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
     assert status(take, config)["initialize"].state == "stale"
     done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given)
     assert done.returncode == 0, done.stderr
-    assert len(list((take.footage_cache / "mattes").iterdir())) == 2 * len(kept)
+    assert len(list((take.footage_cache / "masks").iterdir())) == 2 * len(kept)
     assert all(path.stat().st_mtime_ns == time for path, time in kept.items())
 
 

@@ -20,10 +20,10 @@ from tests.support.rigs import camera_at
 def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> None:
     camera = camera_at("cam0", (3.0, 0.0, 0.0))
     shape = (camera.height, camera.width)
-    matte = np.zeros(shape, np.uint8)
-    matte[10:20, 10:20] = 255
+    mask = np.zeros(shape, np.uint8)
+    mask[10:20, 10:20] = 255
     plate = np.full((*shape, 3), 40, np.uint8)
-    view = SimpleNamespace(camera=camera, image=plate + 20, matte=matte, plate=plate)
+    view = SimpleNamespace(camera=camera, image=plate + 20, mask=mask, plate=plate)
     footage = SimpleNamespace(train_cameras=("cam0",), view=lambda name, frame: view, chroma=lambda name: None)
     config = Config()
     config = config.model_copy(update={"train": config.train.model_copy(update={"use_plates": use_plates})})

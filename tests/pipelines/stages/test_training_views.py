@@ -56,7 +56,7 @@ def test_they_show_what_was_filmed(project: Path) -> None:
         left, top = (round(float(filmed.camera.K[axis, 2] - closer.camera.K[axis, 2])) for axis in (0, 1))
         rows, columns = slice(top, top + closer.camera.height), slice(left, left + closer.camera.width)
         assert np.array_equal(closer.image.numpy(), filmed.image.numpy()[rows, columns])
-        assert np.array_equal(closer.matte.numpy(), filmed.matte.numpy()[rows, columns])
+        assert np.array_equal(closer.mask.numpy(), filmed.mask.numpy()[rows, columns])
 
 
 def test_each_detail_has_its_own(project: Path) -> None:

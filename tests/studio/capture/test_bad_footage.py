@@ -114,8 +114,8 @@ def test_empty_and_all_white_masks(image_folders: Path, make: SimpleNamespace) -
     make.image(image_folders / "masks" / "right" / "000005.png", np.full((64, 96), 255, np.uint8))
     problems = check_footage(open_footage(CaptureSettings(root=image_folders)))
     assert [(problem.code, problem.fields) for problem in problems] == [
-        ("matte.empty", {"camera": "left", "frames": (6, 7)}),
-        ("matte.full", {"camera": "right", "frames": (5,)}),
+        ("mask.empty", {"camera": "left", "frames": (6, 7)}),
+        ("mask.full", {"camera": "right", "frames": (5,)}),
     ]
     assert str(problems[0]).startswith("Camera 'left': the mask is empty in frames 6-7. Fix the masks")
 
@@ -123,7 +123,7 @@ def test_empty_and_all_white_masks(image_folders: Path, make: SimpleNamespace) -
 def test_missing_mask_and_wrong_mask_shape(image_folders: Path, make: SimpleNamespace) -> None:
     mask = image_folders / "masks" / "left" / "000006.png"
     mask.unlink()
-    with refuses("matte.missing", camera="left", frames=(6,), kind="mask"):
+    with refuses("mask.missing", camera="left", frames=(6,), kind="mask"):
         open_footage(CaptureSettings(root=image_folders))
     make.image(mask, np.full((64, 64), 255, np.uint8))
     (problem,) = check_footage(open_footage(CaptureSettings(root=image_folders)))
@@ -136,8 +136,8 @@ def test_masks_of_another_aspect_ratio(image_folders: Path, make: SimpleNamespac
         make.image(image_folders / "masks" / "left" / f"{frame:06d}.png", np.full((64, 64), 255, np.uint8))
     footage = open_footage(CaptureSettings(root=image_folders))
     mask = image_folders / "masks" / "left" / "000006.png"
-    with refuses("matte.aspect_ratio", file=mask, value=(64, 64), camera="left", frame=6, expected=(96, 64)):
-        footage.matte("left", 6)
+    with refuses("mask.aspect_ratio", file=mask, value=(64, 64), camera="left", frame=6, expected=(96, 64)):
+        footage.mask("left", 6)
 
 
 def test_two_cameras_with_one_name(three_videos: Path, make: SimpleNamespace) -> None:
@@ -154,20 +154,20 @@ def test_two_cameras_with_one_name(three_videos: Path, make: SimpleNamespace) ->
 
 def test_masks_that_are_not_there(three_videos: Path, make: SimpleNamespace) -> None:
     for masks, code, setting in (
-        ("files", "matte.not_found", "capture.mask_files"),
-        ("clean_plate", "matte.plates_not_found", "capture.clean_plates"),
-        ("alpha", "matte.alpha_missing", "capture.masks"),
+        ("files", "mask.not_found", "capture.mask_files"),
+        ("clean_plate", "mask.plates_not_found", "capture.clean_plates"),
+        ("alpha", "mask.alpha_missing", "capture.masks"),
     ):
         with refuses(code, setting=setting):
             open_footage(CaptureSettings(root=three_videos, masks=masks))
     make.image(three_videos / "bg" / "cam1.png", make.numbered(0))
-    with refuses("matte.plate_missing", camera="cam2"):
+    with refuses("mask.plate_missing", camera="cam2"):
         open_footage(CaptureSettings(root=three_videos, masks="clean_plate"))
     for name in ("cam2", "cam10"):
         make.image(three_videos / "bg" / f"{name}.png", make.numbered(0, 80, 64))
     footage = open_footage(CaptureSettings(root=three_videos, masks="clean_plate"))
-    with refuses("matte.plate_size", value=(80, 64), camera="cam2", expected=(96, 64)):
-        footage.matte("cam2", 0)
+    with refuses("mask.plate_size", value=(80, 64), camera="cam2", expected=(96, 64)):
+        footage.mask("cam2", 0)
 
 
 def test_no_such_camera_or_frame(three_videos: Path) -> None:

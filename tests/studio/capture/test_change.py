@@ -12,11 +12,11 @@ from studio.capture.change import LOOK_SIDE, change, look
 def scene(center: tuple[int, int], radius: int, angle: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """A disc with a red and a blue half, rotated by `angle` degrees."""
     image = np.full((240, 320, 3), 90, np.uint8)
-    matte = np.zeros((240, 320), np.uint8)
-    cv2.circle(matte, center, radius, 255, -1)
+    mask = np.zeros((240, 320), np.uint8)
+    cv2.circle(mask, center, radius, 255, -1)
     cv2.ellipse(image, center, (radius, radius), angle, 0, 180, (220, 20, 20), -1)
     cv2.ellipse(image, center, (radius, radius), angle, 180, 360, (20, 20, 220), -1)
-    return image, matte
+    return image, mask
 
 
 def test_position_and_size_do_not_matter() -> None:
@@ -41,6 +41,6 @@ def test_change_grows_with_rotation() -> None:
 
 
 def test_an_invisible_performer() -> None:
-    image, matte = scene((160, 120), 60)
-    assert look(image, np.zeros_like(matte)) is None
+    image, mask = scene((160, 120), 60)
+    assert look(image, np.zeros_like(mask)) is None
     assert change(np.zeros((4, 4, 4), np.float32), np.zeros((4, 4, 4), np.float32)) == 0

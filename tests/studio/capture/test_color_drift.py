@@ -16,13 +16,13 @@ def seen(gains: dict[int, tuple[float, float, float]], moving: bool = True) -> C
     room = rng.uniform(60, 170, (120, 160, 3))
     drift = ColorDrift()
     for frame in FRAMES:
-        image, matte = room.copy(), np.zeros((120, 160), np.uint8)
+        image, mask = room.copy(), np.zeros((120, 160), np.uint8)
         at = 10 + 8 * (frame - 10) if moving else 40
         image[20:110, at : at + 30] = rng.uniform(0, 255, 3)
-        matte[20:110, at : at + 30] = 255
+        mask[20:110, at : at + 30] = 255
         image[110:, at : at + 50] *= 0.5
         image = image * gains.get(frame, (1, 1, 1)) + rng.normal(0, 3, image.shape)
-        drift.see("cam1", frame, np.clip(image, 0, 255).astype(np.uint8), matte)
+        drift.see("cam1", frame, np.clip(image, 0, 255).astype(np.uint8), mask)
     return drift
 
 
@@ -50,7 +50,7 @@ def test_performers_cut_out_on_black_or_white_say_nothing():
         for camera, level in (("black", 0), ("white", 255)):
             image = np.full((80, 80, 3), level, np.uint8)
             image[20:60, 20:60] = 40 * frame
-            matte = np.zeros((80, 80), np.uint8)
-            matte[20:60, 20:60] = 255
-            drift.see(camera, frame, image, matte)
+            mask = np.zeros((80, 80), np.uint8)
+            mask[20:60, 20:60] = 255
+            drift.see(camera, frame, image, mask)
     assert drift.messages() == []

@@ -21,7 +21,7 @@ from studio.capture import CaptureSettings, frame_sources, open_footage
 from studio.errors import StudioError
 from studio.settings import affected
 
-MODELS = Path(__file__).parent / "mattes" / "data"
+MODELS = Path(__file__).parents[1] / "masks" / "data"
 HEIGHT, WIDTH = 64, 96
 
 PLATES = {"masks": "clean_plate"}
@@ -40,7 +40,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "masks": ("none", {}),
     "mask_files": ("other_masks/{camera}.png", {"masks": "files", "stop": 1}),
     "clean_plates": ("other_plates/{camera}.png", PLATES),
-    "evaluation_mattes": ("other_masks/{camera}.png", {"stop": 1}),
+    "evaluation_masks": ("other_masks/{camera}.png", {"stop": 1}),
     "audio": ("a.wav", {}),
     "audio_offset": (0.5, {"audio": "a.wav"}),
     "mask_sensitivity": (0.1, PLATES),
@@ -49,7 +49,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "mask_components": (1, PLATES),
     "key_color": ((0.9, 0.2, 0.1), SCREEN),
     "despill": (False, SCREEN),
-    "garbage_mattes": ("garbage.yaml", {}),
+    "garbage_masks": ("garbage.yaml", {}),
     "mask_model_size": (32, MODEL),
     "mask_model_mean": ((0.2, 0.2, 0.2), MODEL),
     "mask_model_std": ((2.0, 2.0, 2.0), MODEL),
@@ -131,7 +131,7 @@ def shown(captures: Path, make: SimpleNamespace, **values: Any) -> str:
         parts += [camera.K.tolist() for camera in footage.rig] if wide else []
         found = hashlib.sha256(repr(parts).encode())
         for camera in footage.camera_names:
-            for seen in (footage.image, footage.matte, footage.evaluation_matte):
+            for seen in (footage.image, footage.mask, footage.evaluation_mask):
                 found.update(seen(camera, footage.frames[0]).tobytes())
             plate = footage.plate(camera)
             found.update(b"" if plate is None else plate.tobytes())
@@ -150,9 +150,9 @@ def _rig(captures: Path, patch: pytest.MonkeyPatch) -> bool:
 
 @observed_by("mask_model")
 def _model(captures: Path, patch: pytest.MonkeyPatch) -> bool:
-    """Both models give the same mattes."""
+    """Both models give the same masks."""
     read = [
-        open_footage(CaptureSettings(**{**MODEL, "root": captures / "plain", "mask_model": name})).matte_source.files()
+        open_footage(CaptureSettings(**{**MODEL, "root": captures / "plain", "mask_model": name})).mask_source.files()
         for name in ("free.onnx", "fixed.onnx")
     ]
     return read == [[captures / "plain" / "free.onnx"], [captures / "plain" / "fixed.onnx"]]

@@ -22,7 +22,7 @@ def test_videos_are_found_and_read(three_videos: Path, make: SimpleNamespace) ->
     assert "12 frames" in footage.description
     for frame in (11, 0, 5):
         assert make.number_of(footage.image("cam2", frame)) == frame
-    assert (footage.matte("cam1", 3) == 255).all()
+    assert (footage.mask("cam1", 3) == 255).all()
     with refuses("footage.not_calibrated"):
         _ = footage.rig
 
@@ -31,8 +31,8 @@ def test_images_keep_their_frame_numbers(image_folders: Path, make: SimpleNamesp
     footage = open_footage(CaptureSettings(root=image_folders))
     assert footage.frames == (5, 6, 7, 8)
     assert make.number_of(footage.image("right", 7)) == 7
-    assert footage.matte("left", 5)[32, 48] == 255
-    assert footage.matte("left", 5)[0, 0] == 0
+    assert footage.mask("left", 5)[32, 48] == 255
+    assert footage.mask("left", 5)[0, 0] == 0
     assert open_footage(CaptureSettings(root=image_folders, start=6, step=2)).frames == (6, 8)
     assert open_footage(CaptureSettings(root=image_folders, stop=7)).frames == (5, 6)
     with refuses("footage.no_frames", file=image_folders, available=(5, 8), setting="capture.start"):
@@ -45,14 +45,14 @@ def test_single_images_are_frame_zero_and_masks_may_have_another_format(tmp_path
         make.image(tmp_path / "masks" / f"{name}.png", np.full((32, 48), 255, np.uint8))  # half the size
     footage = open_footage(CaptureSettings(root=tmp_path))
     assert footage.frames == (0,)
-    assert footage.matte("a", 0).shape == (64, 96)
+    assert footage.mask("a", 0).shape == (64, 96)
 
 
-def test_alpha_channel_is_the_matte(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_alpha_channel_is_the_mask(tmp_path: Path, make: SimpleNamespace) -> None:
     rgba = np.dstack([make.numbered(1), np.arange(96, dtype=np.uint8)[None].repeat(64, 0)])
     make.image(tmp_path / "images" / "a" / "0.png", rgba)
     footage = open_footage(CaptureSettings(root=tmp_path))
-    assert np.array_equal(footage.matte("a", 0), rgba[:, :, 3])
+    assert np.array_equal(footage.mask("a", 0), rgba[:, :, 3])
     assert np.array_equal(footage.image("a", 0), rgba[:, :, :3])
 
 
@@ -96,7 +96,7 @@ def test_undistorted_pixels_are_where_the_pinhole_camera_projects(
         assert footage.rig["a"].is_pinhole
         expected = footage.rig["a"].project(np.array([point]))[0][0]
         np.testing.assert_allclose(centroid(footage.image("a", 0)[:, :, 0]), expected, atol=0.06)
-        np.testing.assert_allclose(centroid(footage.matte("a", 0)), expected, atol=0.06)
+        np.testing.assert_allclose(centroid(footage.mask("a", 0)), expected, atol=0.06)
 
 
 def test_a_view_at_full_size_is_that_of_footage_without_a_scale(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -112,9 +112,9 @@ def test_a_view_at_full_size_is_that_of_footage_without_a_scale(tmp_path: Path, 
         for scale in (0.5, 1.0)
     )
     found, expected = small.full_size_view("a", 0), large.view("a", 0)
-    for name in ("image", "matte", "plate"):
+    for name in ("image", "mask", "plate"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
-    assert found.matte.any()
+    assert found.mask.any()
     assert found.camera.to_dict() == expected.camera.to_dict()
     assert small.view("a", 0).image.shape == (32, 48, 3)
 
@@ -125,7 +125,7 @@ def test_a_view_after_one_at_full_size_decodes_nothing(image_folders: Path, monk
     read, source = [], footage._source(camera)
     monkeypatch.setattr(source, "read", lambda frame, of=source.read: read.append(frame) or of(frame))
     assert footage.full_size_view(camera, frame).image.shape[0] == footage.raw_size(camera)[1]
-    footage.image(camera, frame), footage.matte(camera, frame)
+    footage.image(camera, frame), footage.mask(camera, frame)
     assert read == [frame]
 
 
@@ -247,9 +247,9 @@ def test_cache_drops_a_key() -> None:
 def test_decoded_frames_are_dropped_once_their_results_are_cached(image_folders: Path) -> None:
     footage = open_footage(CaptureSettings(root=image_folders, masks="none", scale=0.5))
     camera, frame = footage.camera_names[0], footage.frames[0]
-    first, _ = footage.image(camera, frame), footage.matte(camera, frame)
+    first, _ = footage.image(camera, frame), footage.mask(camera, frame)
     height, width = first.shape[:2]
-    assert footage._cache.used == 4 * height * width  # the small image and its matte, not the frame
+    assert footage._cache.used == 4 * height * width  # the small image and its mask, not the frame
     assert np.array_equal(footage.image(camera, frame), first)
 
 
@@ -285,7 +285,7 @@ def test_only_selected_frames_need_masks(image_folders: Path) -> None:
         for index in (7, 8):
             (image_folders / "masks" / name / f"{index:06d}.png").unlink()
     spec = CaptureSettings(root=image_folders, masks="files", mask_files="masks/{camera}/{frame}.png")
-    with refuses("matte.missing", camera="left", frames=(7, 8)):
+    with refuses("mask.missing", camera="left", frames=(7, 8)):
         open_footage(spec)
     assert open_footage(spec.replace(stop=7)).frames == (5, 6)
     assert open_footage(spec, strict=False).digest(), "the files have a digest without all masks"

@@ -222,8 +222,8 @@ def test_data_sets_are_found_without_settings(
         assert (camera.width, camera.height) == (WIDTH, HEIGHT)
     if masks:
         assert f"'{prefix}{masks}'" in footage.description
-        matte = footage.matte(footage.camera_names[0], footage.frames[0])
-        inside, outside = matte[24:36, 34:56], np.concatenate([matte[:14].ravel(), matte[46:].ravel()])
+        mask = footage.mask(footage.camera_names[0], footage.frames[0])
+        inside, outside = mask[24:36, 34:56], np.concatenate([mask[:14].ravel(), mask[46:].ravel()])
         assert inside.min() > 250
         assert outside.max() < 10
 

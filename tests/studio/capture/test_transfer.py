@@ -131,9 +131,9 @@ def test_a_capture_of_exr_files_with_plates(tmp_path: Path) -> None:
         exr(tmp_path / "clean_plates" / f"{camera}.exr", plate)
     footage = open_footage(CaptureSettings(root=tmp_path))
     assert np.abs(footage.image("a", 1) - srgb(image)).max() < 0.75
-    matte = footage.matte("b", 1)
-    assert matte[14:34, 23:37].min() > 250
-    assert matte[:8].max() < 10
+    mask = footage.mask("b", 1)
+    assert mask[14:34, 23:37].min() > 250
+    assert mask[:8].max() < 10
 
 
 def test_videos_have_a_transfer_function(tmp_path: Path, make: SimpleNamespace) -> None:

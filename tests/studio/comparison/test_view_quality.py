@@ -33,28 +33,28 @@ def camera() -> Camera:
 
 
 def filmed(change: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Image and matte of the splats, by a camera with other colors, (3, 4)."""
+    """Image and mask of the splats, by a camera with other colors, (3, 4)."""
     pair = ViewPair.of(
         splats(), camera(), np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8), (0, 0, 0)
     )
-    image, matte = pair.drawn, (pair.drawn.sum(-1) > 0.15).astype(np.uint8) * 255
+    image, mask = pair.drawn, (pair.drawn.sum(-1) > 0.15).astype(np.uint8) * 255
     if change is not None:
         image = image @ change[:, :3].T + change[:, 3]
-    return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), matte
+    return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), mask
 
 
 @pytest.mark.parametrize("background", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
 def test_psnr_is_that_of_opencv_over_the_background(background):
-    image, matte = filmed()
+    image, mask = filmed()
     noisy = np.clip(image.astype(int) + np.random.default_rng(0).integers(-20, 20, image.shape), 0, 255).astype(
         np.uint8
     )
-    pair = ViewPair.of(splats(), camera(), noisy, matte, background)
-    truth = np.where(matte[..., None] > 0, noisy / 255, np.array(background))
+    pair = ViewPair.of(splats(), camera(), noisy, mask, background)
+    truth = np.where(mask[..., None] > 0, noisy / 255, np.array(background))
     assert np.allclose(pair.truth, truth, atol=1e-6)
     found = measure_view(pair, None)
     assert found.psnr == pytest.approx(cv2.PSNR(truth, pair.drawn.astype(float), 1.0), abs=1e-3)
-    rows, columns = padded_box(matte, 8)
+    rows, columns = padded_box(mask, 8)
     box = measure_view(pair, 8)
     assert box.psnr == pytest.approx(
         cv2.PSNR(truth[rows, columns], pair.drawn[rows, columns].astype(float), 1.0), abs=1e-3
@@ -66,12 +66,12 @@ def test_psnr_is_that_of_opencv_over_the_background(background):
 
 def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
     change = np.array([[0.9, 0.05, 0, 0.02], [0, 1.1, 0, -0.03], [0.03, 0, 0.8, 0.04]])
-    image, matte = filmed(change)
-    pair = ViewPair.of(splats(), camera(), image, matte, (0, 0, 0))
+    image, mask = filmed(change)
+    pair = ViewPair.of(splats(), camera(), image, mask, (0, 0, 0))
     found = measure_view(pair, 8)
     assert found.psnr < 32
     assert found.psnr_color_fit > found.psnr + 3
-    inside = matte > 127
+    inside = mask > 127
     # plain least squares on the performer, by NumPy
     from studio.rasterizer import rasterize
 
@@ -82,8 +82,8 @@ def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
 
 
 def test_a_box_without_performer_is_not_measured():
-    image, matte = filmed()
-    pair = ViewPair.of(splats(), camera(), image, np.zeros_like(matte), (0, 0, 0))
+    image, mask = filmed()
+    pair = ViewPair.of(splats(), camera(), image, np.zeros_like(mask), (0, 0, 0))
     assert measure_view(pair, 8) is None
     assert measure_view(pair, None) is not None
 
@@ -97,7 +97,7 @@ def test_a_constant_error_does_not_flicker_and_noise_does():
 
 
 def test_lpips_gets_images_of_its_smallest_size():
-    image, matte = filmed()
+    image, mask = filmed()
     small = ViewPair(
         *(np.zeros((20, 20, 3), np.float32) for _ in range(3)), np.full((20, 20), 255, np.uint8), (1, 1, 1)
     )
@@ -109,14 +109,14 @@ def test_lpips_gets_images_of_its_smallest_size():
 
     assert measure_view(small, None, metric).lpips == 0.25
     assert sizes == [((32, 32, 3), 1.0)]
-    assert measure_view(ViewPair.of(splats(), camera(), image, matte, (0, 0, 0)), None).lpips is None
+    assert measure_view(ViewPair.of(splats(), camera(), image, mask, (0, 0, 0)), None).lpips is None
 
 
 def test_box_is_padded_and_stays_inside():
-    matte = np.zeros((20, 30), np.uint8)
-    assert padded_box(matte, 3) is None
-    matte[5:8, 28] = 255
-    assert padded_box(matte, 3) == (slice(2, 11), slice(25, 30))
+    mask = np.zeros((20, 30), np.uint8)
+    assert padded_box(mask, 3) is None
+    mask[5:8, 28] = 255
+    assert padded_box(mask, 3) == (slice(2, 11), slice(25, 30))
 
 
 def test_protocols_are_the_published_ones():

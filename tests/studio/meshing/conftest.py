@@ -19,7 +19,7 @@ class Shot:
 
     camera: Camera
     image: np.ndarray
-    matte: np.ndarray
+    mask: np.ndarray
 
 
 def color_of(points: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarray:
@@ -28,7 +28,7 @@ def color_of(points: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarra
 
 
 def shoot_balls(camera: Camera, balls: list[tuple[np.ndarray, float]], samples: int = 3) -> Shot:
-    """A view of ray-traced balls with an anti-aliased matte, colored by `color_of` of the first ball."""
+    """A view of ray-traced balls with an anti-aliased mask, colored by `color_of` of the first ball."""
     steps = (np.arange(samples) + 0.5) / samples
     hits = np.zeros((camera.height, camera.width))
     image = np.zeros((camera.height, camera.width, 3))

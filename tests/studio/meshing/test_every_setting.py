@@ -29,16 +29,16 @@ CHANGES: dict[str, Any] = {
 def views(two_balls: Callable[..., list[ViewLike]]) -> list[Any]:
     """Of six cameras, one has a mask that lacks a part, and two see the right half of their images only."""
     shots: list[Any] = two_balls(6)
-    broken = shots[1].matte.copy()
+    broken = shots[1].mask.copy()
     broken[:55] = 0
-    shots[1] = replace(shots[1], matte=broken)
+    shots[1] = replace(shots[1], mask=broken)
     for number in (3, 5):
         camera, half = shots[number].camera, shots[number].camera.width // 2
         shots[number] = replace(
             shots[number],
             camera=camera.cropped(half, 0, camera.width - half, camera.height),
             image=shots[number].image[:, half:],
-            matte=shots[number].matte[:, half:],
+            mask=shots[number].mask[:, half:],
         )
     return shots
 

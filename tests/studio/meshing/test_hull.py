@@ -33,10 +33,10 @@ def volume_of(mesh: Mesh) -> float:
 def test_signed_distance_of_a_disc() -> None:
     rows, columns = np.mgrid[0:200, 0:200] + 0.5
     exact = 60.3 - np.hypot(rows - 100.2, columns - 99.6)
-    matte = np.round(255 * np.clip(exact + 0.5, 0, 1)).astype(np.uint8)
-    assert np.abs(signed_distance(matte) - exact).max() < 1.5
+    mask = np.round(255 * np.clip(exact + 0.5, 0, 1)).astype(np.uint8)
+    assert np.abs(signed_distance(mask) - exact).max() < 1.5
     near = np.abs(exact) < 0.3
-    assert np.abs(signed_distance(matte) - exact)[near].max() < 0.05
+    assert np.abs(signed_distance(mask) - exact)[near].max() < 0.05
     assert (signed_distance(np.zeros((4, 4), np.uint8)) < -5).all()
     assert (signed_distance(np.full((4, 4), 255, np.uint8)) > 5).all()
 
@@ -76,9 +76,9 @@ def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., lis
     """A camera whose mask has no right half must not halve the hull."""
     views = two_balls(12)
     good = visual_hull(views, COARSE)
-    matte = views[4].matte.copy()
-    matte[:, matte.shape[1] // 2 :] = 0
-    views[4] = replace(views[4], matte=matte)
+    mask = views[4].mask.copy()
+    mask[:, mask.shape[1] // 2 :] = 0
+    views[4] = replace(views[4], mask=mask)
     strict = visual_hull(views, InitializeSettings(resolution=64, tolerance=0))
     corrected = initialize_points(views, COARSE.replace(points=500))
     assert strict.hull.volume < 0.75 * good.hull.volume
@@ -93,7 +93,7 @@ def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., lis
 
 def test_an_empty_mask_among_many(two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(12)
-    views[7] = replace(views[7], matte=np.zeros_like(views[7].matte))
+    views[7] = replace(views[7], mask=np.zeros_like(views[7].mask))
     result = visual_hull(views, COARSE)
     assert result.hull.volume > 4 / 3 * np.pi * 0.5**3
     assert result.disagreement["cam07"] == pytest.approx(1.0)
@@ -102,9 +102,9 @@ def test_an_empty_mask_among_many(two_balls: Callable[..., list[Any]]) -> None:
 def test_never_an_empty_mesh(two_balls: Callable[..., list[Any]]) -> None:
     """Too few cameras to correct outliers: the error names the camera."""
     views = two_balls(12)[:9:3]
-    shifted = np.zeros_like(views[1].matte)
+    shifted = np.zeros_like(views[1].mask)
     shifted[:20, :20] = 255  # far from the ball
-    views.append(replace(views[1], camera=replace(views[1].camera, name="odd"), matte=shifted))
+    views.append(replace(views[1], camera=replace(views[1].camera, name="odd"), mask=shifted))
     with refuses("hull.masks_disagree", cameras=("odd",), empty=()) as caught:
         visual_hull(views, InitializeSettings(resolution=64, tolerance=0))
     assert str(caught.value) == (
@@ -114,7 +114,7 @@ def test_never_an_empty_mesh(two_balls: Callable[..., list[Any]]) -> None:
 
 
 def test_all_masks_empty(two_balls: Callable[..., list[Any]]) -> None:
-    views = [replace(view, matte=np.zeros_like(view.matte)) for view in two_balls(4)]
+    views = [replace(view, mask=np.zeros_like(view.mask)) for view in two_balls(4)]
     with refuses("hull.empty_masks", setting="capture.masks"):
         visual_hull(views)
 
@@ -137,7 +137,7 @@ def test_cameras_do_not_carve_outside_their_image(scenes: SimpleNamespace, two_b
         if index % 2:
             left = view.camera.width // 2
             camera = view.camera.cropped(left, 0, view.camera.width - left, view.camera.height)
-            view = replace(view, camera=camera, image=view.image[:, left:], matte=view.matte[:, left:])
+            view = replace(view, camera=camera, image=view.image[:, left:], mask=view.mask[:, left:])
         views.append(view)
     result = visual_hull(views, COARSE)
     distance = scenes.distance_to_balls(result.mesh.vertices)
@@ -157,7 +157,7 @@ def test_few_cameras_leave_no_phantoms(two_balls: Callable[..., list[Any]]) -> N
         assert row.min() >= 0
         assert column.max() < view.camera.width
         assert row.max() < view.camera.height
-        assert signed_distance(view.matte)[row, column].min() > -3
+        assert signed_distance(view.mask)[row, column].min() > -3
 
 
 def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
@@ -171,7 +171,7 @@ def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
     bent = replace(views[0], camera=replace(views[0].camera, distortion=np.array([0.1, 0, 0, 0])))
     with refuses("hull.lens_distortion", camera="cam00"):
         visual_hull([bent, *views[1:]])
-    small = replace(views[0], matte=views[0].matte[:10])
+    small = replace(views[0], mask=views[0].mask[:10])
     with refuses("hull.mask_size", value=(160, 10), camera="cam00", expected=(160, 120)):
         visual_hull([small, *views[1:]])
 
@@ -273,8 +273,8 @@ def test_sample_capture_against_its_true_mesh(scenes: SimpleNamespace) -> None:
 
     views = []
     for camera in read_rig(SAMPLE / "cameras.json"):
-        matte = first_frame(SAMPLE / "mattes" / f"{camera.name}.mkv")[..., 0]
-        views.append(scenes.Shot(_fitting(camera, matte), np.repeat(matte[..., None], 3, -1), matte))
+        mask = first_frame(SAMPLE / "mattes" / f"{camera.name}.mkv")[..., 0]
+        views.append(scenes.Shot(_fitting(camera, mask), np.repeat(mask[..., None], 3, -1), mask))
     result = visual_hull(views, InitializeSettings(resolution=128))
     assert max(result.disagreement.values()) < 0.04
     truth = Mesh.load(SAMPLE / "meshes" / "000000.ply")
@@ -292,5 +292,5 @@ def test_sample_capture_against_its_true_mesh(scenes: SimpleNamespace) -> None:
     assert np.quantile(outside, 0.99) < 2 * result.hull.voxel
 
 
-def _fitting(camera: Camera, matte: np.ndarray) -> Camera:
-    return camera.resized(matte.shape[1], matte.shape[0])
+def _fitting(camera: Camera, mask: np.ndarray) -> Camera:
+    return camera.resized(mask.shape[1], mask.shape[0])

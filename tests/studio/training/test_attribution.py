@@ -23,8 +23,8 @@ def splats(colors: list[float], places: list[tuple[float, float, float]], opacit
     return Gaussians(torch.tensor(places), quats, torch.full((count, 3), -2.5), logits, sh)
 
 
-def view(image: torch.Tensor, matte: torch.Tensor | None = None) -> TrainingView:
-    return TrainingView(CAMERA, image, torch.ones(SIZE, SIZE) if matte is None else matte, (SIZE, SIZE))
+def view(image: torch.Tensor, mask: torch.Tensor | None = None) -> TrainingView:
+    return TrainingView(CAMERA, image, torch.ones(SIZE, SIZE) if mask is None else mask, (SIZE, SIZE))
 
 
 def apart() -> Gaussians:
@@ -53,10 +53,10 @@ def test_the_splat_with_another_color_than_the_footage_has_the_error() -> None:
 
 
 def test_errors_at_the_outline_do_not_count() -> None:
-    matte = torch.zeros(SIZE, SIZE)
-    matte[10:30, 10:30] = 1
+    mask = torch.zeros(SIZE, SIZE)
+    mask[10:30, 10:30] = 1
     empty = splats([0.5], [(0.0, 0.0, -1.0)])
-    error = picture_error(empty, view(torch.ones(SIZE, SIZE, 3), matte))
+    error = picture_error(empty, view(torch.ones(SIZE, SIZE, 3), mask))
     assert torch.equal(error > 0, torch.nn.functional.pad(torch.ones(16, 16), (12, 20, 12, 20)) > 0)
     assert torch.allclose(error[12:28, 12:28], torch.tensor(0.5))
 

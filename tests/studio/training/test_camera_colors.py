@@ -83,7 +83,7 @@ def test_the_cameras_with_a_vignette_are_found_on_exact_splats(with_plate: bool)
     assert [number for number, one in enumerate(found.vignettes) if one is not None] == [1, 4]
     colors = torch.tensor([[0.2, 0.5, 0.8, 1.0], [0.9, 0.4, 0.1, 1.0]], dtype=torch.float64).T
     for number in (1, 4):
-        inside = seen[number].matte > 0.99
+        inside = seen[number].mask > 0.99
         vignette = found.vignettes[number]
         assert vignette is not None
         gain = vignette.gain(seen[number].camera, (WIDTH, HEIGHT))
@@ -122,8 +122,8 @@ def test_a_step_compares_the_splats_in_the_colors_of_the_camera() -> None:
             stepper = Stepper(views, SETTINGS.replace(background="black"), torch.Generator().manual_seed(0))
             losses.append(sum(float(stepper(ball(torch.zeros(3))).loss) for _ in views))
         assert losses[1] < 0.05 * losses[0]
-        refined = with_colors[0].with_matte(with_colors[0].matte)
-        assert torch.equal(refined.color, with_colors[0].color), "new mattes keep the colors"
+        refined = with_colors[0].with_mask(with_colors[0].mask)
+        assert torch.equal(refined.color, with_colors[0].color), "new masks keep the colors"
 
 
 def test_cameras_are_fitted_while_splats_learn_from_points() -> None:

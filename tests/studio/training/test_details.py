@@ -44,8 +44,8 @@ def test_the_box_of_a_crop_and_of_half_the_size_shows_the_same() -> None:
     camera = camera_at("cam0", np.array([3.0, 0.0, 0.0]), size=(160, 120))
     details = (Detail((0.0, 0.1, 0.1), 0.3, 2.0),)
     (whole,) = detail_boxes(camera, details)
-    image, matte = torch.rand(80, 100, 3), torch.ones(80, 100)
-    view = TrainingView(camera.cropped(10, 20, 100, 80), image, matte, (160, 120)).with_details(details)
+    image, mask = torch.rand(80, 100, 3), torch.ones(80, 100)
+    view = TrainingView(camera.cropped(10, 20, 100, 80), image, mask, (160, 120)).with_details(details)
     (cut,) = view.detail_boxes
     assert (cut.left + 10, cut.top + 20) == (whole.left, whole.top)
     (half,) = view.half_size().detail_boxes
@@ -107,12 +107,12 @@ def large_view() -> TrainingView:
     large = camera_at("cam0", np.array([3.0, 0.0, 0.0]), size=(180, 120))
     generator = np.random.default_rng(0)
     image = generator.integers(0, 255, (120, 180, 3), dtype=np.uint8)
-    matte = np.full((120, 180), 255, np.uint8)
+    mask = np.full((120, 180), 255, np.uint8)
     small = image.reshape(40, 3, 60, 3, 3).mean((1, 3)).astype(np.uint8)
-    view = FootageView(large.resized(60, 40), small, matte[::3, ::3])
+    view = FootageView(large.resized(60, 40), small, mask[::3, ::3])
     whole = TrainingView.from_view(view, box=(10, 5, 40, 30))
     details = (Detail((0.0, 0.0, 0.0), 0.3, 4.0),)
-    return whole.with_details(details).with_closer(FootageView(large, image, matte))
+    return whole.with_details(details).with_closer(FootageView(large, image, mask))
 
 
 def splats(count: int) -> Gaussians:

@@ -56,7 +56,7 @@ BASE: dict[str, Any] = {
 MCMC = {"strategy": "mcmc", "densify_max_splats": 600}
 REFINED = {
     "rates.opacity": 0.5,
-    "refine_mattes": "auto",
+    "refine_masks": "auto",
     "refine_above": 0.0,
     "refine_moved_below": 1e9,
     "refine_every": 2,
@@ -71,7 +71,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "background": ("white", {}),
     "dropout": (0.4, {}),
     "dilation": (0.1, {}),
-    "refine_mattes": ("always", {}),
+    "refine_masks": ("always", {}),
     "refine_above": (1e6, REFINED),
     "refine_moved_below": (1e-6, REFINED),
     "refine_every": (3, REFINED),
@@ -150,7 +150,7 @@ def settings(**changes: Any) -> TrainSettings:
 
 @functools.cache
 def views(shift: float) -> tuple[TrainingView, ...]:
-    """The ball in three frames, at half the size, with subsampled chroma and mattes that are a bit too wide."""
+    """The ball in three frames, at half the size, with subsampled chroma and masks that are a bit too wide."""
     made = []
     truth = ball(shift * SHIFT)
     for camera in (one.scaled(0.5) for one in cameras()[:4]):
@@ -212,8 +212,8 @@ def _acceleration() -> bool:
 def captured() -> FootageView:
     camera = cameras()[0]
     render = rasterize(ball(torch.zeros(3)), camera)
-    image, matte = ((255 * one).clamp(0, 255).to(torch.uint8).numpy() for one in (render.image, render.alpha))
-    return FootageView(camera, image, matte, plate=np.full_like(image, 90))
+    image, mask = ((255 * one).clamp(0, 255).to(torch.uint8).numpy() for one in (render.image, render.alpha))
+    return FootageView(camera, image, mask, plate=np.full_like(image, 90))
 
 
 @observed_by("crop_margin")
@@ -286,7 +286,7 @@ def test_all_frames_keep_the_dilation_that_they_were_trained_with() -> None:
 
 
 def test_a_resumed_keyframe_keeps_its_dilation() -> None:
-    chosen = settings(dilation=0.1, checkpoint_every=7, refine_mattes="always")
+    chosen = settings(dilation=0.1, checkpoint_every=7, refine_masks="always")
     kept: dict[int, dict[str, torch.Tensor]] = {}
 
     def keep(step: int, state: dict[str, torch.Tensor]) -> None:

@@ -365,7 +365,7 @@ FINE_TUNING = {
     "motion_iterations": 0,
     "finetune_iterations": 60,
     "dropout": 0.0,
-    "refine_mattes": "never",  # these mattes are exact, but softer than a camera's
+    "refine_masks": "never",  # these masks are exact, but softer than a camera's
     "entropy_weight": 0.0,
     "temporal_weight": 0.0,
     "rates": LearningRates(sh_dc=0.05, scale=0.01),

@@ -1,4 +1,4 @@
-"""Mattes refined from the splats, on a ball whose exact mattes are known."""
+"""Masks refined from the splats, on a ball whose exact masks are known."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from studio.gaussians import Gaussians
 from studio.training import LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
 from studio.training.chroma_siting import chroma_shift
 from studio.training.keyframe import Checkpoint
-from studio.training.refine import Refinement, disagreement, drawn_matte, sharpened
+from studio.training.refine import Refinement, disagreement, drawn_mask, sharpened
 from studio.training.step import Stepper
 from tests.studio.training.test_group import HEIGHT, WIDTH, cameras
 
@@ -26,7 +26,7 @@ SETTINGS = TrainSettings(
     prune_finetune_iterations=100,
     prune_ratio=0.05,
     opacity_reg=0.0,
-    refine_mattes="auto",
+    refine_masks="auto",
     chroma_siting="auto",
     refine_above=0.65,  # the pictures are small, and outlines soft
     refine_every=25,
@@ -37,14 +37,14 @@ SETTINGS = TrainSettings(
 
 
 def box(x: int, y: int, width: int, height: int) -> torch.Tensor:
-    matte = torch.zeros(40, 50)
-    matte[y : y + height, x : x + width] = 1
-    return matte
+    mask = torch.zeros(40, 50)
+    mask[y : y + height, x : x + width] = 1
+    return mask
 
 
-def view_with(matte: torch.Tensor) -> TrainingView:
+def view_with(mask: torch.Tensor) -> TrainingView:
     K = np.array([[60.0, 0, 25], [0, 60.0, 20], [0, 0, 1]])
-    return TrainingView(Camera("a", 50, 40, K, np.eye(4)), torch.zeros(40, 50, 3), matte, (50, 40))
+    return TrainingView(Camera("a", 50, 40, K, np.eye(4)), torch.zeros(40, 50, 3), mask, (50, 40))
 
 
 def test_sharpened_has_twice_the_slope_around_one_half() -> None:
@@ -61,7 +61,7 @@ def test_disagreement_is_the_distance_of_outlines() -> None:
 
 
 def sphere(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
-    """(H, W, 3) colors and (H, W) exact matte of a shaded sphere of radius 0.5, from four by four rays per pixel."""
+    """(H, W, 3) colors and (H, W) exact mask of a shaded sphere of radius 0.5, from four by four rays per pixel."""
     steps = (np.arange(4) + 0.5) / 4
     x = (np.arange(WIDTH)[:, None] + steps).ravel()
     y = (np.arange(HEIGHT)[:, None] + steps).ravel()
@@ -81,24 +81,24 @@ def sphere(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def shadowed(plates: bool) -> tuple[list[TrainingView], list[torch.Tensor]]:
-    """Views of the sphere in a noisy room, with mattes that are wrong in another way in each; and the exact mattes."""
+    """Views of the sphere in a noisy room, with masks that are wrong in another way in each; and the exact masks."""
     random = torch.Generator().manual_seed(4)
     views, exact = [], []
     for index, camera in enumerate(cameras()):
         plate = 0.3 + 0.4 * torch.rand(HEIGHT, WIDTH, 3, generator=random)
-        colors, matte = sphere(camera)
-        image = colors * matte[..., None] + plate * (1 - matte[..., None])
-        exact.append(matte)
-        wrong = torch.nn.functional.avg_pool2d(matte[None, None], 3, 1, 1)[0, 0]  # too soft
-        wrong = (wrong + 0.6 * (wrong > 0.02) * torch.rand(matte.shape, generator=random)).clamp(0, 1)  # and ragged
+        colors, mask = sphere(camera)
+        image = colors * mask[..., None] + plate * (1 - mask[..., None])
+        exact.append(mask)
+        wrong = torch.nn.functional.avg_pool2d(mask[None, None], 3, 1, 1)[0, 0]  # too soft
+        wrong = (wrong + 0.6 * (wrong > 0.02) * torch.rand(mask.shape, generator=random)).clamp(0, 1)  # and ragged
         left = 28 if index % 2 else 22
         wrong[36 : 38 + index % 3, left : left + 12] = 1  # a shadow below it
         views.append(TrainingView(camera, image, wrong, (WIDTH, HEIGHT), plate if plates else None))
     return views, exact
 
 
-def errors(mattes: list[torch.Tensor], exact: list[torch.Tensor]) -> float:
-    return float(torch.stack([(one - other).abs().mean() for one, other in zip(mattes, exact, strict=True)]).mean())
+def errors(masks: list[torch.Tensor], exact: list[torch.Tensor]) -> float:
+    return float(torch.stack([(one - other).abs().mean() for one, other in zip(masks, exact, strict=True)]).mean())
 
 
 def start() -> tuple[torch.Tensor, torch.Tensor]:
@@ -111,18 +111,18 @@ def start() -> tuple[torch.Tensor, torch.Tensor]:
 
 @pytest.fixture(scope="module")
 def trained() -> Gaussians:
-    """Splats that were trained with exact mattes."""
+    """Splats that were trained with exact masks."""
     views, exact = shadowed(plates=True)
-    views = [view.with_matte(matte) for view, matte in zip(views, exact, strict=True)]
-    return train_keyframe(views, *start(), SETTINGS.replace(alpha_weight=1.0, refine_mattes="never"))
+    views = [view.with_mask(mask) for view, mask in zip(views, exact, strict=True)]
+    return train_keyframe(views, *start(), SETTINGS.replace(alpha_weight=1.0, refine_masks="never"))
 
 
 @pytest.mark.parametrize("plates", [True, False])
-def test_refined_mattes_are_closer_to_the_truth(plates: bool) -> None:
+def test_refined_masks_are_closer_to_the_truth(plates: bool) -> None:
     views, exact = shadowed(plates)
-    given = errors([view.matte for view in views], exact)
+    given = errors([view.mask for view in views], exact)
     trained = train_keyframe(views, *start(), SETTINGS)
-    refined = errors([drawn_matte(trained, view) for view in views], exact)
+    refined = errors([drawn_mask(trained, view) for view in views], exact)
     assert refined < (0.85 if plates else 0.97) * given
 
 
@@ -139,29 +139,29 @@ def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians) ->
 
     def error(which: TrainSettings) -> float:
         found = train_interframe(trained, views, which).gaussians
-        return errors([drawn_matte(found, view) for view in views], exact)
+        return errors([drawn_mask(found, view) for view in views], exact)
 
-    assert error(settings) < 0.95 * error(settings.replace(refine_mattes="never"))
+    assert error(settings) < 0.95 * error(settings.replace(refine_masks="never"))
 
 
-def test_auto_keeps_exact_mattes_and_refines_others(trained: Gaussians) -> None:
+def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
     views, exact = shadowed(plates=True)
-    for mattes, refined in ((exact, False), ([view.matte for view in views], True)):
+    for masks, refined in ((exact, False), ([view.mask for view in views], True)):
         stepper = Stepper(
-            [view.with_matte(matte) for view, matte in zip(views, mattes, strict=True)], SETTINGS, torch.Generator()
+            [view.with_mask(mask) for view, mask in zip(views, masks, strict=True)], SETTINGS, torch.Generator()
         )
         refinement = Refinement(stepper, SETTINGS)
         refinement.begin(trained)
         assert refinement.refined == refined
         assert stepper.alpha_weight == SETTINGS.refined_alpha_weight
-        found = [view.matte for view in stepper.views]
-        assert errors(found, exact) <= errors(mattes, exact)
-        assert all(torch.equal(one, other) for one, other in zip(found, mattes, strict=True)) != refined
+        found = [view.mask for view in stepper.views]
+        assert errors(found, exact) <= errors(masks, exact)
+        assert all(torch.equal(one, other) for one, other in zip(found, masks, strict=True)) != refined
 
 
-def test_splats_that_were_moved_badly_do_not_replace_mattes(trained: Gaussians) -> None:
+def test_splats_that_were_moved_badly_do_not_replace_masks(trained: Gaussians) -> None:
     views, exact = shadowed(plates=True)
-    views = [view.with_matte(matte) for view, matte in zip(views, exact, strict=True)]
+    views = [view.with_mask(mask) for view, mask in zip(views, exact, strict=True)]
     stepper = Stepper(views, SETTINGS, torch.Generator())
     refinement = Refinement(stepper, SETTINGS.replace(refine_above=0.0, refine_moved_below=0.8), moved=True)
     refinement.begin(replace(trained, means=trained.means + 0.1))
@@ -171,12 +171,12 @@ def test_splats_that_were_moved_badly_do_not_replace_mattes(trained: Gaussians) 
     assert refinement.refined is True, "once they are where the performer is, they do"
 
 
-def test_a_new_matte_changes_the_target_only_without_a_plate() -> None:
+def test_a_new_mask_changes_the_target_only_without_a_plate() -> None:
     color = torch.tensor([0.9, 0.1, 0.3])
     for plates in (True, False):
         view = shadowed(plates)[0][0]
-        other = view.with_matte(view.matte.roll(3, 1))
-        assert torch.equal(other.matte, view.matte.roll(3, 1))
+        other = view.with_mask(view.mask.roll(3, 1))
+        assert torch.equal(other.mask, view.mask.roll(3, 1))
         assert torch.equal(other.composited(color), view.composited(color)) == plates
 
 
@@ -187,7 +187,7 @@ def test_an_interrupted_keyframe_continues_to_the_same_bits() -> None:
     settings = SETTINGS.replace(keyframe_iterations=30, prune_finetune_iterations=60, checkpoint_every=5)
 
     def keep(step: int, state: Checkpoint) -> None:
-        if step in (30, 40, 55, 75):  # before, within and after the first mattes; in the last part
+        if step in (30, 40, 55, 75):  # before, within and after the first masks; in the last part
             kept[step] = {name: value.clone() for name, value in state.items()}
 
     whole = train_keyframe(views, *start(), settings, checkpoint=keep)
@@ -203,19 +203,19 @@ def test_siting_is_found_from_the_footage(siting: str, expected: float, trained:
     sampling = ChromaSampling((2, 2), (0.0, 0.5), "left")
     filmed: Callable[[TrainingView], torch.Tensor] = lambda view: resampled(view.image, sampling, 0.5)  # noqa: E731
     views = [
-        TrainingView(view.camera, filmed(view), view.matte, view.full_size, view.plate, sampling)
+        TrainingView(view.camera, filmed(view), view.mask, view.full_size, view.plate, sampling)
         for view in shadowed(plates=True)[0]
     ]
     assert chroma_shift(trained, views, siting) == expected
 
 
 def test_what_is_refined_stays_refined(trained: Gaussians) -> None:
-    """Also once splats have followed their mattes so closely that `auto` would not begin."""
+    """Also once splats have followed their masks so closely that `auto` would not begin."""
     views, _ = shadowed(plates=True)
     stepper = Stepper(views, SETTINGS, torch.Generator())
     refinement = Refinement(stepper, SETTINGS.replace(refine_moved_below=50.0), moved=True)
     refinement.begin(trained)
     assert refinement.refined is True
     for _ in range(3):
-        refinement.refresh(trained)  # the mattes are what these splats draw
+        refinement.refresh(trained)  # the masks are what these splats draw
         assert refinement.refined is True

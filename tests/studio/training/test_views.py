@@ -11,7 +11,7 @@ from studio.gaussians import Gaussians
 from studio.rasterizer.cpu import load_kernels
 from studio.training import TrainingView, TrainSettings
 from studio.training.step import Stepper
-from studio.training.views import interior, matte_box, over_color, surroundings
+from studio.training.views import interior, mask_box, over_color, surroundings
 from tests.support.errors import refuses
 
 SIZE = 120
@@ -21,22 +21,22 @@ def captured(with_plate: bool) -> FootageView:
     """A gray rectangle with half-covered border pixels in front of a bright, noisy wall."""
     rng = np.random.default_rng(0)
     plate = rng.integers(120, 250, (SIZE, SIZE, 3)).astype(np.uint8)
-    matte = np.zeros((SIZE, SIZE), np.uint8)
-    matte[40:80, 50:70] = 128
-    matte[41:79, 51:69] = 255
-    alpha = matte[..., None] / 255
+    mask = np.zeros((SIZE, SIZE), np.uint8)
+    mask[40:80, 50:70] = 128
+    mask[41:79, 51:69] = 255
+    alpha = mask[..., None] / 255
     image = np.rint(60 * alpha + plate * (1 - alpha)).astype(np.uint8)
     K = np.array([[100.0, 0, SIZE / 2], [0, 100.0, SIZE / 2], [0, 0, 1]])
-    return FootageView(Camera("a", SIZE, SIZE, K, np.eye(4)), image, matte, 0, plate if with_plate else None)
+    return FootageView(Camera("a", SIZE, SIZE, K, np.eye(4)), image, mask, 0, plate if with_plate else None)
 
 
 def test_box_is_padded_and_clipped() -> None:
-    matte = captured(False).matte
-    assert matte_box(matte, 0.1, "a") == (50 - 18, 40 - 20, 20 + 36, 40 + 40)
+    mask = captured(False).mask
+    assert mask_box(mask, 0.1, "a") == (50 - 18, 40 - 20, 20 + 36, 40 + 40)
     full = np.full((30, 20), 255, np.uint8)
-    assert matte_box(full, 0.5, "a") == (0, 0, 20, 30)
-    with refuses("matte.empty", camera="a"):
-        matte_box(np.zeros_like(matte), 0.1, "a")
+    assert mask_box(full, 0.5, "a") == (0, 0, 20, 30)
+    with refuses("mask.empty", camera="a"):
+        mask_box(np.zeros_like(mask), 0.1, "a")
 
 
 def test_crop_keeps_where_points_project() -> None:
@@ -49,10 +49,10 @@ def test_crop_keeps_where_points_project() -> None:
     assert torch.equal(cropped.image, torch.from_numpy(view.image[20:100, 32:88]).float() / 255)
 
 
-def test_composite_without_plate_is_the_matte_over_the_color() -> None:
+def test_composite_without_plate_is_the_mask_over_the_color() -> None:
     view = TrainingView.from_view(captured(False))
     color = torch.tensor([1.0, 0.0, 0.5])
-    expected = view.image * view.matte[..., None] + color * (1 - view.matte[..., None])
+    expected = view.image * view.mask[..., None] + color * (1 - view.mask[..., None])
     assert torch.allclose(view.composited(color), expected, atol=1e-6)
     assert view.backdrop(color) is None
 
@@ -88,10 +88,10 @@ def test_all_instruction_sets_and_threads_put_the_same_image_over_a_color() -> N
         kernels.over(image, rest[1:], color, results[0], 1)
 
 
-def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_matte_is_wrong() -> None:
+def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_mask_is_wrong() -> None:
     source = captured(True)
-    truth = torch.from_numpy(source.matte).float()[..., None] / 255
-    wrong = source.matte.copy()
+    truth = torch.from_numpy(source.mask).float()[..., None] / 255
+    wrong = source.mask.copy()
     wrong[40:80, 70:73] = 255  # three columns too many
     wrong[40:80, 50:52] = 0  # and two too few
     view = TrainingView.from_view(FootageView(source.camera, source.image, wrong, 0, source.plate))
@@ -112,12 +112,12 @@ def means_of_four(image: torch.Tensor) -> torch.Tensor:
 def test_half_size_is_the_mean_of_four_pixels(as_bytes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("studio.training.views.CACHED_PIXELS", 0 if as_bytes else 10**6)
     source, color = captured(False), torch.tensor([1.0, 0.0, 0.5])
-    source.matte[41:79:2, 53] = 40  # where pixels of one mean are covered differently
+    source.mask[41:79:2, 53] = 40  # where pixels of one mean are covered differently
     view = TrainingView.from_view(source)
     half = view.half_size()
     assert (half.camera.width, half.camera.height, half.full_size) == (SIZE // 2, SIZE // 2, (SIZE // 2, SIZE // 2))
     close = 1.5 / 255
-    assert torch.allclose(half.matte, means_of_four(view.matte), atol=close)
+    assert torch.allclose(half.mask, means_of_four(view.mask), atol=close)
     assert torch.allclose(half.composited(color), means_of_four(view.composited(color)), atol=close)
     point = np.array([[0.1, 0.2, 2.0]])
     assert half.camera.project(point)[0] == pytest.approx(view.camera.project(point)[0] / 2)
@@ -127,10 +127,10 @@ def test_half_size_with_a_plate_still_compares_the_same_things() -> None:
     source = captured(True)
     view = TrainingView.from_view(source)
     half, color = view.half_size(), torch.tensor([0.2, 0.9, 0.4])
-    truth = means_of_four(torch.from_numpy(source.matte).float()[..., None] / 255)
+    truth = means_of_four(torch.from_numpy(source.mask).float()[..., None] / 255)
     backdrop = half.backdrop(color)
     assert backdrop is not None
-    inside = interior(half.matte)
+    inside = interior(half.mask)
     drawn = 60 / 255 * truth + (1 - truth) * backdrop
     assert torch.allclose(drawn[inside], half.composited(color)[inside], atol=2 / 255)
     assert torch.allclose(half.plate, means_of_four(view.plate), atol=1 / 255)  # type: ignore[arg-type]
@@ -139,7 +139,7 @@ def test_half_size_with_a_plate_still_compares_the_same_things() -> None:
 def test_half_size_of_an_odd_crop_keeps_color_and_geometry() -> None:
     view = TrainingView.from_view(captured(False), crop_margin=0.12).with_color(0.8 * torch.eye(3, 4))
     odd = view.camera.cropped(0, 0, view.camera.width - 1, view.camera.height - 1)
-    cut = TrainingView(odd, view.image[:-1, :-1], view.matte[:-1, :-1], view.full_size)
+    cut = TrainingView(odd, view.image[:-1, :-1], view.mask[:-1, :-1], view.full_size)
     cut.color = view.color
     half = cut.half_size()
     assert half.image.shape[:2] == (odd.height // 2, odd.width // 2) == (half.camera.height, half.camera.width)
@@ -148,22 +148,22 @@ def test_half_size_of_an_odd_crop_keeps_color_and_geometry() -> None:
     assert torch.equal(half.color, cut.color)  # type: ignore[arg-type]
 
 
-def test_surroundings_reach_a_little_beyond_the_matte() -> None:
-    matte = torch.zeros(SIZE, SIZE)
-    matte[40:80, 50:70] = 1
-    near = surroundings(matte)
+def test_surroundings_reach_a_little_beyond_the_mask() -> None:
+    mask = torch.zeros(SIZE, SIZE)
+    mask[40:80, 50:70] = 1
+    near = surroundings(mask)
     assert near[40 - 4, 60] == 1
     assert near[40 - 5, 60] == 0
-    assert bool((near[matte > 0] == 1).all())
+    assert bool((near[mask > 0] == 1).all())
 
 
 def test_surroundings_are_a_square_about_each_pixel() -> None:
-    matte = torch.zeros(SIZE, SIZE)
-    matte[30:90, 20:100] = 1
-    matte[10, 10] = 0.5
+    mask = torch.zeros(SIZE, SIZE)
+    mask[30:90, 20:100] = 1
+    mask[10, 10] = 0.5
     reach = max(4, round(0.02 * 80))
-    whole = torch.nn.functional.max_pool2d((matte > 0.02).float()[None, None], 2 * reach + 1, 1, reach)[0, 0]
-    assert torch.equal(surroundings(matte), whole)
+    whole = torch.nn.functional.max_pool2d((mask > 0.02).float()[None, None], 2 * reach + 1, 1, reach)[0, 0]
+    assert torch.equal(surroundings(mask), whole)
 
 
 def test_large_images_are_stored_as_bytes_and_read_as_floats(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,9 +174,9 @@ def test_large_images_are_stored_as_bytes_and_read_as_floats(monkeypatch: pytest
     assert small._cached is not None
     assert view._cached is None
     assert torch.equal(small.composited(torch.ones(3)), view.composited(torch.ones(3)))
-    assert all(part.dtype == torch.uint8 for part in (view._image, view._matte, view._plate) if part is not None)
+    assert all(part.dtype == torch.uint8 for part in (view._image, view._mask, view._plate) if part is not None)
     color = torch.tensor([0.2, 0.9, 0.4])
-    floats = TrainingView(view.camera, view.image, view.matte, view.full_size, view.plate)
+    floats = TrainingView(view.camera, view.image, view.mask, view.full_size, view.plate)
     assert torch.equal(view.composited(color), floats.composited(color))
     assert view.backdrop(color) is not None
     assert torch.equal(view.backdrop(color), floats.backdrop(color))  # type: ignore[arg-type]
@@ -193,7 +193,7 @@ def test_an_empty_render_over_the_plate_is_the_plate() -> None:
         torch.tensor([[0.0, 0.0, -5.0]]), torch.ones(1, 4), torch.zeros(1, 3), torch.zeros(1), torch.zeros(1, 1, 3)
     )
     step = Stepper([view], TrainSettings(background="black"), torch.Generator().manual_seed(0))(nothing)
-    near = surroundings(view.matte) > 0
+    near = surroundings(view.mask) > 0
     assert view.plate is not None
     assert torch.allclose(step.render.image[near], view.plate[near], atol=1e-6)
     assert float(step.render.image[~near].abs().max()) == 0
@@ -223,11 +223,11 @@ def test_dropped_splats_are_not_drawn() -> None:
 
 def test_the_interior_begins_two_pixels_from_the_outline() -> None:
     """Against an erosion by another library; a performer that is too thin for it is taken whole."""
-    matte = torch.ones(40, 50)
-    matte[5:9, 12], matte[17, 11], matte[:, 30:] = 0.98, 0.0, 0.5
-    expected = binary_erosion((matte > 0.99).numpy(), np.ones((5, 5)), border_value=1)
+    mask = torch.ones(40, 50)
+    mask[5:9, 12], mask[17, 11], mask[:, 30:] = 0.98, 0.0, 0.5
+    expected = binary_erosion((mask > 0.99).numpy(), np.ones((5, 5)), border_value=1)
     assert expected.any()
-    assert np.array_equal(interior(matte).numpy(), expected)
+    assert np.array_equal(interior(mask).numpy(), expected)
     thin = torch.zeros(40, 50)
     thin[:, 20:22] = 1
     assert torch.equal(interior(thin), thin > 0.5)

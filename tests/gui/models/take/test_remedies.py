@@ -23,13 +23,13 @@ from pipelines.events import StageFailed, Warned
 
 ROOT = Path(__file__).parents[4]
 SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}
-OF_THE_FOOTAGE = {"footage.camera_ends_early", "footage.frames_missing", "matte.empty", "matte.full"}
+OF_THE_FOOTAGE = {"footage.camera_ends_early", "footage.frames_missing", "mask.empty", "mask.full"}
 """Problems that stop a stage, and that Capture lists; not warnings."""
 OTHERS = {
     "bakes.evaluation_not_noted",
     "edits.no_take",
     "hull.warning",
-    "matte.no_source",
+    "mask.no_source",
     "playback.failed",
     "program.bug",
     "run.cancelled",
@@ -175,10 +175,10 @@ def told_of(run: RunState) -> list[LogLine]:
 def test_the_same_warning_about_several_cameras_is_one_line() -> None:
     run = RunState()
     for code, text, camera, group in (
-        ("matte.weak", "Camera '{}': weak screen", "a", 0),
-        ("matte.weak", "Camera '{}': weak screen", "b", 0),
-        ("matte.weak", "Camera '{}': weak screen", "a", 1),
-        ("matte.dark", "Camera '{}': dark screen", "a", 1),
+        ("mask.weak", "Camera '{}': weak screen", "a", 0),
+        ("mask.weak", "Camera '{}': weak screen", "b", 0),
+        ("mask.weak", "Camera '{}': weak screen", "a", 1),
+        ("mask.dark", "Camera '{}': dark screen", "a", 1),
         ("", "a line", "", 1),
         ("", "a line", "", 1),
     ):

@@ -36,9 +36,9 @@ def test_the_correction_is_the_inverse_of_what_the_camera_did() -> None:
     camera = Camera("cam0", 80, 60, np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]]), np.eye(4))
     gain = Vignette(-0.3, -0.1, 1.0).gain(camera, (80, 60))[..., None]
     filmed = correct_color(torch.from_numpy(truth), torch.ones(60, 80), torch.tensor(MATRIX)) * gain
-    matte = np.zeros((60, 80), np.uint8)
-    matte[22:40, 30:52] = 255
-    view = FootageView(camera, (255 * filmed).round().byte().numpy(), matte, 0, None)
+    mask = np.zeros((60, 80), np.uint8)
+    mask[22:40, 30:52] = 255
+    view = FootageView(camera, (255 * filmed).round().byte().numpy(), mask, 0, None)
     left, right = pair(view, colors_of(cam0=MATRIX))
     rows, columns = slice(22 - 17, 40 + 17), slice(30 - 17, 52 + 17)  # 16 pixels, and 8% of 18 and 22
     assert (left == view.image[rows, columns]).all()

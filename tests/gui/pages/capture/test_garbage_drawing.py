@@ -1,4 +1,4 @@
-"""Garbage mattes drawn in Capture: clicks in, polygons, mattes and settings out."""
+"""Garbage masks drawn in Capture: clicks in, polygons, masks and settings out."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from pipelines.config import load_config
 from pipelines.runs.runner import status
 from pipelines.stages.base import Context
 from pipelines.stages.footage import TakeFootage
-from pipelines.takes.drawn_mattes import DRAWN
+from pipelines.takes.drawn_masks import DRAWN
 from pipelines.takes.take import Take
 from studio.yaml_text import parse_yaml
 from tests.support.waiting import wait_until
@@ -66,10 +66,10 @@ def clicked(views: StageViews, points: tuple[tuple[float, float], ...], act: Cal
         act(left + x * width / 64, top + y * width / 64)
 
 
-def mattes(take: Path) -> dict[str, np.ndarray]:
+def masks(take: Path) -> dict[str, np.ndarray]:
     """As a run reads them."""
     footage = TakeFootage(Take.open(take), load_config(take / "config.yaml")).raw
-    return {camera: footage.raw_matte(camera, 0) for camera in ("cam0", "cam1")}
+    return {camera: footage.raw_mask(camera, 0) for camera in ("cam0", "cam1")}
 
 
 def inside() -> np.ndarray:
@@ -81,8 +81,8 @@ def draw(views: StageViews, corners: tuple[tuple[float, float], ...] = CORNERS) 
     clicked(views, (*corners, corners[0]), views.click)
 
 
-def test_a_closed_polygon_is_taken_from_the_mattes_of_its_camera(views: StageViews, take_copy: Path) -> None:
-    before = mattes(take_copy)
+def test_a_closed_polygon_is_taken_from_the_masks_of_its_camera(views: StageViews, take_copy: Path) -> None:
+    before = masks(take_copy)
     assert (before["cam1"][inside()] > 127).any(), "it covers a part of the performer"
     picture(views)
     clicked(views, CORNERS, views.click)
@@ -90,7 +90,7 @@ def test_a_closed_polygon_is_taken_from_the_mattes_of_its_camera(views: StageVie
     assert views.asked is None, "a click draws, it does not show all cameras"
     clicked(views, CORNERS[:1], views.click)
     assert np.allclose(parse_yaml((take_copy / "garbage.yaml").read_text())["cam1"]["remove"][0], CORNERS, atol=0.2)
-    after = mattes(take_copy)
+    after = masks(take_copy)
     core = cv2.erode(inside().astype(np.uint8), np.ones((3, 3))) > 0
     around = cv2.dilate(inside().astype(np.uint8), np.ones((3, 3))) > 0
     assert not after["cam1"][core].any()
@@ -98,7 +98,7 @@ def test_a_closed_polygon_is_taken_from_the_mattes_of_its_camera(views: StageVie
     np.testing.assert_array_equal(after["cam0"], before["cam0"])
     shown = picture(views)
     assert (shown == BAD).all(axis=2).sum() > 100, "its outline"
-    # what was made with the old mattes is out of date
+    # what was made with the old masks is out of date
     assert status(Take.open(take_copy), load_config(take_copy / "config.yaml"))["initialize"].state == "stale"
 
 
@@ -111,29 +111,29 @@ def test_clicks_are_pixels_of_the_image_that_is_shown(views: StageViews, finishe
     large = cv2.resize(filmed, (width, height), interpolation=cv2.INTER_LINEAR)
     found = cv2.matchTemplate(shown, np.ascontiguousarray(large[2:-2, 2:-2]), cv2.TM_SQDIFF)
     _, _, place, _ = cv2.minMaxLoc(found)
-    # within half a pixel of the image; the mattes' outline is over it
+    # within half a pixel of the image; the masks' outline is over it
     np.testing.assert_allclose(place, (left + 2, top + 2), atol=0.5 * width / 64)
 
 
 def test_undo_redo_and_delete(views: StageViews, take_copy: Path) -> None:
-    settings, before = load_config(take_copy / "config.yaml"), mattes(take_copy)
+    settings, before = load_config(take_copy / "config.yaml"), masks(take_copy)
     draw(views)
-    polygons, after = (take_copy / "garbage.yaml").read_bytes(), mattes(take_copy)
+    polygons, after = (take_copy / "garbage.yaml").read_bytes(), masks(take_copy)
     history = views.workspace.history
-    assert history.undo() == "Undone: garbage matte of cam1."
-    assert load_config(take_copy / "config.yaml").capture.garbage_mattes == ""
+    assert history.undo() == "Undone: garbage mask of cam1."
+    assert load_config(take_copy / "config.yaml").capture.garbage_masks == ""
     assert not (take_copy / "garbage.yaml").exists()
-    np.testing.assert_array_equal(mattes(take_copy)["cam1"], before["cam1"])
-    assert history.redo() == "Redone: garbage matte of cam1."
+    np.testing.assert_array_equal(masks(take_copy)["cam1"], before["cam1"])
+    assert history.redo() == "Redone: garbage mask of cam1."
     assert (take_copy / "garbage.yaml").read_bytes() == polygons
-    np.testing.assert_array_equal(mattes(take_copy)["cam1"], after["cam1"])
+    np.testing.assert_array_equal(masks(take_copy)["cam1"], after["cam1"])
     picture(views)
     clicked(views, ((60.0, 45.0),), views.context)  # outside
     assert (take_copy / "garbage.yaml").read_bytes() == polygons
     clicked(views, ((20.0, 15.0),), views.context)
     assert not (take_copy / "garbage.yaml").exists()
-    np.testing.assert_array_equal(mattes(take_copy)["cam1"], before["cam1"])
-    assert history.undo() == "Undone: delete a garbage matte of cam1."
+    np.testing.assert_array_equal(masks(take_copy)["cam1"], before["cam1"])
+    assert history.undo() == "Undone: delete a garbage mask of cam1."
     assert (take_copy / "garbage.yaml").read_bytes() == polygons
     history.undo()
     assert load_config(take_copy / "config.yaml") == settings
@@ -159,7 +159,7 @@ def test_polygons_of_a_file_are_kept_and_the_file_is_not_changed(views: StageVie
     given = take_copy.parent / "mine.yaml"
     given.write_text("cam1: {keep: [[[0, 0], [32, 0], [32, 24], [0, 24]]], size: [32, 24]}  # mine")
     text = given.read_text()
-    assert views.workspace.change_setting("capture.garbage_mattes", str(given)) is None
+    assert views.workspace.change_setting("capture.garbage_masks", str(given)) is None
     draw(views)
     assert given.read_text() == text
     found = parse_yaml((take_copy / "garbage.yaml").read_text())["cam1"]
@@ -167,24 +167,24 @@ def test_polygons_of_a_file_are_kept_and_the_file_is_not_changed(views: StageVie
     assert found["size"] == [32, 24]
     assert np.allclose(np.array(found["remove"][0]) * 2, CORNERS, atol=0.2)
     views.workspace.history.undo()
-    assert load_config(take_copy / "config.yaml").capture.garbage_mattes == str(given)
+    assert load_config(take_copy / "config.yaml").capture.garbage_masks == str(given)
     assert not (take_copy / "garbage.yaml").exists()
 
 
-def test_garbage_mattes_that_are_images_are_not_drawn_over(views: StageViews, take_copy: Path) -> None:
+def test_garbage_masks_that_are_images_are_not_drawn_over(views: StageViews, take_copy: Path) -> None:
     masks = take_copy.parent / "garbage"
     masks.mkdir()
     cv2.imwrite(str(masks / "cam1.png"), np.full((48, 64), 255, np.uint8))
-    assert views.workspace.change_setting("capture.garbage_mattes", f"{masks}/{{camera}}.png") is None
+    assert views.workspace.change_setting("capture.garbage_masks", f"{masks}/{{camera}}.png") is None
     draw(views)
     assert "images" in views.capture.garbage.refused
-    assert "capture.garbage_mattes" in views.capture.garbage.refused
+    assert "capture.garbage_masks" in views.capture.garbage.refused
     assert not (take_copy / "garbage.yaml").exists()
     views.capture.garbage.refused = ""  # it was shown
     picture(views)
     assert views.capture.garbage.refused == "", "not again with each frame"
     others = Path(shutil.copytree(masks, take_copy.parent / "others"))
-    assert views.workspace.change_setting("capture.garbage_mattes", f"{others}/{{camera}}.png") is None
+    assert views.workspace.change_setting("capture.garbage_masks", f"{others}/{{camera}}.png") is None
     picture(views)
     assert "images" in views.capture.garbage.refused, "other images"
     views.capture.garbage.refused = ""
@@ -200,19 +200,19 @@ def test_they_stay_with_a_take_that_is_moved_or_copied(views: StageViews, take_c
     capture = load_config(take_copy / "config.yaml").capture.root
     around = [Path(tempfile.mkdtemp(prefix=f"{letter}-", dir=capture.parent)) for letter in "az"]
     assert str(around[0]) < str(capture) < str(around[1]), "in both places of the alphabet"
-    drawn, before = mattes(take_copy)["cam1"], digest(take_copy)
+    drawn, before = masks(take_copy)["cam1"], digest(take_copy)
     copied = Path(shutil.copytree(take_copy, tmp_path / "copied"))
     moved = Path(shutil.copytree(take_copy, tmp_path / "other place" / "moved"))
     elsewhere = [Path(shutil.copytree(take_copy, folder / "moved")) for folder in around]
     for name in ("garbage.yaml", "config.yaml"):  # the views' take is still open
         (take_copy / name).unlink()
-    np.testing.assert_array_equal(mattes(moved)["cam1"], drawn)
+    np.testing.assert_array_equal(masks(moved)["cam1"], drawn)
     assert [digest(take) for take in (moved, *elsewhere)] == [before] * 3, "what was made with them stays valid"
     for folder in around:
         shutil.rmtree(folder)
     (copied / "garbage.yaml").write_text("cam1: {remove: [[[0, 0], [64, 0], [64, 48], [0, 48]]]}")
-    assert not mattes(copied)["cam1"].any(), "a copy has its own"
-    np.testing.assert_array_equal(mattes(moved)["cam1"], drawn)
+    assert not masks(copied)["cam1"].any(), "a copy has its own"
+    np.testing.assert_array_equal(masks(moved)["cam1"], drawn)
     assert digest(copied) != before
 
 
@@ -220,12 +220,12 @@ def digest(take: Path) -> str:
     return TakeFootage(Take.open(take), load_config(take / "config.yaml")).digest
 
 
-def test_a_new_take_with_the_settings_of_another_has_its_garbage_mattes(
+def test_a_new_take_with_the_settings_of_another_has_its_garbage_masks(
     views: StageViews, take_copy: Path, tmp_path: Path
 ) -> None:
     draw(views)
     made = NewTake("", str(take_copy / "config.yaml"), str(tmp_path / "new")).create()
-    np.testing.assert_array_equal(mattes(made)["cam1"], mattes(take_copy)["cam1"])
+    np.testing.assert_array_equal(masks(made)["cam1"], masks(take_copy)["cam1"])
 
 
 def test_polygons_drawn_after_the_setting_was_emptied_join_the_earlier_ones(views: StageViews, take_copy: Path) -> None:
@@ -234,13 +234,13 @@ def test_polygons_drawn_after_the_setting_was_emptied_join_the_earlier_ones(view
     draw(views)
     draw(views, lower)
     before = (take_copy / "garbage.yaml").read_bytes()
-    assert views.workspace.change_setting("capture.garbage_mattes", "") is None
+    assert views.workspace.change_setting("capture.garbage_masks", "") is None
     draw(views, right)
     found = parse_yaml((take_copy / "garbage.yaml").read_text())["cam1"]["remove"]
     assert np.allclose(found, (CORNERS, lower, right), atol=0.2)
     views.workspace.history.undo()
     assert (take_copy / "garbage.yaml").read_bytes() == before
-    assert load_config(take_copy / "config.yaml").capture.garbage_mattes == ""
+    assert load_config(take_copy / "config.yaml").capture.garbage_masks == ""
 
 
 @pytest.mark.parametrize("earlier", [False, True])
@@ -254,7 +254,7 @@ def test_a_refused_change_leaves_the_file_as_it_was(views: StageViews, take_copy
     assert "config.yaml" in views.capture.garbage.refused
     assert (polygons.read_bytes() if polygons.exists() else None) == before
     assert len(views.capture.garbage.corners) == 4, "they can be closed again"
-    assert ("garbage matte" in views.workspace.history.undo()) is False
+    assert ("garbage mask" in views.workspace.history.undo()) is False
 
 
 def test_another_mode_forgets_the_corners(views: StageViews) -> None:
@@ -268,7 +268,7 @@ def test_another_mode_forgets_the_corners(views: StageViews) -> None:
 
 def test_polygons_of_footage_in_object_storage_are_seen_to_change(take_copy: Path) -> None:
     """Without a store: it is not asked."""
-    settings: list[tuple[str, Any]] = [("capture.root", "s3://none/footage"), ("capture.garbage_mattes", DRAWN)]
+    settings: list[tuple[str, Any]] = [("capture.root", "s3://none/footage"), ("capture.garbage_masks", DRAWN)]
     take = Take.open(take_copy)
     context = Context(take, load_config(take.config, settings))
     drawing = GarbageDrawing(cast(Workspace, SimpleNamespace(context=context, take=take)))

@@ -32,7 +32,7 @@ def drawn(view: CaptureView, mode: str, frame: int) -> np.ndarray:
 
 
 def kept() -> int:
-    """Bytes of images and mattes in all caches."""
+    """Bytes of images and masks in all caches."""
     return sum(one.used for one in gc.get_objects() if type(one) is ByteCache)
 
 
@@ -52,7 +52,7 @@ def test_what_capture_keeps_is_bounded_and_its_pictures_stay_the_same(
     usual.forget()
     assert len({picture.tobytes() for picture in wanted.values()}) == len(wanted)
 
-    image = 64 * 48 * 4  # of one camera, with its matte
+    image = 64 * 48 * 4  # of one camera, with its mask
     monkeypatch.setattr(capture, "KEPT_BYTES", 7 * image)  # more than the six of one frame
     monkeypatch.setattr(capture, "DECODED_BYTES", image)
     tight = CaptureView(workspace)

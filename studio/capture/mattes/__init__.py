@@ -1,1 +1,0 @@
-"""Matte sources, one per file, and the code that they share."""

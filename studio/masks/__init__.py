@@ -1,0 +1,1 @@
+"""Mask sources, one per file, and the code that they share."""

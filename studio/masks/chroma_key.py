@@ -1,0 +1,221 @@
+"""Chroma key: a soft mask from an image in front of a screen of one color.
+
+Steps: per-pixel evidence (the angle between the pixel's color and the screen's, relative to the screen's spread and the
+noise; and pixels far darker than any shadow), edge-preserving smoothing, the same cleanup as for clean plates, and at
+the silhouette a mask solved from the screen color next to the performer: I = a F + (1 - a) B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from studio.capture.per_camera_cache import PerCameraCache
+from studio.capture.settings import DifferenceSettings
+from studio.masks.clean_plate import noise_of, solve_edges
+from studio.masks.despill import despill
+from studio.masks.filters import guided_filter, keep_components
+from studio.masks.mask_source import GarbageMasks
+from studio.masks.screen_color import Screen, find_screen
+
+SAMPLES = 5
+"""Number of frames per camera from which the screen color is estimated."""
+
+_WORK_SIDE = 1920  # longest side for computing evidence; edges are solved at full size
+_FEW = 0.02  # share of known pixels at which their mean counts for half
+_FLOOR = 0.06  # tangent of the angle by which reflections and compression may change the screen color
+_DEEPEST_SHADOW = 0.3  # fraction of the screen's brightness nearby; darker pixels have no usable color
+_NO_SHADOW = 0.75
+
+
+def chroma_mask(
+    image: np.ndarray, screen: Screen, settings: DifferenceSettings | None = None, inside: np.ndarray | None = None
+) -> np.ndarray:
+    """Mask of `image` in front of `screen`.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        screen: from `find_screen`.
+        settings: sensitivity, components and shadows; None: the defaults.
+        inside: (H, W) bool, where the performer may be; None: everywhere.
+
+    Returns:
+        (H, W) uint8, 255 = foreground, soft at the edges.
+    """
+    import cv2
+
+    settings = settings or DifferenceSettings()
+    height, width = image.shape[:2]
+    shrink = min(1.0, _WORK_SIDE / max(height, width))
+    small, small_inside = image, inside
+    if shrink < 1.0:
+        size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        if inside is not None:
+            small_inside = cv2.resize(inside.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
+    solid = _binary(small.astype(np.float32), screen, settings, small_inside)
+    if not solid.any():
+        return np.zeros((height, width), np.uint8)
+    if shrink < 1.0:
+        full = cv2.resize(solid.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+        solid = (full > 0.5).astype(np.uint8)
+    reach = edge_reach(image)
+    behind = screen_behind(image, solid)
+    mask = solve_edges(image, behind, np.ones(3, np.float32), solid, reach, known=None)
+    return mask if inside is None else mask * inside.astype(np.uint8)
+
+
+def key_evidence(image: np.ndarray, screen: Screen, settings: DifferenceSettings) -> np.ndarray:
+    """Log-odds of foreground from color.
+
+    Args:
+        image: (H, W, 3) float32 RGB in 0..255.
+        screen: from `find_screen`.
+        settings: see `chroma_mask`.
+
+    Returns:
+        (H, W) float32, between -4 (screen) and 6 (certainly foreground).
+    """
+    import cv2
+
+    soft = cv2.GaussianBlur(image, (0, 0), 0.8)
+    noise = float(noise_of(image - cv2.blur(image, (3, 3))).mean()) / 2.2  # as reduced by the blur
+    tangents, along = screen.tangents(soft)
+    angle = tangents[..., 0] ** 2 + tangents[..., 1] ** 2
+    variance = screen.spread**2 + _FLOOR**2 + (noise / along) ** 2
+    by_angle = 1.2 * (np.sqrt(angle / variance) * settings.mask_sensitivity - 4.0)
+    # Local brightness of the screen, from pixels that are certainly screen; it includes shadows if they are ignored.
+    typical = float(np.linalg.norm(screen.color))
+    least, reach = (_DEEPEST_SHADOW, 0.04) if settings.mask_shadows else (_NO_SHADOW, 0.2)
+    plain = ((by_angle < -1.0) & (along > _DEEPEST_SHADOW * typical)).astype(np.uint8)
+    everywhere = np.array([typical], np.float32)
+    light = _extrapolate(along[..., None], plain, reach * max(image.shape[:2]), everywhere)[..., 0]
+    by_darkness = 40.0 * (least * min(settings.mask_sensitivity, 1.3) - along / light)
+    return np.clip(np.maximum(by_angle, by_darkness), -4.0, 6.0).astype(np.float32)
+
+
+def _binary(image: np.ndarray, screen: Screen, settings: DifferenceSettings, inside: np.ndarray | None) -> np.ndarray:
+    """(H, W) uint8, 0 or 1, of a float32 image; see `chroma_mask`."""
+    import cv2
+
+    evidence = key_evidence(image, screen, settings)
+    if inside is not None:
+        evidence[~inside] = -4.0
+    gray = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
+    smooth = guided_filter(gray, evidence, radius=2, epsilon=4e-4)
+    mask = (smooth > 0.0).astype(np.uint8)
+    return keep_components(mask, settings.mask_components, int(1e-4 * mask.size), core=evidence > 4.0)
+
+
+def edge_reach(image: np.ndarray) -> float:
+    """Width in pixels of the band around the silhouette that may have mixed colors: 2 for images up to 1920 wide."""
+    return 2.0 * max(1.0, max(image.shape[:2]) / _WORK_SIDE)
+
+
+def screen_behind(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The screen without the performer, extrapolated from the screen next to them.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        mask: (H, W) uint8, 1 = performer.
+
+    Returns:
+        (H, W, 3) uint8 RGB.
+    """
+    import cv2
+
+    reach = edge_reach(image)
+    radius = int(np.ceil(1.5 * reach))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    plain = 1 - cv2.dilate(mask, disc)
+    everywhere = image[plain > 0] if plain.any() else image.reshape(-1, 3)
+    middle = np.median(everywhere[::17], axis=0).astype(np.float32)
+    found = _extrapolate(image.astype(np.float32), plain, 3 * reach, middle)
+    return np.rint(np.clip(found, 0, 255)).astype(np.uint8)
+
+
+def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise: np.ndarray) -> np.ndarray:
+    """Local mean of the (H, W, C) `values` where `where` is 1, extrapolated to the rest.
+
+    Uses Gaussian means with standard deviation `sigma`, or 4 and 16 times `sigma` where too few pixels are near, and
+    `otherwise` (C,) where there are none at all. A mean counts for half where a share of `_FEW` of its pixels is known.
+    """
+    import cv2
+
+    height, width = where.shape
+    result: np.ndarray = np.broadcast_to(otherwise, values.shape).astype(np.float32)
+    for factor in (16.0, 4.0, 1.0):
+        shrink = min(1.0, 4.0 / (factor * sigma))  # a wide mean does not need full resolution
+        size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+        weight = cv2.resize(where.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        weighted = cv2.resize(values * where[..., None].astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        weighted = weighted.reshape(*weight.shape, -1) / np.maximum(weight, 1e-6)[..., None]
+        mean, seen = _weighted_mean(weighted, weight, factor * sigma * shrink)
+        mean = cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR).reshape(values.shape)
+        seen = cv2.resize(seen, (width, height), interpolation=cv2.INTER_LINEAR)[..., None]
+        trust = seen / (seen + _FEW)
+        result = trust * mean + (1.0 - trust) * result
+    return result
+
+
+def _weighted_mean(values: np.ndarray, weight: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    import cv2
+
+    total = cv2.GaussianBlur(values * weight[..., None], (0, 0), sigma).reshape(values.shape)
+    seen = cv2.GaussianBlur(weight, (0, 0), sigma)
+    return total / np.maximum(seen, 1e-6)[..., None], seen
+
+
+class ChromaMaskSource:
+    """A `MaskSource` whose foreground is everything that differs from the screen's color.
+
+    Args:
+        read: returns the raw (H, W, 3) uint8 RGB image of a camera and frame.
+        frames: returns a camera's frame numbers; the screen color is estimated from `SAMPLES` of them.
+        key_color: approximate RGB in 0..1; None detects it per camera.
+        settings: see `chroma_mask`.
+        garbage: where the performer may be; None: everywhere.
+
+    Attributes:
+        screen: camera name to its `Screen`, estimated on first use.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[str, int], np.ndarray],
+        frames: Callable[[str], Sequence[int]],
+        key_color: Sequence[float] | None = None,
+        settings: DifferenceSettings | None = None,
+        garbage: GarbageMasks | None = None,
+    ) -> None:
+        self._read, self._frames = read, frames
+        self._key_color = key_color
+        self._settings = settings or DifferenceSettings()
+        self._garbage = garbage
+        self.screen: PerCameraCache[Screen] = PerCameraCache(self._find)
+
+    def _find(self, camera: str) -> Screen:
+        frames = self._frames(camera)
+        chosen = sorted({round(place) for place in np.linspace(0, len(frames) - 1, SAMPLES)})
+        return find_screen([self._read(camera, frames[index]) for index in chosen], camera, self._key_color)
+
+    def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        """See `MaskSource`. Raises StudioError as `find_screen`."""
+        image = np.ascontiguousarray(image[:, :, :3])
+        inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
+        return chroma_mask(image, self.screen(camera), self._settings, inside)
+
+    def files(self) -> list[Path]:
+        """See `MaskSource`."""
+        return self._garbage.files() if self._garbage is not None else []
+
+
+class DespillingMaskSource(ChromaMaskSource):
+    """Chroma key with despill (see `Recolors`)."""
+
+    def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """See `Recolors`."""
+        behind = screen_behind(image, (mask > 127).astype(np.uint8))
+        return despill(image, mask, behind, self.screen(camera).color)

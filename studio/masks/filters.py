@@ -1,0 +1,144 @@
+"""Image filters shared by the mask sources."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: float) -> np.ndarray:
+    """Edge-preserving smoothing of `values` (He, Sun and Tang, "Guided Image Filtering", ECCV 2010; gray guide).
+
+    Args:
+        guide: (H, W) float32 in 0..1.
+        values: (H, W) float32.
+        radius: in pixels; windows are 2 radius + 1 wide.
+        epsilon: regularization: variance of the guide below which it is considered flat.
+
+    Returns:
+        (H, W) float32.
+    """
+    import cv2
+
+    size = (2 * radius + 1, 2 * radius + 1)
+
+    def mean(array: np.ndarray) -> np.ndarray:
+        return cv2.boxFilter(array, -1, size)
+
+    mean_guide, mean_values = mean(guide), mean(values)
+    slope = (mean(guide * values) - mean_guide * mean_values) / (mean(guide * guide) - mean_guide**2 + epsilon)
+    offset = mean_values - slope * mean_guide
+    return mean(slope) * guide + mean(offset)
+
+
+def _density(flat: np.ndarray, bins: int) -> np.ndarray:
+    """(bins, bins, bins) float32 smoothed density of colors given as their `color_bins`; sums to 1."""
+    import cv2
+
+    cube: np.ndarray = np.bincount(flat, minlength=bins**3).astype(np.float32)
+    for _ in range(3):  # one axis after another
+        blurred = cv2.GaussianBlur(cube.reshape(bins, bins * bins), (1, 5), sigmaX=0.0001, sigmaY=0.8)
+        cube = np.ascontiguousarray(np.moveaxis(blurred.reshape(bins, bins, bins), 0, 2))
+    return cube / max(float(cube.sum()), 1.0)
+
+
+def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: float = 1e-5) -> np.ndarray:
+    """Log-likelihood ratio of colors: foreground over background, natural logarithm.
+
+    Args:
+        front, back: (N, 3) samples of foreground and background colors in 0..255.
+        bins: number of bins per channel.
+        floor: density added to both; colors that occur in neither get 0.
+
+    Returns:
+        (bins, bins, bins) float32, for `look_up`.
+    """
+    return binned_color_table(color_bins(front, bins), color_bins(back, bins), bins, floor)
+
+
+def binned_color_table(front: np.ndarray, back: np.ndarray, bins: int, floor: float = 1e-5) -> np.ndarray:
+    """`color_table` of samples of which only their `color_bins` are known: (N,) and (M,) int32."""
+    return np.log((_density(front, bins) + floor) / (_density(back, bins) + floor)).astype(np.float32)
+
+
+def color_bins(image: np.ndarray, bins: int) -> np.ndarray:
+    """(...,) int32, for (..., 3) colors in 0..255 the indices of their bins in a flattened (bins, bins, bins) table."""
+    if image.dtype == np.uint8:
+        index = (np.arange(256, dtype=np.int32) * bins // 256)[image]
+    else:
+        index = (image * image.dtype.type(bins / 256.0)).astype(np.int32)
+        np.clip(index, 0, bins - 1, out=index)
+    return (index[..., 0] * bins + index[..., 1]) * bins + index[..., 2]
+
+
+def look_up(table: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """(H, W) values of a `color_table` at the colors of an (H, W, 3) image in 0..255."""
+    return table.reshape(-1)[color_bins(image, table.shape[0])]
+
+
+def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Gaussian mean of the pixels where `mask` is 1.
+
+    Args:
+        image: (H, W, 3) float32.
+        mask: (H, W) uint8, 0 or 1.
+        sigma: standard deviation in pixels.
+
+    Returns:
+        (H, W, 3) float32 mean, and (H, W) float32 its total weight in 0..1.
+    """
+    import cv2
+
+    weight = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
+    total = cv2.GaussianBlur(image * mask[..., None].astype(np.float32), (0, 0), sigma)
+    return total / np.maximum(weight, 1e-6)[..., None], weight
+
+
+def keep_components(
+    mask: np.ndarray,
+    components: int,
+    minimum: int,
+    core: np.ndarray | None = None,
+    likeness: np.ndarray | None = None,
+) -> np.ndarray:
+    """Remove small components of a binary mask and fill small holes.
+
+    Args:
+        mask: (H, W) uint8, 0 or 1, or bool.
+        components: maximum number of components, largest first; 0: no limit.
+        minimum: area in pixels; smaller components are removed and smaller holes filled. Components below 1% of the
+            area of the largest one are also removed.
+        core: (H, W) bool; components without at least 2x2 such pixels are removed.
+        likeness: (H, W) float32; components whose mean is below half that of the largest one are removed (mostly
+            reflections).
+
+    Returns:
+        (H, W) uint8, 0 or 1.
+    """
+    import cv2
+
+    mask = mask.astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if count == 1:
+        return mask
+    areas = stats[:, cv2.CC_STAT_AREA].copy()
+    areas[0] = 0
+    if core is not None:
+        solid = cv2.erode(core.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
+        seen = np.zeros(count, bool)
+        seen[np.unique(labels[solid & (mask > 0)])] = True
+        areas[~seen] = 0
+    if likeness is not None and areas.any():
+        means = np.bincount(labels.reshape(-1), weights=likeness.reshape(-1), minlength=count) / np.maximum(
+            stats[:, cv2.CC_STAT_AREA], 1
+        )
+        areas[means < 0.5 * means[int(areas.argmax())]] = 0
+    order = np.argsort(-areas, kind="stable")
+    wanted = [label for label in order[: components or None] if areas[label] >= max(minimum, 1, 0.01 * areas.max())]
+    keep = np.zeros(count, np.uint8)
+    keep[wanted] = 1
+    kept = keep[labels]
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(1 - kept, connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] < minimum
+    small[0] = False
+    kept[small[labels]] = 1
+    return kept

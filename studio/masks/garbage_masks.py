@@ -1,0 +1,124 @@
+"""Garbage masks: parts of the image that can never contain the performer."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from studio.capture.frame_sources import DecoderPool, make_sources
+from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files
+from studio.capture.settings import CaptureSettings
+from studio.errors import StudioError
+from studio.masks.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons
+from studio.masks.mask_source import FileMaskSource, GarbageMasks
+from studio.storage import whole_files
+
+
+class DrawnGarbageMasks:
+    """Polygons of a file. Cameras without any keep the whole image.
+
+    Args:
+        path: see `read_garbage_polygons`.
+
+    Attributes:
+        polygons: by camera.
+
+    Raises:
+        StudioError: as `read_garbage_polygons`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.polygons: dict[str, GarbagePolygons] = read_garbage_polygons(path)
+
+    def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
+        """See `GarbageMasks`."""
+        drawn = self.polygons.get(camera)
+        return None if drawn is None else drawn.inside(image.shape[1], image.shape[0])
+
+    def files(self) -> list[Path]:
+        """See `GarbageMasks`."""
+        return [self._path]
+
+
+class GarbageImages:
+    """One image per camera, or per camera and frame; black excludes. Cameras without a garbage mask keep the whole
+    image.
+
+    Args:
+        matches: the files; an image without a frame number applies to all frames of its camera.
+        pool: bounds the number of open decoders.
+        offsets: camera to sync offset in frames, as in `CaptureSettings`; applies to files with a frame number and to
+            videos.
+
+    Raises:
+        StudioError: a file cannot be opened.
+    """
+
+    def __init__(self, matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int] | None = None) -> None:
+        self._cameras = {match.camera for match in matches}
+        self._still = {
+            match.camera
+            for match in matches
+            if match.frame is None and match.path.suffix.lower() not in VIDEO_EXTENSIONS
+        }
+        moving = {camera: offset for camera, offset in (offsets or {}).items() if camera not in self._still}
+        self._mask_source = FileMaskSource(make_sources(matches, pool, offsets=moving, transfer="srgb"))
+
+    def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
+        """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None: everywhere.
+
+        Raises:
+            StudioError: the file cannot be read, `mask.aspect_ratio`, or `footage.no_such_frame`.
+        """
+        if camera not in self._cameras:
+            return None
+        return self._mask_source.mask(camera, 0 if camera in self._still else frame, image) > 127
+
+    def files(self) -> list[Path]:
+        """The files from which they are read."""
+        return self._mask_source.files()
+
+
+def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPool) -> GarbageMasks | None:
+    """The garbage masks `spec.garbage_masks` of the cameras `names`; None if the setting is empty.
+
+    Raises:
+        StudioError: `mask.garbage_not_found`; `mask.garbage_file`, also for a camera that is not in the footage; or a
+            file cannot be opened.
+    """
+    if not spec.garbage_masks:
+        return None
+    if Path(spec.garbage_masks).suffix.lower() in EXTENSIONS:
+        return _drawn(spec, names)
+    matches = [match for match in find_files(spec.root, spec.garbage_masks) if match.camera in names]
+    if not matches:
+        raise StudioError(
+            "mask.garbage_not_found",
+            f"no garbage mask of the footage's cameras matches the pattern '{spec.garbage_masks}'",
+            file=spec.root,
+            value=spec.garbage_masks,
+            fix="Check capture.garbage_masks.",
+            setting="capture.garbage_masks",
+        )
+    return GarbageImages(matches, pool, spec.offsets)
+
+
+def _drawn(spec: CaptureSettings, names: tuple[str, ...]) -> DrawnGarbageMasks:
+    path = whole_files([spec.root / Path(spec.garbage_masks).expanduser()])[0]
+    found = DrawnGarbageMasks(path)
+    unknown = [camera for camera in found.polygons if camera not in names]
+    if unknown and not (spec.cameras and len(unknown) < len(found.polygons)):  # the others may be left out on purpose
+        near = difflib.get_close_matches(unknown[0], names, n=1, cutoff=0.5)
+        raise StudioError(
+            "mask.garbage_file",
+            f"the footage has no camera '{unknown[0]}'",
+            file=path,
+            value=unknown[0],
+            fix=(f"Did you mean '{near[0]}'? " if near else "") + f"Cameras: {', '.join(names)}.",
+            setting="capture.garbage_masks",
+        )
+    return found

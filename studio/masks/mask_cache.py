@@ -1,0 +1,45 @@
+"""Disk cache for the masks of slow matting models."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from studio.atomic_files import atomic_path
+
+
+class MaskCache:
+    """PNG files named by a digest of everything that a mask depends on, so that they never become stale.
+
+    Args:
+        folder: folder of the files; created by the first write. Files may be deleted at any time.
+        recipe: everything except the image that the masks depend on.
+    """
+
+    def __init__(self, folder: Path, recipe: str) -> None:
+        self._folder, self._recipe = folder, recipe
+
+    def _path(self, image: np.ndarray) -> Path:
+        digest = hashlib.blake2b(f"{self._recipe}\0{image.shape}\0".encode(), digest_size=16)
+        digest.update(np.ascontiguousarray(image).data)
+        return self._folder / f"mask_{digest.hexdigest()}.png"
+
+    def read(self, image: np.ndarray) -> np.ndarray | None:
+        """(H, W) uint8 mask of an (H, W, 3) uint8 image; None if it is not cached or its file is damaged."""
+        from PIL import Image
+
+        try:
+            with Image.open(self._path(image)) as file:
+                mask = np.array(file)
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # missing or truncated: recomputed
+            return None
+        return mask if mask.dtype == np.uint8 and mask.shape == image.shape[:2] else None
+
+    def write(self, image: np.ndarray, mask: np.ndarray) -> None:
+        """Cache the (H, W) uint8 `mask` of an image. Raises OSError if the file cannot be written."""
+        from PIL import Image
+
+        with atomic_path(self._path(image)) as temporary:
+            Image.fromarray(mask).save(temporary, compress_level=1)

@@ -1,0 +1,110 @@
+"""Masks from any function of an image: a matting model, or your own code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from studio.errors import StudioError
+from studio.masks.filters import keep_components
+from studio.masks.mask_cache import MaskCache
+from studio.masks.mask_source import GarbageMasks
+
+
+class MattingFunction(Protocol):
+    """Computes the mask of an image. May be called from several threads concurrently."""
+
+    def __call__(self, image: np.ndarray, /) -> np.ndarray:
+        """(H, W) float in 0..1, 1 = performer, from (H, W, 3) uint8 RGB."""
+        ...
+
+
+class FunctionMaskSource:
+    """A `MaskSource` that calls a `MattingFunction`; for `Footage.with_mask_source`.
+
+    Args:
+        function: computes the masks.
+        name: name of the function in errors.
+        files: files that the function depends on; a take becomes stale when they change. Errors name the first one.
+        cache: disk cache of the masks; None: no cache.
+        components: maximum number of connected components, largest first; 0: no limit.
+        garbage: where the performer may be; None: everywhere.
+    """
+
+    def __init__(
+        self,
+        function: MattingFunction,
+        name: str = "matting function",
+        *,
+        files: Sequence[Path] = (),
+        cache: MaskCache | None = None,
+        components: int = 0,
+        garbage: GarbageMasks | None = None,
+    ) -> None:
+        self._function, self._name = function, name
+        self._files = list(files)
+        self._cache = cache
+        self._components = components
+        self._garbage = garbage
+
+    def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        """See `MaskSource`.
+
+        Raises:
+            StudioError: `mask.function_output`: the function did not return a mask of the image's size in 0..1.
+            Exception: any exception raised by the function.
+        """
+        image = np.ascontiguousarray(image[:, :, :3])
+        mask = self._cache.read(image) if self._cache is not None else None
+        if mask is None:
+            mask = self._compute(camera, frame, image)
+            if self._cache is not None:
+                self._cache.write(image, mask)
+        inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
+        if inside is not None:
+            mask = mask * inside.astype(np.uint8)
+        return _largest(mask, self._components) if self._components else mask
+
+    def files(self) -> list[Path]:
+        """See `MaskSource`."""
+        return self._files + (self._garbage.files() if self._garbage is not None else [])
+
+    def _compute(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        values = np.asarray(self._function(image))
+        problem = ""
+        found: object = None
+        if values.shape != image.shape[:2] or values.dtype.kind != "f":
+            found = f"{values.shape} {values.dtype}"
+            problem = f"returned an array of {found}; expected floats of shape {image.shape[:2]}"
+        elif not np.isfinite(values).all():
+            problem = "returned NaN or infinite values"
+        elif values.min() < -0.01 or values.max() > 1.01:
+            low, high = float(values.min()), float(values.max())
+            found = (low, high)
+            problem = f"returned values from {low:.3g} to {high:.3g}; expected 0 to 1"
+        if problem:
+            raise StudioError(
+                "mask.function_output",
+                f"{self._name}, camera '{camera}', frame {frame}: {problem}",
+                file=self._files[0] if self._files else None,
+                value=found,
+                camera=camera,
+                frame=frame,
+            )
+        return np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
+
+
+def _largest(mask: np.ndarray, components: int) -> np.ndarray:
+    """A soft mask reduced to its largest components, including their soft edges."""
+    import cv2
+
+    solid = mask > 127
+    kept = keep_components(solid, components, 0)
+    reach = max(4, round(0.005 * max(mask.shape)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    gone = solid & (kept == 0)
+    around = cv2.dilate(kept, disc) > 0
+    return np.where(around & ~gone, mask, 0).astype(np.uint8)

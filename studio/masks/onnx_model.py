@@ -1,0 +1,279 @@
+"""Matting models in ONNX format, run by onnxruntime."""
+
+from __future__ import annotations
+
+import importlib.util
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.capture.settings import OnnxSettings
+from studio.errors import StudioError
+
+STRIDE = 32
+"""Image sides must be multiples of this: networks downsample up to five times by 2."""
+
+
+class OnnxModel:
+    """A `MattingFunction`. The file is loaded with the first image. Thread safe.
+
+    The model must have one float input, 1 x 3 x height x width, RGB. Its mask is the first output with one channel
+    and two spatial dimensions above 1.
+
+    Args:
+        path: the ONNX file.
+        settings: how images are preprocessed; None: the defaults. `mask_model` is ignored.
+        device: "cpu", "cuda", "cuda:1", or "auto": CUDA if onnxruntime supports it.
+        threads: CPU threads; 0: all cores.
+
+    Raises:
+        StudioError: `mask.model_missing`, or `mask.runtime_missing`: onnxruntime is not installed.
+    """
+
+    def __init__(
+        self, path: Path, settings: OnnxSettings | None = None, *, device: str = "auto", threads: int = 0
+    ) -> None:
+        self.path, self.device, self.threads = path, device, threads
+        self.settings = settings or OnnxSettings()
+        if not path.is_file():
+            raise StudioError(
+                "mask.model_missing",
+                "matting model not found",
+                file=path,
+                fix="Set capture.mask_model to an ONNX file.",
+                setting="capture.mask_model",
+            )
+        if importlib.util.find_spec("onnxruntime") is None:
+            raise StudioError(
+                "mask.runtime_missing",
+                "matting models need onnxruntime, which is not installed",
+                file=path,
+                fix="Run: pip install 'v3studio[matting]' (with an NVIDIA GPU: pip install onnxruntime-gpu).",
+                package="onnxruntime",
+            )
+        self._loaded: _Loaded | None = None
+        self._lock = threading.Lock()
+
+    def files(self) -> list[Path]:
+        """The model's file, and files of external weights next to it."""
+        external = [self.path.with_name(self.path.name + ending) for ending in ("_data", ".data")]
+        return [self.path, *(path for path in external if path.is_file())]
+
+    def __call__(self, image: np.ndarray, /) -> np.ndarray:
+        """(H, W) float32 mask in 0..1 of (H, W, 3) uint8 RGB.
+
+        Raises:
+            StudioError: `mask.model_unloadable`, `mask.model_inputs`, `mask.model_outputs`, `mask.model_values`,
+                `mask.model_size`, `mask.model_failed` or `mask.no_cuda`.
+        """
+        import cv2
+
+        with self._lock:
+            if self._loaded is None:
+                self._loaded = _Loaded(self.path, self.device, self.threads)
+        height, width = image.shape[:2]
+        size = input_size(self.path, self.settings.mask_model_size, self._loaded.fixed, width, height)
+        mask = self._mask_of(self._loaded.run(preprocess(image, size, self.settings)))
+        return cv2.resize(mask, (width, height), interpolation=cv2.INTER_LINEAR)
+
+    def _mask_of(self, outputs: Sequence[np.ndarray]) -> np.ndarray:
+        mask = first_mask(outputs)
+        if mask is None:
+            shapes = ", ".join("x".join(map(str, output.shape)) for output in outputs)
+            raise StudioError(
+                "mask.model_outputs",
+                f"the matting model returns {shapes}, none of which is a mask (1x1xHxW)",
+                file=self.path,
+                value=shapes,
+                setting="capture.mask_model",
+            )
+        mask = np.ascontiguousarray(mask, np.float32)
+        if self.settings.mask_model_sigmoid:
+            return (1.0 / (1.0 + np.exp(-np.clip(mask, -60.0, 60.0)))).astype(np.float32)
+        low, high = float(mask.min()), float(mask.max())
+        if not (low >= -0.01 and high <= 1.01):  # NaN too
+            raise StudioError(
+                "mask.model_values",
+                f"the matting model returns values from {low:.3g} to {high:.3g}, outside 0 to 1",
+                file=self.path,
+                value=(low, high),
+                fix="If these are logits, set capture.mask_model_sigmoid to true; otherwise check "
+                "capture.mask_model_mean and capture.mask_model_std.",
+                setting="capture.mask_model_sigmoid",
+            )
+        return mask
+
+
+class _Loaded:
+    """An onnxruntime session.
+
+    Attributes:
+        fixed: (height, width) of the model's input, None where it is dynamic.
+    """
+
+    def __init__(self, path: Path, device: str, threads: int) -> None:
+        import onnxruntime
+
+        self._path = path
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = 3  # no warnings: errors are raised, and warnings only concern the optimizer
+        options.intra_op_num_threads = threads
+        try:
+            self._session: Any = onnxruntime.InferenceSession(
+                str(path), options, providers=providers(device, onnxruntime.get_available_providers())
+            )
+        except StudioError:
+            raise
+        except Exception as error:  # onnxruntime's errors have no common base class
+            raise StudioError(
+                "mask.model_unloadable",
+                f"cannot load the matting model ({_first_line(error)})",
+                file=path,
+                fix="Replace the ONNX file.",
+                setting="capture.mask_model",
+            ) from None
+        if device.startswith("cuda") and self._session.get_providers()[0] == "CPUExecutionProvider":
+            raise StudioError(
+                "mask.no_cuda",
+                f"run.device is {device}, but onnxruntime cannot initialize CUDA for the matting model",
+                file=path,
+                value=device,
+                fix="Install the CUDA and cuDNN versions that your onnxruntime-gpu requires, or set run.device to auto "
+                "or cpu.",
+                setting="run.device",
+            )
+        inputs = self._session.get_inputs()
+        if len(inputs) != 1:
+            names = ", ".join(one.name for one in inputs)
+            raise StudioError(
+                "mask.model_inputs",
+                f"the matting model has {len(inputs)} inputs ({names}); expected a single RGB image",
+                file=path,
+                value=tuple(one.name for one in inputs),
+                fix="Recurrent models and models that need a trimap are not supported.",
+                setting="capture.mask_model",
+            )
+        (self._input,) = inputs
+        shape = list(self._input.shape)
+        is_image = len(shape) == 4 and _number(shape[1], 3) == 3 and shape[3] != 3
+        if self._input.type not in ("tensor(float)", "tensor(float16)") or not is_image:
+            found = f"{self._input.type} {'x'.join(map(str, shape))}"
+            raise StudioError(
+                "mask.model_inputs",
+                f"the input of the matting model is {found}; expected float, 1x3xHxW (RGB, channels first)",
+                file=path,
+                value=found,
+                setting="capture.mask_model",
+            )
+        self._dtype = np.float16 if self._input.type == "tensor(float16)" else np.float32
+        self.fixed = (_number(shape[2]), _number(shape[3]))
+
+    def run(self, image: np.ndarray) -> list[np.ndarray]:
+        """All outputs for a (1, 3, H, W) float32 image."""
+        try:
+            found = self._session.run(None, {self._input.name: image.astype(self._dtype, copy=False)})
+        except Exception as error:  # as above
+            size = (image.shape[3], image.shape[2])
+            raise StudioError(
+                "mask.model_failed",
+                f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})",
+                file=self._path,
+                value=size,
+                fix="Try another capture.mask_model_size.",
+                setting="capture.mask_model_size",
+            ) from None
+        return [np.asarray(one) for one in found]
+
+
+def providers(device: str, available: Sequence[str]) -> list[Any]:
+    """The execution providers to pass to onnxruntime.
+
+    Args:
+        device: see `OnnxModel`.
+        available: those of the installed onnxruntime.
+
+    Raises:
+        StudioError: `mask.no_cuda`: CUDA is requested but not available.
+    """
+    cuda = "CUDAExecutionProvider"
+    if device == "cpu" or (device == "auto" and cuda not in available):
+        return ["CPUExecutionProvider"]
+    if cuda not in available:
+        raise StudioError(
+            "mask.no_cuda",
+            f"run.device is {device}, but the installed onnxruntime does not support CUDA",
+            value=device,
+            fix="Replace it with onnxruntime-gpu, or set run.device to auto or cpu.",
+            setting="run.device",
+        )
+    index = int(device.partition(":")[2] or 0) if device != "auto" else 0
+    return [(cuda, {"device_id": index}), "CPUExecutionProvider"]
+
+
+def input_size(
+    path: Path, wanted: int, fixed: tuple[int | None, int | None], width: int, height: int
+) -> tuple[int, int]:
+    """The size to which an image is resized for a model.
+
+    Args:
+        path: the model's file, for errors.
+        wanted: longer side in pixels, or 0 for the size of the image.
+        fixed: (height, width) of the model's input, None where it is dynamic.
+        width, height: size of the image in pixels.
+
+    Returns:
+        (width, height): the fixed size, otherwise multiples of `STRIDE`.
+
+    Raises:
+        StudioError: `mask.model_size`: the model's fixed size differs from `wanted`.
+    """
+
+    def near(length: float) -> int:
+        return max(STRIDE, STRIDE * round(length / STRIDE))
+
+    scale = wanted / max(width, height) if wanted else 1.0
+    down, across = fixed
+    if wanted and (down or across) and max(down or 0, across or 0) != wanted:
+        raise StudioError(
+            "mask.model_size",
+            f"the input of the matting model is {across or 'any'}x{down or 'any'}, but capture.mask_model_size is "
+            f"{wanted}",
+            file=path,
+            value=wanted,
+            fix="Set capture.mask_model_size to 0.",
+            expected=(across, down),
+            setting="capture.mask_model_size",
+        )
+    return across or near(scale * width), down or near(scale * height)
+
+
+def preprocess(image: np.ndarray, size: tuple[int, int], settings: OnnxSettings) -> np.ndarray:
+    """The (1, 3, H, W) float32 model input of an (h, w, 3) uint8 RGB image, resized to `size` (width, height)."""
+    import cv2
+
+    if (image.shape[1], image.shape[0]) != size:
+        shrinks = size[0] * size[1] < image.shape[0] * image.shape[1]
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+    mean, deviation = np.array(settings.mask_model_mean, np.float32), np.array(settings.mask_model_std, np.float32)
+    values = (image.astype(np.float32) / 255.0 - mean) / deviation
+    return np.ascontiguousarray(values.transpose(2, 0, 1)[None], np.float32)
+
+
+def first_mask(outputs: Sequence[np.ndarray]) -> np.ndarray | None:
+    """The first output with a single channel and two spatial dimensions above 1, as (h, w); None if there is none."""
+    for output in outputs:
+        if output.ndim >= 2 and min(output.shape[-2:]) > 1 and output.size == output.shape[-1] * output.shape[-2]:
+            return output.reshape(output.shape[-2:])
+    return None
+
+
+def _number(size: Any, otherwise: int | None = None) -> int | None:
+    """A fixed dimension; `otherwise` for a dynamic one (a name or None)."""
+    return size if isinstance(size, int) and size > 0 else otherwise
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]

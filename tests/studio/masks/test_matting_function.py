@@ -1,0 +1,262 @@
+"""Matting models: tiny models whose mask is 0.25 R + 0.5 G + 0.25 B of their input (data/README.md)."""
+
+import builtins
+import importlib.util
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from studio.capture import CaptureSettings, FunctionMaskSource, open_footage
+from studio.capture.settings import OnnxSettings
+from studio.masks.mask_cache import MaskCache
+from studio.masks.onnx_model import OnnxModel, first_mask, input_size, preprocess, providers
+from tests.support.errors import refuses
+from tests.support.settings import refuses_setting
+
+DATA = Path(__file__).parent / "data"
+PLAIN = OnnxSettings(mask_model_mean=(0.0, 0.0, 0.0), mask_model_std=(1.0, 1.0, 1.0))
+
+
+def noisy(height: int = 64, width: int = 96, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def weighted(values: np.ndarray) -> np.ndarray:
+    """The output of the models."""
+    return values.astype(np.float64) @ np.array([0.25, 0.5, 0.25])
+
+
+def test_the_mask_is_the_first_output_of_one_channel() -> None:
+    """The first output of free.onnx is the mean per channel, which is not an image."""
+    image = noisy()
+    mask = OnnxModel(DATA / "free.onnx", PLAIN, device="cpu")(image)
+    assert mask.shape == (64, 96)
+    assert np.abs(mask - weighted(image / 255)).max() < 1e-6
+
+
+def test_normalization_and_sigmoid() -> None:
+    image = noisy()
+    settings = OnnxSettings(mask_model_mean=(0.5, 0.4, 0.3), mask_model_std=(0.5, 0.25, 0.2), mask_model_sigmoid=True)
+    seen = (image / 255 - [0.5, 0.4, 0.3]) / [0.5, 0.25, 0.2]
+    mask = OnnxModel(DATA / "free.onnx", settings, device="cpu")(image)
+    assert np.abs(mask - 1 / (1 + np.exp(-weighted(seen)))).max() < 1e-6
+    assert preprocess(image, (96, 64), settings)[0].transpose(1, 2, 0) == pytest.approx(seen, abs=1e-5)
+
+
+@pytest.mark.parametrize(("file", "wanted"), [("fixed.onnx", 0), ("fixed.onnx", 96), ("free.onnx", 128)])
+def test_images_are_resized_for_the_model_and_masks_back(file: str, wanted: int) -> None:
+    """Away from the border a linear ramp is invariant to both resizes, whatever the sizes."""
+    columns = np.broadcast_to((np.arange(300) + 0.5) / 300, (150, 300))
+    image = np.repeat(np.rint(255 * columns)[..., None], 3, axis=2).astype(np.uint8)
+    settings = PLAIN.replace(mask_model_size=wanted)
+    mask = OnnxModel(DATA / file, settings, device="cpu")(image)
+    assert mask.shape == (150, 300)
+    assert np.abs(mask - columns)[:, 8:-8].max() < 0.004
+
+
+def test_input_sizes() -> None:
+    path = Path("m.onnx")
+    assert input_size(path, 0, (None, None), 1920, 1080) == (1920, 1088)
+    assert input_size(path, 512, (None, None), 1920, 1080) == (512, 288)
+    assert input_size(path, 512, (None, None), 1080, 1920) == (288, 512)
+    assert input_size(path, 64, (None, None), 1000, 10) == (64, 32)
+    assert input_size(path, 0, (1024, 1024), 1920, 1080) == (1024, 1024)
+    with refuses("mask.model_size", file=path, value=512, expected=(320, 320), setting="capture.mask_model_size"):
+        input_size(path, 512, (320, 320), 1920, 1080)
+
+
+def test_first_mask() -> None:
+    vector, small, mask = np.zeros((1, 8)), np.zeros((1, 1, 1, 1)), np.ones((1, 1, 4, 6))
+    color, classes = np.zeros((1, 3, 4, 6)), np.zeros((2, 4, 6))
+    found = first_mask([vector, small, color, classes, mask, 0 * mask])
+    assert found is not None
+    assert found.shape == (4, 6)
+    assert found.min() == 1
+    assert first_mask([vector, color]) is None
+
+
+@pytest.mark.parametrize(
+    ("file", "code", "value"),
+    [
+        ("recurrent.onnx", "mask.model_inputs", ("picture", "before")),
+        ("no_matte.onnx", "mask.model_outputs", "1x3"),
+        ("channels_last.onnx", "mask.model_inputs", "tensor(float) 1xhxwx3"),
+    ],
+)
+def test_models_that_are_not_matting_models(file: str, code: str, value: object) -> None:
+    with refuses(code, file=DATA / file, value=value, setting="capture.mask_model"):
+        OnnxModel(DATA / file, PLAIN, device="cpu")(noisy())
+
+
+def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
+    with refuses("mask.model_missing", file=tmp_path / "nowhere.onnx", setting="capture.mask_model") as caught:
+        OnnxModel(tmp_path / "nowhere.onnx")
+    assert str(caught.value) == (
+        f"{tmp_path / 'nowhere.onnx'}: matting model not found. Set capture.mask_model to an ONNX file."
+    )
+    broken = tmp_path / "broken.onnx"
+    broken.write_bytes((DATA / "free.onnx").read_bytes()[:100])
+    with refuses("mask.model_unloadable", file=broken, setting="capture.mask_model"):
+        OnnxModel(broken, PLAIN, device="cpu")(noisy())
+
+
+def test_values_outside_0_to_1() -> None:
+    """A mean and standard deviation that differ from the model's, or logits."""
+    with refuses("mask.model_values", file=DATA / "free.onnx", setting="capture.mask_model_sigmoid") as caught:
+        OnnxModel(DATA / "free.onnx", OnnxSettings(), device="cpu")(noisy())
+    low, high = caught.value.value
+    assert low < 0
+    assert high > 1
+
+
+def test_without_onnxruntime_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with refuses("mask.runtime_missing", file=DATA / "free.onnx", package="onnxruntime") as caught:
+        OnnxModel(DATA / "free.onnx")
+    assert "pip install 'v3studio[matting]'" in caught.value.fix
+
+
+def test_execution_providers() -> None:
+    both = ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    assert providers("cpu", both) == ["CPUExecutionProvider"]
+    assert providers("auto", both[1:]) == ["CPUExecutionProvider"]
+    assert providers("auto", both)[0] == ("CUDAExecutionProvider", {"device_id": 0})
+    assert providers("cuda:1", both)[0] == ("CUDAExecutionProvider", {"device_id": 1})
+    with refuses("mask.no_cuda", value="cuda", setting="run.device"):
+        providers("cuda", both[1:])
+
+
+@pytest.fixture
+def capture(tmp_path: Path, make: SimpleNamespace) -> Path:
+    for frame in range(2):
+        for camera in ("a", "b"):
+            make.image(tmp_path / "images" / camera / f"{frame}.png", noisy(seed=frame))
+    shutil.copy(DATA / "free.onnx", tmp_path / "model.onnx")
+    return tmp_path
+
+
+def spec_of(root: Path, **values: object) -> CaptureSettings:
+    given = {**dict(PLAIN), "mask_model": "model.onnx", **values}
+    return CaptureSettings(root=root, masks="model", **given)  # type: ignore[arg-type]
+
+
+def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
+    exact = np.rint(255 * weighted(noisy(seed=1) / 255))
+    footage = open_footage(spec_of(capture))
+    assert "matting model model.onnx" in footage.description
+    assert np.abs(footage.mask("b", 1) - exact).max() <= 1  # rounding of .5
+    absolute = open_footage(spec_of(capture, mask_model=str(capture / "model.onnx")))
+    assert np.array_equal(absolute.mask("b", 1), footage.mask("b", 1))
+    kept = np.zeros((64, 96), np.uint8)
+    kept[:30] = 255
+    make.image(capture / "garbage" / "b.png", kept)
+    inside = open_footage(spec_of(capture, garbage_masks="garbage/{camera}.png"))
+    assert inside.mask("b", 1)[30:].max() == 0
+    assert np.array_equal(inside.mask("b", 1)[:30], footage.mask("b", 1)[:30])
+    with refuses("mask.model_not_set", setting="capture.mask_model"):
+        open_footage(spec_of(capture, mask_model=""))
+    with refuses_setting("mask_model_size"):
+        spec_of(capture, mask_model_size=500)
+
+
+def test_another_model_changes_the_digest(capture: Path) -> None:
+    before = open_footage(spec_of(capture)).digest()
+    assert open_footage(spec_of(capture)).digest() == before
+    shutil.copy(DATA / "fixed.onnx", capture / "model.onnx")
+    assert open_footage(spec_of(capture)).digest() != before
+
+
+def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+    compute = OnnxModel.__call__
+
+    def counted(self: OnnxModel, image: np.ndarray, /) -> np.ndarray:
+        made.append(1)
+        return compute(self, image)
+
+    monkeypatch.setattr(OnnxModel, "__call__", counted)
+    cache = capture / "cache"
+
+    def mask(threads: int = 0, **values: object) -> np.ndarray:
+        footage = open_footage(spec_of(capture, **values), cache_folder=cache, device="cpu", threads=threads)
+        return footage.mask("a", 0)
+
+    first = mask()
+    assert np.array_equal(mask(), first)
+    assert len(made) == 1
+    assert np.array_equal(mask(threads=1), first)  # threads do not affect the masks
+    assert len(made) == 1
+    (file,) = (cache / "masks").iterdir()
+    file.write_bytes(file.read_bytes()[:200])  # truncated: recomputed
+    assert np.array_equal(mask(), first)
+    assert len(made) == 2
+    mask(mask_model_std=(2.0, 2.0, 2.0))
+    assert len(made) == 3
+    shutil.copy(DATA / "fixed.onnx", capture / "model.onnx")
+    mask()
+    assert len(made) == 4
+
+
+def test_cached_masks_belong_to_one_image_and_recipe(tmp_path: Path) -> None:
+    kept = MaskCache(tmp_path / "k", "one")
+    image, mask = noisy(), noisy(seed=3)[..., 0]
+    assert kept.read(image) is None
+    kept.write(image, mask)
+    found = kept.read(image)
+    assert found is not None
+    assert np.array_equal(found, mask)
+    assert kept.read(noisy(seed=1)) is None
+    assert kept.read(image.reshape(96, 64, 3)) is None
+    assert MaskCache(tmp_path / "k", "two").read(image) is None
+    assert [path.suffix for path in (tmp_path / "k").iterdir()] == [".png"]
+
+
+def test_any_function_can_compute_masks(three_videos: Path) -> None:
+    def bright(image: np.ndarray, /) -> np.ndarray:
+        return image.mean(axis=2) / 255
+
+    footage = open_footage(CaptureSettings(root=three_videos, masks="none")).with_mask_source(
+        FunctionMaskSource(bright)
+    )
+    assert np.abs(footage.mask("cam1", 6) - footage.image("cam1", 6).mean(axis=2)).max() <= 0.5
+
+
+@pytest.mark.parametrize(
+    ("function", "value", "text"),
+    [
+        (lambda image: np.zeros((4, 4)), "(4, 4) float64", "expected floats of shape (64, 96)"),
+        (lambda image: np.zeros(image.shape[:2], np.uint8), "(64, 96) uint8", "expected floats of shape (64, 96)"),
+        (lambda image: np.full(image.shape[:2], np.nan), None, "NaN or infinite"),
+        (lambda image: np.full(image.shape[:2], 255.0), (255, 255), "values from 255 to 255; expected 0 to 1"),
+    ],
+)
+def test_functions_that_do_not_return_a_mask(function: object, value: object, text: str) -> None:
+    with refuses("mask.function_output", file=None, value=value, camera="a", frame=3) as caught:
+        FunctionMaskSource(function, "my function").mask("a", 3, noisy())  # type: ignore[arg-type]
+    assert str(caught.value).startswith("my function, camera 'a', frame 3: returned ")
+    assert text in str(caught.value)
+
+
+def test_only_the_largest_component_is_kept() -> None:
+    mask = np.zeros((64, 96))
+    cv2.circle(mask, (30, 30), 14, 1.0, -1)
+    mask = cv2.GaussianBlur(mask, (0, 0), 1)
+    both = mask.copy()
+    both[50:60, 80:90] = 1.0
+    found = FunctionMaskSource(lambda image: both, components=1).mask("a", 0, noisy())
+    assert np.array_equal(found, np.rint(255 * mask).astype(np.uint8))
+
+
+def test_onnxruntime_is_imported_on_first_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def refuse(name: str, *rest: object) -> object:
+        assert name != "onnxruntime"
+        return real(name, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    OnnxModel(DATA / "free.onnx")

@@ -1,0 +1,109 @@
+"""Performers cut out on a plain color."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from studio.capture import CaptureSettings, open_footage
+from studio.capture.checks import check_footage
+from studio.masks.plain_background import plain_color, plain_mask
+from tests.support.errors import refuses
+
+SIZE = 160
+
+
+def performer() -> tuple[np.ndarray, np.ndarray]:
+    """Colors (H, W, 3) float and coverage (H, W) 0..1: a textured ring, with the background in its hole."""
+    y, x = np.mgrid[:SIZE, :SIZE] + 0.5
+    radius = np.hypot(x - SIZE / 2, y - SIZE / 2)
+    alpha = np.clip(50.5 - radius, 0, 1) * np.clip(radius - 19.5, 0, 1)
+    colors = np.stack([130 + 50 * np.sin(x / 5), 90 + 40 * np.sin(y / 7), 100 + 0 * x], -1)
+    return colors, alpha
+
+
+def before(color: int) -> np.ndarray:
+    colors, alpha = performer()
+    return np.rint(colors * alpha[..., None] + color * (1 - alpha[..., None])).astype(np.uint8)
+
+
+@pytest.mark.parametrize("color", [0, 255])
+@pytest.mark.parametrize("quality", [None, 90])
+def test_masks_of_performers_on_a_plain_color(color: int, quality: int | None) -> None:
+    image = before(color)
+    if quality:
+        image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+    found = plain_color(image)
+    assert found is not None
+    assert found.tolist() == [color] * 3
+    mask, truth = plain_mask(image, found) / 255, performer()[1]
+    both, either = ((mask > 0.5) & (truth > 0.5)).sum(), ((mask > 0.5) | (truth > 0.5)).sum()
+    assert both / either > (0.99 if quality is None else 0.96)
+    assert np.abs(mask - truth).mean() < (0.005 if quality is None else 0.015)
+    assert mask[SIZE // 2, SIZE // 2] == 0
+
+
+def test_camera_footage_and_empty_images_have_no_plain_color() -> None:
+    rng = np.random.default_rng(0)
+    assert plain_color(rng.integers(180, 200, (SIZE, SIZE, 3)).astype(np.uint8)) is None
+    assert plain_color(np.full((SIZE, SIZE, 3), 255, np.uint8)) is None
+    bars = np.zeros((SIZE, SIZE, 3), np.uint8)
+    bars[20:-20] = rng.integers(0, 255, (SIZE - 40, SIZE, 3))  # letterboxed
+    assert plain_color(bars) is None
+
+
+def test_auto_detects_it_and_cleans_the_outline(tmp_path: Path) -> None:
+    for camera in ("a", "b"):
+        (tmp_path / "images" / camera).mkdir(parents=True)
+        Image.fromarray(before(255)).save(tmp_path / "images" / camera / "000000.png")
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert "plain background" in footage.description
+    image, mask = footage.image("a", 0).astype(float), footage.mask("a", 0)
+    colors, _ = performer()
+    mixed = (mask > 100) & (mask < 220)
+    assert mixed.any()
+    # in the files these pixels are half white
+    assert np.abs(image - colors)[mixed].mean() < 0.4 * np.abs(before(255) - colors)[mixed].mean()
+    assert not check_footage(footage)
+
+
+def test_another_background_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE, 3)).astype(np.uint8)
+    Image.fromarray(noise).save(tmp_path / "images" / "a.png")
+    Image.fromarray(before(0)).save(tmp_path / "images" / "b.png")
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert "Masks: not found" in footage.description
+    with refuses("mask.no_source", setting="capture.masks"):
+        footage.mask("a", 0)
+    assert [problem.code for problem in check_footage(footage)] == ["mask.no_source"]  # once, not for each camera
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="plain"))
+    with refuses("mask.not_plain", camera="a", setting="capture.masks"):
+        footage.mask("a", 0)
+
+
+def test_performers_cut_off_by_the_edge(tmp_path: Path) -> None:
+    """Camera b cuts off two sides, c hides nearly the whole border, d does not see the performer yet."""
+    (tmp_path / "images").mkdir()
+    whole, half = before(255), SIZE // 2
+    for camera, image in (
+        ("a", whole),
+        ("b", whole[: half + 5, : half + 5]),
+        ("c", whole[half - 30 : half + 30, 40:100]),
+        ("d", np.full_like(whole, 255)),
+        ("e", whole[:, ::-1]),
+        ("f", whole[::-1]),
+    ):
+        Image.fromarray(image).save(tmp_path / "images" / f"{camera}.png")
+    truth = performer()[1]
+    for masks in ("plain", "auto"):
+        footage = open_footage(CaptureSettings(root=tmp_path, masks=masks))
+        assert "plain background" in footage.description
+        assert ("chosen by auto for all 6 cameras" in footage.description) == (masks == "auto")
+        assert np.abs(footage.mask("b", 0) / 255 - truth[: half + 5, : half + 5]).mean() < 0.01
+        assert np.abs(footage.mask("c", 0) / 255 - truth[half - 30 : half + 30, 40:100]).mean() < 0.01
+        assert not footage.mask("d", 0).any()
