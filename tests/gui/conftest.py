@@ -150,6 +150,19 @@ class RunningWindow:
             time.sleep(POLL)
         pytest.fail(f"no state with {what} (status {self.process.poll()})\n{self._story()}")
 
+    def saw(
+        self, what: str, accept: Callable[[dict[str, Any]], bool], since: int = 0, seconds: float = 120.0
+    ) -> dict[str, Any]:
+        """As `wait_for`, for a state that passes: any state from number `since` on counts, also if it is over."""
+        found: list[dict[str, Any]] = []
+
+        def came(_: dict[str, Any]) -> bool:
+            found.extend(itertools.islice(filter(accept, self.states()[since:]), 1))
+            return bool(found)
+
+        self.wait_for(what, came, seconds)
+        return found[0]
+
     def _story(self, changes: int = 12) -> str:
         """What changed last, and what the window has said."""
         states = self.states()

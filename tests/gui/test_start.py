@@ -84,7 +84,7 @@ def test_from_the_start_page_through_the_tour_to_a_notice(
     window.wait_for("a failure", lambda s: clipboard.poll() is None and "nowhere: no such folder" in s["notice"])
     window.screenshot(artifacts / "start_notice.png")
     window.chord("c")
-    window.wait_for("a copy", lambda s: s["notice"] == "Copied the message.")
+    window.saw("a copy", lambda s: s["notice"] == "Copied the message.")
     clipboard.ask()
     texts: list[str | None] = []
 
@@ -105,7 +105,7 @@ def test_from_the_start_page_through_the_tour_to_a_notice(
     window.key("f")
     window.wait_for("fullscreen", lambda s: s["fullscreen"] and not panels & set(s["widgets"]))
     window.key("t")
-    told = window.wait_for("a remark over the view", lambda s: "status" in s["widgets"] and s["widgets"]["status"][3])
+    told = window.saw("a remark over the view", lambda s: "status" in s["widgets"] and s["widgets"]["status"][3])
     assert told["fullscreen"]
     window.drawn()
     window.screenshot(artifacts / "fullscreen_remark.png")
@@ -136,12 +136,10 @@ def test_from_the_start_page_through_the_tour_to_a_notice(
     window.menu("File", "screenshot")
     window.wait_for("the question", lambda s: s["dialog"] == "screenshot" and s["typing"])
     window.key("Return")
-    state = window.wait_for("the notice", lambda s: s["notice"].startswith("Written: "))
+    state = window.saw("the notice", lambda s: s["notice"].startswith("Written: "))
     written = Path(state["notice"].removeprefix("Written: "))
     assert written.is_file()
-    window.drawn()
-    window.screenshot(artifacts / "notice_written.png")
-    window.chord("o")
+    window.chord("o")  # while the notice is shown
     wait_until("the folder", opened.exists)
     wait_until("its name", lambda: opened.read_text() == f"{written.parent}\n")
     assert window.close() == 0, window.stderr.read_text()[-2000:]

@@ -1,6 +1,6 @@
 """Memory does not grow when windows are opened and closed and frames are played. Runs in a separate process.
 
-V3STUDIO_SLOW_TESTS=1 uses 20 windows and 2,000 frames (minutes), otherwise 5 and 300.
+V3STUDIO_SLOW_TESTS=1 uses 20 windows and 2,000 frames (minutes), otherwise 5 and 200.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ process = psutil.Process()
 def memory():
     return process.memory_info().rss / 2**20
 
-def until(accept, window, seconds=60):
+def until(accept, window, seconds=200):
     end = time.monotonic() + seconds
     while not accept():
         assert application.run_one_tick()
@@ -54,11 +54,10 @@ transport = window.player.transport
 while shown < frames:
     transport.step(1 if transport.frame < transport.last else -transport.last)
     before = window.pictures
-    until(lambda: window.pictures > before, window)
-    frame = window.player.picture.frame
-    assert frame == transport.frame, (frame, transport.frame)
+    # a sharper picture of the previous frame may come first
+    until(lambda: window.pictures > before and window.player.picture.frame == transport.frame, window)
     shown += 1
-    if shown % 100 == 0:
+    if shown % 50 == 0:
         report["played"].append(memory())
 print(json.dumps(report))
 sys.stdout.flush()
@@ -74,7 +73,7 @@ keep.closed()
 
 
 def test_memory_stays_while_windows_open_and_frames_play(display: str, stream_folder: Path, tmp_path: Path) -> None:
-    windows, frames = (20, 2000) if os.environ.get("V3STUDIO_SLOW_TESTS") else (5, 300)
+    windows, frames = (20, 2000) if os.environ.get("V3STUDIO_SLOW_TESTS") else (5, 200)
     root = Path(__file__).parents[2]
     environment = {
         **os.environ, "DISPLAY": display, "XDG_CONFIG_HOME": str(tmp_path), "PYTHONPATH":
@@ -83,16 +82,16 @@ def test_memory_stays_while_windows_open_and_frames_play(display: str, stream_fo
     environment.pop("WAYLAND_DISPLAY", None)
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, str(stream_folder), str(windows), str(frames)],
-        env=environment, cwd=root, capture_output=True, text=True, timeout=400, check=False,
+        env=environment, cwd=root, capture_output=True, text=True, timeout=550, check=False,
     )  # fmt: skip
     lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
     assert lines, f"status {done.returncode}: {done.stderr[-3000:]}"
     report = json.loads(lines[-1])
     opened, played = report["opened"], report["played"]
     print("MB after each window:", [round(value) for value in opened])
-    print("MB after each 100 frames:", [round(value) for value in played])
+    print("MB after each 50 frames:", [round(value) for value in played])
     assert len(opened) == windows
-    assert len(played) == frames // 100
+    assert len(played) == frames // 50
     # The first windows warm up the drivers' and the allocator's caches (it levels off after about eight). A leak of
     # 2 MB per frame, as in Open3D without a scene, or of a window's buffers would be obvious.
     warm = min(8, windows - 3)

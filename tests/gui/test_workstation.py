@@ -48,7 +48,7 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     assert "qp: 24" in (tmp_path / "take" / "config.yaml").read_text()
 
     window.click("all")
-    window.wait_for("a run", lambda s: s["busy"])
+    window.saw("a run", lambda s: s["busy"])
     window.stage("train")
     state = window.wait_for("all done", lambda s: done(s) and not s["busy"], 600)
     for stage in STAGES[1:5]:

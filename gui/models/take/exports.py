@@ -110,7 +110,7 @@ class Exports:
     Attributes:
         path: views of the camera path.
         request: the last one that was started; None before the first.
-        words: progress; "" if none is running.
+        progress: last report of progress; stays after the end.
         result: outcome of the last one, shown once.
         failed: whether the last one failed.
         written: what the last one wrote; None if it failed or was stopped.
@@ -118,7 +118,7 @@ class Exports:
 
     path: PathEditor = field(default_factory=PathEditor)
     request: NamedTarget | None = None
-    words: str = ""
+    progress: str = ""
     result: str = ""
     failed: bool = False
     written: Path | None = None
@@ -131,6 +131,11 @@ class Exports:
     def running(self) -> bool:
         """Whether an export is running."""
         return self._process is not None
+
+    @property
+    def words(self) -> str:
+        """Progress of the running export; "" if none is running."""
+        return self.progress if self.running else ""
 
     def start(self, request: ExportRequest) -> None:
         """Start an export.
@@ -173,7 +178,7 @@ class Exports:
     def _run(self, request: NamedTarget, arguments: list[str], scratch: Path) -> None:
         self._process = ChildProcess([*v3studio_command(), *arguments], scratch / "errors.txt", scratch)
         self.request, self._target, self._stopping, self._told = request, request.path, False, ""
-        self.words, self.result = f"{request.does.lower()}: starting", ""
+        self.progress, self.result = f"{request.does.lower()}: starting", ""
 
     def _keys(self, request: ExportRequest) -> list[Key]:
         """The path in the frames and the world of what is exported."""
@@ -201,20 +206,20 @@ class Exports:
         process, request = self._process, self.request
         if process is None or request is None:
             return False
-        before = self.words
+        before = self.progress
         for line in process.take_lines():
             with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
                 event = json.loads(line)
                 if event["kind"] == "progress":
-                    self.words = f"{event['what']}: {event['done']} of {event['total']}"
+                    self.progress = f"{event['what']}: {event['done']} of {event['total']}"
                 elif event["kind"] == "shared":
                     self._told += f"\n{size_words(event['total_bytes'])} in {counted(event['files'], 'file')}"
                 elif event["kind"] == "note":
                     self._told += f"\n{event['text']}"
         status = process.status
         if status is None:
-            return self.words != before
-        self._process, self.words = None, ""
+            return self.progress != before
+        self._process = None
         self.failed = status not in (0, EXIT_CANCELLED)
         self.written = self._target if status == 0 else None
         last = process.last_line()
