@@ -117,9 +117,9 @@ def first_files(manifest: bytes) -> list[str]:
 
 
 def _early_files(stream: str, first: Sequence[str]) -> str:
-    """Element that fetches the manifest and the files with which playback begins, and asks for the graphics adapter,
-    while the player's script is loading; the player takes what arrives, and asks for the rest itself. Preload links
-    would not revalidate the manifest, and are not for workers. Links to another time or stream begin with other files.
+    """Element that fetches the manifest and the files with which playback begins while the player's script is loading;
+    the player takes what arrives, and requests the rest. Preload links would not revalidate the manifest, and are not
+    for workers. Links to another time or stream begin with other files.
     """
     folder = stream[: stream.rfind("/") + 1]
     address = _in_json(json.dumps(stream))
@@ -134,8 +134,6 @@ def _early_files(stream: str, first: Sequence[str]) -> str:
     response: get({address}, "no-cache"),
     files: Object.fromEntries(files.map(([path, address]) => [path, get(address, "default")])),
   }};
-  if (navigator.gpu && query.get("renderer") !== "webgl2")
-    window.v3Adapter = navigator.gpu.requestAdapter({{ powerPreference: "high-performance" }}).catch(() => null);
 }}
 </script>"""
 

@@ -26,11 +26,7 @@ FLAGS = [
     "--disable-component-update",
     "--disable-sync",
     "--host-resolver-rules=MAP player.test 127.0.0.1",  # a host name that, unlike localhost, does not count as secure
-    # WebGPU in software, which the player uses only with `?renderer=webgpu`; its canvas needs Vulkan everywhere.
-    "--enable-unsafe-webgpu",
     "--use-angle=swiftshader",
-    "--enable-features=Vulkan",
-    "--use-vulkan=swiftshader",
     "--enable-precise-memory-info",
     "--js-flags=--expose-gc",
 ]

@@ -219,12 +219,6 @@ class Page:
             frame,
         )
 
-    @property
-    def renderer(self) -> str:
-        """The graphics API in use."""
-        name: str = self.evaluate("() => document.querySelector('v3-player').engine.rendererName")
-        return name
-
     def picture(self, camera: dict[str, Any], background: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
         """(H, W, 3) uint8: the current frame, rendered from a camera."""
         text = self.evaluate(

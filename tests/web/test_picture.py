@@ -41,26 +41,22 @@ def ten_pictures(baked):
 
 
 @pytest.mark.parametrize("degree", [0, 3])
-@pytest.mark.parametrize(
-    ("decoder", "renderer"), [("webcodecs", "WebGL2"), ("video", "WebGL2"), ("webcodecs", "WebGPU")]
-)
-def test_ten_cameras_see_what_the_rasterizer_draws(site, baked, open_page, ten_pictures, degree, decoder, renderer):
+@pytest.mark.parametrize("decoder", ["webcodecs", "video"])
+def test_ten_cameras_see_what_the_rasterizer_draws(site, baked, open_page, ten_pictures, degree, decoder):
     shutil.copytree(baked(degree=degree), site.stream)
-    page = open_page(f"?decoder={decoder}&renderer={renderer.lower()}&t=0")
+    page = open_page(f"?decoder={decoder}&t=0")
     found = []
     for frame, view, background, drawn in ten_pictures(degree):
         page.seek_frame(frame)
         found.append(psnr(page.picture(support.camera_values(view), background), drawn))
-    assert page.renderer == renderer
     assert min(found) >= PSNR, found
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])
-@pytest.mark.parametrize("renderer", ["webgl2", "webgpu"])
-def test_each_group_is_drawn_with_its_dilation(site, baked, open_page, renderer, profile):
+def test_each_group_is_drawn_with_its_dilation(site, baked, open_page, profile):
     """In a small picture, where splats are about a pixel wide, it shows."""
     shutil.copytree(baked(profile=profile, dilations=(0.05, 0.9)), site.stream)
-    page = open_page(f"?renderer={renderer}&t=0")
+    page = open_page("?t=0")
     view = support.camera(70, distance=2.6, size=(64, 80))
     python = support.PythonFrames(site.stream)
     for frame, dilation in ((2, 0.05), (6, 0.9), (3, 0.05)):
@@ -73,35 +69,15 @@ def test_each_group_is_drawn_with_its_dilation(site, baked, open_page, renderer,
     python.close()
 
 
-def test_webgl2_takes_over_when_the_webgpu_device_is_lost(site, baked, open_page, ten_pictures):
-    shutil.copytree(baked(degree=0), site.stream)
-    page = open_page("?renderer=webgpu&t=0")
-    page.evaluate("() => document.querySelector('v3-player').engine.renderer.device.destroy()")
-    page.wait("player.engine.rendererName === 'WebGL2' && !player.engine.needsSetup")
-    frame, view, background, drawn = ten_pictures(0)[0]
-    assert page.state["frame"] == frame
-    assert psnr(page.picture(support.camera_values(view), background), drawn) >= PSNR
-    page.handle.locator("v3-player .stage").press("i")
-    assert "not used: Device was destroyed" in page.handle.locator("v3-player .info").inner_text()
-
-
-def test_planes_of_all_versions_are_drawn_alike(site, baked, open_page):
-    """Version 2 with WebGPU, the others with WebGL2."""
+def test_planes_are_drawn_alike(site, baked, open_page):
+    shutil.copytree(baked(profile="planes", qp=20), site.stream)
     view = support.camera(40, size=(240, 300))
-    for version in (3, 2, 1):
-        if version == 1:
-            support.as_version_1(site.stream)
-        else:
-            shutil.rmtree(site.stream, ignore_errors=True)
-            shutil.copytree(baked(profile="planes", qp=20, stream_version=version), site.stream)
-        if version == 3:
-            python = support.PythonFrames(site.stream)
-            want = support.draw(python.gaussians(6), view)
-            python.close()
-        page = open_page("?t=0&renderer=" + ("webgpu" if version == 2 else "webgl2"))
-        page.seek_frame(6)
-        assert psnr(page.picture(support.camera_values(view)), want) >= PSNR
-        assert page.evaluate("() => document.querySelector('v3-player').engine.info.version") == version
+    python = support.PythonFrames(site.stream)
+    want = support.draw(python.gaussians(6), view)
+    python.close()
+    page = open_page("?t=0")
+    page.seek_frame(6)
+    assert psnr(page.picture(support.camera_values(view)), want) >= PSNR
 
 
 def test_planes_without_webcodecs_say_why_not(site, baked, open_page):
@@ -151,7 +127,6 @@ def test_splats_come_back_to_front(stream, open_page):
     page = open_page("?t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
     page.seek_frame(3)
     entry = page.evaluate("() => window.pictures.at(-1)")
-    assert page.renderer == "WebGL2"  # software WebGPU is not used unless asked for
     python = support.PythonFrames(stream)
     gaussians = python.gaussians(3)
     python.close()

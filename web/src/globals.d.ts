@@ -9,11 +9,3 @@ declare module "*.css" {
   const text: string;
   export default text;
 }
-
-/** Flags of WebGPU, which TypeScript's library declares as plain numbers without their names. */
-declare const GPUBufferUsage: Readonly<
-  Record<"MAP_READ" | "COPY_SRC" | "COPY_DST" | "INDEX" | "UNIFORM" | "STORAGE" | "INDIRECT" | "QUERY_RESOLVE", number>
->;
-declare const GPUTextureUsage: Readonly<Record<"COPY_SRC" | "COPY_DST" | "TEXTURE_BINDING" | "RENDER_ATTACHMENT", number>>;
-declare const GPUShaderStage: Readonly<Record<"VERTEX" | "FRAGMENT" | "COMPUTE", number>>;
-declare const GPUMapMode: Readonly<Record<"READ", number>>;

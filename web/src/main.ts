@@ -14,7 +14,7 @@ if (customElements.get("v3-player") === undefined) {
   const page = document.querySelector<V3PlayerElement>("v3-player[page]");
   if (page !== null) startWorker();
   const query = new URLSearchParams(location.search);
-  for (const name of ["src", "background", "decoder", "renderer"] as const) {
+  for (const name of ["src", "background", "decoder"] as const) {
     const value = query.get(name);
     if (page !== null && value !== null) page.setAttribute(name, value);
   }

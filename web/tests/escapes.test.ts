@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { escapedSplats } from "../src/draw/escapes.ts";
+import { escapedSplats } from "../src/render/escapes.ts";
 
 /** Code of a channel, as the shaders read it. */
 function read(luma: Float32Array, side: number, columns: number, channel: number, x: number, y: number): number {

@@ -221,7 +221,7 @@ void test("splats are sorted back to front, the later one first at equal depth",
   const positions = Float32Array.from({ length: 3 * count }, () => 4 * random() - 2);
   const axis = [0.48, -0.6, 0.64, 1.5] as const;
   const out = new Uint32Array(count);
-  const total = new DepthSorter().sort(positions, null, axis, 0.01, out);
+  const total = new DepthSorter().sort(positions, null, axis, out);
   const depth = (i: number): number =>
     axis[0] * positions[3 * i] + axis[1] * positions[3 * i + 1] + axis[2] * positions[3 * i + 2] + axis[3];
   const front = Array.from({ length: count }, (_, i) => i).filter((i) => depth(i) >= 0.01);
@@ -230,9 +230,9 @@ void test("splats are sorted back to front, the later one first at equal depth",
   for (let k = 1; k < total; k++) assert.ok(depth(out[k]) - depth(out[k - 1]) < 8 / 65535);
   const flat = new Uint32Array(5);
   const pixels = Uint32Array.of(50, 40, 30, 20, 10);
-  assert.equal(new DepthSorter().sort(new Float32Array(15), pixels, [0, 0, 1, 1], 0.01, flat), 5);
+  assert.equal(new DepthSorter().sort(new Float32Array(15), pixels, [0, 0, 1, 1], flat), 5);
   assert.deepEqual([...flat], [10, 20, 30, 40, 50]);
-  assert.equal(new DepthSorter().sort(new Float32Array(15), pixels, [0, 0, 1, -1], 0.01, flat), 0);
+  assert.equal(new DepthSorter().sort(new Float32Array(15), pixels, [0, 0, 1, -1], flat), 0);
 });
 
 void test("manifests out of bounds are refused with the place", () => {

@@ -2,8 +2,8 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { OrbitCamera, type Pinhole } from "../src/draw/camera.ts";
-import { FADE, visibility } from "../src/draw/view_range.ts";
+import { OrbitCamera, type Pinhole } from "../src/render/camera.ts";
+import { FADE, visibility } from "../src/render/view_range.ts";
 import type { Player } from "../src/player/player.ts";
 import type { Camera, Vector } from "../src/stream/manifest.ts";
 import { clock, plural } from "../src/ui/format.ts";

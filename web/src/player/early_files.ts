@@ -1,6 +1,6 @@
 /**
  * What a page begins to fetch before the player's script has arrived: the manifest, and the files with which playback
- * begins; and the graphics adapter.
+ * begins.
  */
 
 /** What the page leaves for the player. */
@@ -29,7 +29,6 @@ export interface EarlyFile {
 declare global {
   interface Window {
     v3Early?: EarlyFiles;
-    v3Adapter?: Promise<GPUAdapter | null>;
   }
 }
 
@@ -69,11 +68,4 @@ async function send(port: MessagePort, name: string, response: Promise<Response 
   clearTimeout(late);
   const message: EarlyFile = { name, data, milliseconds };
   port.postMessage(message, data === null ? [] : [data]);
-}
-
-/** The adapter that the page has requested, once; null if it has not. */
-export function takeEarlyAdapter(): Promise<GPUAdapter | null> | null {
-  const adapter = window.v3Adapter ?? null;
-  delete window.v3Adapter;
-  return adapter;
 }

@@ -3,12 +3,10 @@
  * due. The main thread only uploads and draws.
  */
 
-import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View } from "../draw/camera.ts";
-import type { Renderer } from "../draw/renderer.ts";
-import { visibility } from "../draw/view_range.ts";
-import { WebGL2Renderer } from "../draw/webgl2.ts";
-import { requestWebGPU, WebGPURenderer } from "../draw/webgpu.ts";
-import { messageOf, StreamError } from "../stream/errors.ts";
+import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View } from "../render/camera.ts";
+import { visibility } from "../render/view_range.ts";
+import { Renderer } from "../render/renderer.ts";
+import { messageOf } from "../stream/errors.ts";
 import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
@@ -77,11 +75,7 @@ function takeWorker(): Worker {
   return worker;
 }
 
-export type RendererChoice = "auto" | "webgl2" | "webgpu";
-
 export interface PlayerOptions {
-  /** By default WebGPU if there is one with a GPU, else WebGL2. */
-  readonly renderer?: RendererChoice;
   readonly path?: DecodePath | "auto";
   readonly loop?: boolean;
 }
@@ -89,10 +83,7 @@ export interface PlayerOptions {
 export class Player {
   readonly camera = new OrbitCamera();
   readonly statistics = new Statistics();
-  /** Replaced if drawing changes to another graphics API. */
-  canvas: HTMLCanvasElement;
-  /** Why WebGPU is not used; null if it is, or was not asked for. */
-  withoutWebGPU: string | null = null;
+  readonly canvas: HTMLCanvasElement;
   readonly sound = new Sound({
     changed: () => {
       this.emit("sound", undefined);
@@ -108,8 +99,7 @@ export class Player {
   cachedBytes = 0;
   fetchedGroups: readonly number[] = [];
   readonly leftOut = new Map<number, string>();
-  /** Null until it is chosen. */
-  private renderer: Renderer | null = null;
+  private renderer: Renderer;
   private readonly worker: Worker;
   private readonly videos: VideoReader;
   private readonly resolution = new Resolution();
@@ -153,11 +143,9 @@ export class Player {
     this.canvas = canvas;
     this.options = options;
     this.loop_ = options.loop ?? true;
-    const choice = options.renderer ?? "auto";
-    if (choice !== "webgl2" && (choice === "webgpu" || "gpu" in navigator)) void this.startWebGPU(choice === "webgpu");
-    else this.renderer = this.webgl2();
+    this.renderer = new Renderer(canvas);
+    this.resolution.software = this.renderer.software;
     this.worker = takeWorker();
-    this.tellDevice();
     this.videos = new VideoReader((message, transfer) => {
       this.post(message, transfer);
     });
@@ -170,6 +158,9 @@ export class Player {
       this.fail(`The player's worker failed: ${event.message}.`);
     };
     const { signal } = this.stop;
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.restore();
+    }, { signal });
     document.addEventListener("visibilitychange", () => {
       // Hidden pages get no animation frames; the clock must not advance in the meantime.
       this.lastTick = this.drawBegan = this.lastShownAt = null;
@@ -184,13 +175,6 @@ export class Player {
   }
 
   private handlerTime = 0;
-
-  private webgl2(): Renderer {
-    this.canvas.addEventListener("webglcontextrestored", () => {
-      this.restore();
-    }, { signal: this.stop.signal });
-    return new WebGL2Renderer(this.canvas);
-  }
 
   /** The renderer of the page while an immersive session has its own. */
   private outside: Renderer | null = null;
@@ -214,7 +198,7 @@ export class Player {
   /** Draws to the page again. */
   leaveImmersion(): void {
     this.head = null;
-    this.renderer?.dispose();
+    this.renderer.dispose();
     const renderer = this.outside;
     this.outside = null;
     if (renderer === null || this.stop.signal.aborted) return;
@@ -230,53 +214,6 @@ export class Player {
     if (this.info === null) return;
     renderer.prepare(this.info.profile, this.info.shDegree);
     this.restore();
-  }
-
-  /** Starts with WebGPU, or with WebGL2 if that is not possible. */
-  private async startWebGPU(forced: boolean): Promise<void> {
-    let used = false;
-    try {
-      const device = await requestWebGPU(forced);
-      used = true;
-      if (this.stop.signal.aborted) device.destroy();
-      else
-        this.renderer = new WebGPURenderer(this.canvas, device, (why) => {
-          this.leaveWebGPU(why, true);
-        });
-    } catch (error) {
-      this.leaveWebGPU(messageOf(error), used);
-    }
-    this.tellDevice();
-  }
-
-  /** The worker opens streams once it knows what can be drawn. Without a renderer, which was reported, it never does. */
-  private tellDevice(): void {
-    if (this.renderer === null) return;
-    this.resolution.software = this.renderer.software;
-    this.post({ type: "device", maxTexture: this.renderer.maxTexture });
-  }
-
-  /** Changes to WebGL2, on a new canvas if WebGPU has used it: a canvas can be used with one graphics API only. */
-  private leaveWebGPU(why: string, used: boolean): void {
-    if (this.stop.signal.aborted) return;
-    this.withoutWebGPU = why;
-    const before = this.outside ?? this.renderer;
-    before?.dispose();
-    if (used) {
-      const canvas = this.canvas.cloneNode() as HTMLCanvasElement;
-      this.canvas.replaceWith(canvas);
-      this.resizing.unobserve(this.canvas);
-      this.resizing.observe(canvas);
-      this.canvas = canvas;
-    }
-    try {
-      const renderer = this.webgl2();
-      if (this.outside !== null) this.outside = renderer;
-      else if (before !== null) this.change(renderer);
-      else this.renderer = renderer;
-    } catch (error) {
-      this.fail(before === null ? messageOf(error) : `The graphics driver has stopped working: ${why}. Reload the page.`);
-    }
   }
 
   on<K extends keyof PlayerEvents>(event: K, handler: Handler<PlayerEvents[K]>): void {
@@ -305,7 +242,8 @@ export class Player {
     const url = new URL(address, document.baseURI).href;
     const early = files === null && archive === null ? takeEarlyFiles(url) : null;
     const path = this.options.path ?? "auto";
-    this.post({ type: "open", url, files, archive, early, path, loop: this.loop_ }, early === null ? [] : [early.port]);
+    const { maxTexture } = this.renderer;
+    this.post({ type: "open", url, files, archive, early, path, maxTexture, loop: this.loop_ }, early === null ? [] : [early.port]);
     this.tellPlaying();
   }
 
@@ -382,15 +320,11 @@ export class Player {
 
   /** Number of splats on the canvas, and of the whole frame. */
   get splats(): { drawn: number; all: number } {
-    return { drawn: this.renderer?.visible ?? this.shown?.count ?? 0, all: this.group?.splats ?? 0 };
+    return { drawn: this.shown?.count ?? 0, all: this.group?.splats ?? 0 };
   }
 
   /** What the frame on the canvas is from: its group, in the rendition that was chosen for it. */
   group: Pick<GroupSetup, "rendition" | "bytes" | "frames" | "splats" | "shDegree"> | null = null;
-
-  get rendererName(): string {
-    return this.renderer?.name ?? "none";
-  }
 
   get drawSize(): readonly number[] {
     return this.size;
@@ -461,18 +395,15 @@ export class Player {
    * Renders the current frame from a camera and returns the pixels: RGBA, top row first. Sorts for that camera first.
    */
   async snapshot(camera: Camera, background: Vector = [0, 0, 0]): Promise<ImageData> {
-    const { renderer } = this;
-    if (renderer === null) throw new StreamError("There is no renderer.");
     const before = this.fixed;
     const pinhole = pinholeOf(camera);
-    if (renderer.sorts) return new ImageData(await renderer.snapshot(pinhole, background), camera.width, camera.height);
     this.fixed = pinhole;
     const sorted = new Promise<void>((resolve) => {
       this.snapshotSorted = resolve;
     });
     this.requestSort(depthAxis(pinhole));
     await sorted;
-    const pixels = await renderer.snapshot(pinhole, background);
+    const pixels = this.renderer.snapshot(pinhole, background);
     this.fixed = before;
     this.sortedAxis = UNSORTED;
     this.dirty = true;
@@ -482,10 +413,10 @@ export class Player {
   private snapshotSorted: (() => void) | null = null;
 
   /** Draws the current frame, waits for the GPU, and returns the time in milliseconds. */
-  async timeDraw(): Promise<number> {
+  timeDraw(): number {
     const began = performance.now();
     this.draw(began);
-    await this.renderer?.finish();
+    this.renderer.finish();
     return performance.now() - began;
   }
 
@@ -496,7 +427,7 @@ export class Player {
     this.worker.terminate();
     this.videos.dispose();
     this.sound.dispose();
-    this.renderer?.dispose();
+    this.renderer.dispose();
     this.handlers.clear();
   }
 
@@ -523,7 +454,7 @@ export class Player {
         // Only the last sort is for the current view.
         if (message.request === this.sortRequest) this.sorting = false;
         if (message.frame === this.shown?.frame) {
-          this.renderer?.setOrder(message.order, message.count);
+          this.renderer.setOrder(message.order, message.count);
           this.shown.count = message.count;
           this.statistics.sort.add(message.sort);
           this.dirty = true;
@@ -578,23 +509,21 @@ export class Player {
     this.emit("opened", info);
     if (this.requested === null) this.request(Math.floor(this.position), true);
     // The driver compiles while the first picture is fetched and decoded.
-    this.renderer?.prepare(info.profile, info.shDegree);
+    this.renderer.prepare(info.profile, info.shDegree);
   }
 
   private request(frame: number, seek: boolean, lap = 0): void {
     // Sorted for the current camera: at most one frame old when it is drawn.
     const axis = depthAxis(this.head ?? this.pinhole());
     this.requested = { frame, at: performance.now(), seek, lap, axis };
-    this.post({ type: "present", frame, axis: this.renderer?.sorts === true ? null : axis, seek });
+    this.post({ type: "present", frame, axis, seek });
   }
 
   private arrived(picture: Picture): void {
     const { requested } = this;
     if (picture.setup !== null) this.setups.set(picture.group, picture.setup);
-    const { renderer } = this;
     // After a change of the renderer, a picture for the one before may still arrive.
-    const prepared = !this.needsSetup || this.setups.has(picture.group);
-    const usable = renderer !== null && (renderer.sorts || picture.order.length > 0) && prepared;
+    const usable = !this.needsSetup || this.setups.has(picture.group);
     if (requested?.frame !== picture.frame || !usable) {
       this.recycle(picture);
       return;
@@ -603,10 +532,8 @@ export class Player {
     this.requested = null;
     const { decode, dequantize, sort } = picture.timings;
     this.statistics.decode.add(decode);
-    if (!renderer.sorts) {
-      this.statistics.dequantize.add(dequantize);
-      this.statistics.sort.add(sort);
-    }
+    this.statistics.dequantize.add(dequantize);
+    this.statistics.sort.add(sort);
     if (requested.seek) {
       this.show(picture, performance.now(), requested.axis);
       this.emit("seeked", { frame: picture.frame });
@@ -625,7 +552,6 @@ export class Player {
 
   private show(picture: Picture, now: number, axis: DepthAxis): void {
     const { renderer } = this;
-    if (renderer === null) return;
     const began = performance.now();
     const setup = this.setups.get(picture.group);
     if (setup !== undefined) {
@@ -724,7 +650,7 @@ export class Player {
     try {
       this.advance(now);
       this.follow();
-      if (this.drawBegan !== null && this.renderer?.busy === false) this.drawn(now);
+      if (this.drawBegan !== null && !this.renderer.busy) this.drawn(now);
       if (this.dirty) {
         this.sharp = false;
         this.draw(now);
@@ -821,7 +747,7 @@ export class Player {
 
   /** Requests a new sort of the frame on the canvas if the camera has moved since it was sorted. */
   private follow(): void {
-    if (this.renderer?.sorts === true || this.sorting || this.shown === null || this.requested?.seek === true) return;
+    if (this.sorting || this.shown === null || this.requested?.seek === true) return;
     // While frames follow one another quickly, each comes sorted for a recent view.
     if (this.playing_ && this.requested !== null) return;
     const axis = depthAxis(this.head ?? this.pinhole());
@@ -869,7 +795,7 @@ export class Player {
 
   private draw(now: number): void {
     const { renderer } = this;
-    if (renderer === null || renderer.lost || renderer.busy || this.shown === null) return;
+    if (renderer.lost || renderer.busy || this.shown === null) return;
     this.drawn(now);
     this.drawnAt = now;
     const [width, height] = this.canvasSize();
@@ -882,12 +808,7 @@ export class Player {
     this.size = [pinhole.width, pinhole.height];
     renderer.draw(pinhole, this.background_);
     this.statistics.draw.add(performance.now() - began);
-    const times = renderer.gpuTimes;
-    if (times !== null) this.statistics.gpu.add(times.all);
-    if (times !== null && times.project !== null && times.sort !== null) {
-      this.statistics.dequantize.add(times.project);
-      this.statistics.sort.add(times.sort);
-    }
+    if (renderer.gpuTime !== null) this.statistics.gpu.add(renderer.gpuTime);
     this.dirty = false;
     this.drawBegan = now;
     // In the same task, while the canvas still holds what was drawn.
@@ -915,7 +836,7 @@ export class Player {
 
   /** Nothing is moving any more: redraws once at full resolution. */
   private settle(now: number): void {
-    if (this.renderer?.busy !== false || this.shown === null || this.requested !== null) return;
+    if (this.renderer.busy || this.shown === null || this.requested !== null) return;
     this.sharp = true;
     this.draw(now);
   }

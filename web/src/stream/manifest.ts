@@ -4,7 +4,7 @@
  * Reads versions 1 (`planes`), 2 and 3. Additions of later versions are parsed only here.
  */
 
-import type { ViewRange } from "../draw/view_range.ts";
+import type { ViewRange } from "../render/view_range.ts";
 import { StreamError } from "./errors.ts";
 
 export const FORMAT = "v3studio-stream";

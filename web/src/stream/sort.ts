@@ -1,6 +1,8 @@
 /** Sorts splats back to front: a counting sort of 16-bit depths. */
 
 const BINS = 1 << 16;
+/** As in studio.rasterizer: splats nearer than this are not rendered. */
+export const NEAR = 0.01;
 
 /** Sorts splats by depth; reuses its memory between calls. */
 export class DepthSorter {
@@ -9,13 +11,12 @@ export class DepthSorter {
   private readonly starts = new Uint32Array(BINS + 1);
 
   /**
-   * The tile pixels of the splats in front of the camera, farthest first. At equal depth, the splat with the higher index
+   * The tile pixels of the splats that are at least NEAR in front of the camera, farthest first. At equal depth, the splat with the higher index
    * counts as farther, because the rasterizer draws front to back and keeps the given order.
    *
    * @param positions - (N, 3) centers
    * @param pixels - (N) the value to return for each splat; null for its index
    * @param axis - (4) a splat's depth is axis · (x, y, z, 1)
-   * @param near - splats nearer than this are omitted
    * @param out - (N) filled from the start
    * @returns the number of values
    */
@@ -23,7 +24,6 @@ export class DepthSorter {
     positions: Float32Array,
     pixels: Uint32Array | null,
     axis: readonly [number, number, number, number],
-    near: number,
     out: Uint32Array,
   ): number {
     const count = out.length;
@@ -38,7 +38,7 @@ export class DepthSorter {
     for (let i = 0, p = 0; i < count; i++, p += 3) {
       const depth = ax * positions[p] + ay * positions[p + 1] + az * positions[p + 2] + aw;
       depths[i] = depth;
-      if (depth >= near) {
+      if (depth >= NEAR) {
         if (depth < nearest) nearest = depth;
         if (depth > farthest) farthest = depth;
       }
@@ -48,7 +48,7 @@ export class DepthSorter {
     const scale = farthest > nearest ? (BINS - 1) / (farthest - nearest) : 0;
     for (let i = 0; i < count; i++) {
       const depth = depths[i];
-      if (depth >= near) {
+      if (depth >= NEAR) {
         const key = Math.min(BINS - 1, Math.max(0, ((farthest - depth) * scale) | 0));
         keys[i] = key;
         starts[key + 1]++;
@@ -57,7 +57,7 @@ export class DepthSorter {
     for (let key = 1; key <= BINS; key++) starts[key] += starts[key - 1];
     const total = starts[BINS];
     for (let i = count - 1; i >= 0; i--)
-      if (depths[i] >= near) out[starts[keys[i]]++] = pixels === null ? i : pixels[i];
+      if (depths[i] >= NEAR) out[starts[keys[i]]++] = pixels === null ? i : pixels[i];
     return total;
   }
 }

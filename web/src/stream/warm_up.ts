@@ -74,7 +74,7 @@ function round(file: Uint8Array): void {
     const blocks = tables.blocks(frame);
     tables.escapes(frame);
     tables.positions(frame, luma, blocks, positions);
-    sorter.sort(positions, tables.pixels, [0.6, 0, 0.8, 2], 0.01, order);
+    sorter.sort(positions, tables.pixels, [0.6, 0, 0.8, 2], order);
   }
 }
 

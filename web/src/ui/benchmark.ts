@@ -80,7 +80,7 @@ export async function benchmark(player: Player, progress: (part: number) => void
   for (let n = 0; n < DRAWS; n++) {
     await new Promise(requestAnimationFrame);
     player.camera.orbit(TURN, 0);
-    draws.push(await player.timeDraw());
+    draws.push(player.timeDraw());
   }
   draws.sort((a, b) => a - b);
   const [width, height] = player.drawSize;
@@ -94,7 +94,6 @@ export async function benchmark(player: Player, progress: (part: number) => void
       pixelRatio: window.devicePixelRatio,
       screen: `${screen.width}x${screen.height}`,
       secure: window.isSecureContext,
-      renderer: player.rendererName,
       decoding: player.path ?? "none",
     },
     stream: {

@@ -23,12 +23,12 @@ export function runBenchmark(element: V3PlayerElement): void {
 }
 
 function show(sheet: HTMLElement, result: BenchmarkResult): void {
-  const { frames, milliseconds, stream, picture, device } = result;
+  const { frames, milliseconds, stream, picture } = result;
   sheet.innerHTML = `<h2>Benchmark</h2><p></p><table><thead><tr><th scope="col">Milliseconds</th><td>5%</td><td>median</td><td>95%</td></tr></thead><tbody></tbody></table>
 <div class="actions choices"><button type="button" data-save>Save as JSON</button></div>`;
   sheet.querySelector("p")!.textContent =
     `${frames.rate} of ${frames.wanted} fps; ${plural(frames.dropped, "dropped frame")}, ${plural(frames.stalls, "stall")}. ` +
-    `${stream["splats"]} splats, SH ${stream["shDegree"]}, ${picture.width} × ${picture.height}, ${device["renderer"]}.`;
+    `${stream["splats"]} splats, SH ${stream["shDegree"]}, ${picture.width} × ${picture.height}.`;
   const body = sheet.querySelector("tbody")!;
   for (const [name, { p5, median, p95 }] of Object.entries(milliseconds)) {
     const row = body.insertRow();

@@ -2,8 +2,8 @@
  * `<v3-player src="...">`: the player with its controls. docs/WEB.md lists its attributes, methods and events.
  */
 
-import type { PartialView, View } from "../draw/camera.ts";
-import { Player, type RendererChoice } from "../player/player.ts";
+import type { PartialView, View } from "../render/camera.ts";
+import { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
@@ -94,10 +94,9 @@ export class V3PlayerElement extends HTMLElement {
     this.lifetime = new AbortController();
     this.isReady = false;
     const path = this.getAttribute("decoder") as DecodePath | "auto" | null;
-    const renderer = this.getAttribute("renderer") as RendererChoice | null;
     try {
       const loop = this.hasAttribute("loop");
-      this.player = new Player(this.part_("canvas"), { loop, path: path ?? "auto", renderer: renderer ?? "auto" });
+      this.player = new Player(this.part_("canvas"), { loop, path: path ?? "auto" });
     } catch (error) {
       this.showFailure(messageOf(error));
       return;

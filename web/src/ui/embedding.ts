@@ -3,7 +3,7 @@
  * replies go to the embedding page.
  */
 
-import type { PartialView } from "../draw/camera.ts";
+import type { PartialView } from "../render/camera.ts";
 import { parseView } from "./link.ts";
 import { isBackground } from "./template.ts";
 import type { V3PlayerElement } from "./element.ts";

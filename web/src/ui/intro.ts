@@ -1,6 +1,6 @@
 /** A camera path that is flown once when the stream is ready, until the first input. */
 
-import { pinholeOf, type View } from "../draw/camera.ts";
+import { pinholeOf, type View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 import { StreamError } from "../stream/errors.ts";
 import type { Vector } from "../stream/manifest.ts";

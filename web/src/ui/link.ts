@@ -1,6 +1,6 @@
 /** Links to a time and a view: `?t=3.2&view=30,10,2.5,0,0,0` (angles in degrees, then distance and target). */
 
-import type { PartialView, View } from "../draw/camera.ts";
+import type { PartialView, View } from "../render/camera.ts";
 
 const short = (value: number, digits = 4): string => String(Number(value.toPrecision(digits)));
 

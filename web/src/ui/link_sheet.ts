@@ -3,7 +3,7 @@
  * others change marks, so it is copied only when it is asked for by name.
  */
 
-import type { View } from "../draw/camera.ts";
+import type { View } from "../render/camera.ts";
 import { copyText } from "./copy.ts";
 import { linkTo } from "./link.ts";
 

@@ -1,6 +1,6 @@
 /** Camera control by touch, mouse, trackpad, keyboard and gamepad, with inertia. */
 
-import type { View } from "../draw/camera.ts";
+import type { View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 
 /** Degrees per pixel of finger movement, for a picture of 500 pixels. */

@@ -11,14 +11,13 @@ export function figures(player: Player): [string, string][] {
   const interval = s.interval.mean(60);
   const { drawn, all } = player.splats;
   const [width, height] = player.drawSize;
-  const where = player.rendererName === "WebGPU" ? " GPU" : "";
   const rows: [string, string][] = [
     ["Frame rate", !player.playing ? `paused (${wanted} fps)` : `${interval === 0 ? "–" : (1000 / interval).toFixed(1)} of ${wanted} fps`],
     ["Dropped", `${count(s.dropped)} of ${plural(s.shown + s.dropped, "frame")}, ${plural(s.stalls, "stall")}`],
     ["Splats", `${count(drawn)} of ${count(all)}`],
     ["Decode", milliseconds(s.decode.mean())],
-    ["Dequantize", milliseconds(s.dequantize.mean()) + where],
-    ["Sort", milliseconds(s.sort.mean()) + where],
+    ["Dequantize", milliseconds(s.dequantize.mean())],
+    ["Sort", milliseconds(s.sort.mean())],
     ["Prepare", `${milliseconds(s.prepare.mean(4))} per group`],
     ["Upload", milliseconds(s.upload.mean())],
     ["Draw", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
@@ -34,8 +33,7 @@ export function figures(player: Player): [string, string][] {
       const rate = `${bytes(group.bytes / group.frames)} per frame, ${((8e-6 * group.bytes * info.fps) / group.frames).toFixed(1)} Mbit/s`;
       rows.push(["Rendition", info.renditions === 1 ? rate : `${group.rendition} (one of ${info.renditions}), ${rate}`]);
     }
-    rows.push(["Player", `${player.path === null ? "–" : PATHS[player.path]}, ${player.rendererName}`]);
-    if (player.withoutWebGPU !== null) rows.push(["WebGPU", `not used: ${player.withoutWebGPU}`]);
+    rows.push(["Player", `${player.path === null ? "–" : PATHS[player.path]}, WebGL2`]);
     rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only; SHA-256 requires HTTPS"]);
   }
   return rows;

@@ -18,25 +18,16 @@ const post = (message: FromWorker, transfer?: Transferable[]): void => {
 const channel = new VideoChannel(post);
 let session: Session | null = null;
 
-let tellDevice: (maxTexture: number) => void = () => undefined;
-/** Largest side of a texture that the device can draw from. */
-const maxTexture = new Promise<number>((resolve) => {
-  tellDevice = resolve;
-});
-
 scope.onmessage = ({ data }) => {
   switch (data.type) {
     case "open": {
       session?.close();
-      const opened = (session = new Session(post, channel, data.path, maxTexture, data.loop));
+      const opened = (session = new Session(post, channel, data.path, data.maxTexture, data.loop));
       opened.open(data.url, data.files, data.archive, data.early).catch((error: unknown) => {
         if (session === opened) post({ type: "failed", message: messageOf(error) });
       });
       break;
     }
-    case "device":
-      tellDevice(data.maxTexture);
-      break;
     case "present":
       session?.present(data.frame, data.axis, data.seek);
       break;

@@ -1,6 +1,6 @@
 /** Messages between the page and the worker. */
 
-import type { ViewRange } from "../draw/view_range.ts";
+import type { ViewRange } from "../render/view_range.ts";
 import type { Camera, Vector } from "../stream/manifest.ts";
 import type { EarlyPort } from "../player/early_files.ts";
 import type { EmbeddedFiles } from "./embedded.ts";
@@ -22,12 +22,12 @@ export type ToWorker =
       /** Where files arrive that the page has begun to fetch; null if there are none. */
       readonly early: EarlyPort | null;
       readonly path: DecodePath | "auto";
+      /** Largest side of a texture that the device can render from. */
+      readonly maxTexture: number;
       readonly loop: boolean;
     }
-  /** There is a renderer; the stream is not opened before. */
-  | { readonly type: "device"; readonly maxTexture: number }
-  /** Decode a frame and sort it along the axis, if there is one. The latest request wins. */
-  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis | null; readonly seek: boolean }
+  /** Decode a frame and sort it along the axis. The latest request wins. */
+  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
   /** Sort one of the last two decoded frames along another axis. `request` is returned with the order. */
   | { readonly type: "sort"; readonly request: number; readonly frame: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
@@ -135,7 +135,6 @@ export interface Picture {
   readonly luma: Uint8Array<ArrayBuffer>;
   readonly blocks: Float32Array<ArrayBuffer> | null;
   readonly escapes: Int32Array<ArrayBuffer> | null;
-  /** Empty if no order was requested. */
   readonly order: Uint32Array<ArrayBuffer>;
   /** How many entries of `order` to draw. */
   readonly count: number;

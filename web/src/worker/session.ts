@@ -1,6 +1,5 @@
 /** An open stream: turns requests for frames into sorted pictures. */
 
-import { NEAR } from "../draw/renderer.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
 import type { EarlyPort } from "../player/early_files.ts";
 import { RateRule } from "../player/rate_rule.ts";
@@ -85,10 +84,10 @@ export class Session {
   private path: DecodePath;
   private readonly mayChangePath: boolean;
   private loop: boolean;
-  private readonly maxTexture: Promise<number>;
+  private readonly maxTexture: number;
   private bandwidth = 0;
   private received = 0;
-  private wanted: { frame: number; axis: DepthAxis | null; seek: boolean } | null = null;
+  private wanted: { frame: number; axis: DepthAxis; seek: boolean } | null = null;
   private running = false;
   /** Cancels waiting for the frame in progress, because another one was requested. */
   private interrupt: (() => void) | null = null;
@@ -98,10 +97,8 @@ export class Session {
    */
   private readonly decoded: Decoded[] = [];
   private setupSent = -1;
-  /** Whether positions and order are computed here, not by the GPU. */
-  private sorts = true;
 
-  constructor(post: Post, channel: VideoChannel, path: DecodePath | "auto", maxTexture: Promise<number>, loop: boolean) {
+  constructor(post: Post, channel: VideoChannel, path: DecodePath | "auto", maxTexture: number, loop: boolean) {
     this.post = post;
     this.channel = channel;
     this.maxTexture = maxTexture;
@@ -136,7 +133,7 @@ export class Session {
       source = packed ? new ArchiveSource((...range) => http.readRange(last, ...range), last) : http;
     }
     const { manifest, checked } = await this.readManifest(source, name, early);
-    const maxTexture = await this.maxTexture;
+    const { maxTexture } = this;
     this.closing.signal.throwIfAborted();
     checkDevice(manifest, maxTexture);
     if (this.path === "video") {
@@ -353,10 +350,9 @@ export class Session {
     this.setupSent = -1;
   }
 
-  /** Decodes a frame, and sorts it if there is an axis; a later call replaces one that has not started. */
-  present(frame: number, axis: DepthAxis | null, seek: boolean): void {
+  /** Decodes a frame and sorts it; a later call replaces one that has not started. */
+  present(frame: number, axis: DepthAxis, seek: boolean): void {
     this.wanted = { frame, axis, seek };
-    this.sorts = axis !== null;
     if (seek) this.interrupt?.();
     if (!this.running) void this.run();
   }
@@ -386,7 +382,7 @@ export class Session {
     }
   }
 
-  private async bring(frame: number, axis: DepthAxis | null): Promise<void> {
+  private async bring(frame: number, axis: DepthAxis): Promise<void> {
     const { manifest, store } = this;
     if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
     const index = groupOfFrame(manifest.spans, frame);
@@ -440,26 +436,19 @@ export class Session {
     within: number,
     luma: Uint8Array<ArrayBuffer>,
     decode: number,
-    axis: DepthAxis | null,
+    axis: DepthAxis,
   ): void {
     const { group, tables } = prepared;
     const began = performance.now();
     const blocks = tables?.blocks(within) ?? null;
-    let order = new Uint32Array(0);
-    let [count, dequantize, sort] = [group.splats, 0, 0];
-    if (axis === null) {
-      // The GPU dequantizes and sorts.
-      this.decoded.length = 0;
-    } else {
-      const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
-      const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
-      if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
-      else planePositions(group, luma, positions);
-      dequantize = performance.now() - began;
-      const pixels = tables?.pixels ?? null;
-      [order, count, sort] = this.sorted(positions, pixels, axis);
-      this.decoded.unshift({ frame, positions, pixels });
-    }
+    const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
+    const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
+    if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
+    else planePositions(group, luma, positions);
+    const dequantize = performance.now() - began;
+    const pixels = tables?.pixels ?? null;
+    const [order, count, sort] = this.sorted(positions, pixels, axis);
+    this.decoded.unshift({ frame, positions, pixels });
     const setup = this.setupSent === group.index ? null : this.setup(prepared);
     this.setupSent = group.index;
     const escapes = tables?.escapes(within) ?? null;
@@ -505,7 +494,7 @@ export class Session {
   ): [Uint32Array<ArrayBuffer>, number, number] {
     const began = performance.now();
     const order = new Uint32Array(this.pool.take((4 * positions.length) / 3).buffer);
-    const count = this.sorter.sort(positions, pixels, axis, NEAR, order);
+    const count = this.sorter.sort(positions, pixels, axis, order);
     return [order, count, performance.now() - began];
   }
 
@@ -612,7 +601,6 @@ export class Session {
     if (this.path !== "video") pictures.warm();
     try {
       const tables = new MotionTables(group, parseSideFile(await inflating, group));
-      if (this.sorts) tables.preparePositions();
       return { group, tables, pictures, milliseconds: performance.now() - began };
     } catch (error) {
       pictures.close();

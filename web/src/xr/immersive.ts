@@ -1,11 +1,10 @@
 /**
- * A WebXR session: VR (the stream stands on the floor) or AR (it is placed on a surface). Both eyes are drawn with WebGL2
- * into an XRWebGLLayer, since few browsers can draw a session with WebGPU. One sort, from the center of the head, serves
- * both eyes.
+ * A WebXR session: VR (the stream stands on the floor) or AR (it is placed on a surface). Both eyes are rendered
+ * into an XRWebGLLayer. One sort, from the center of the head, serves both.
  */
 
-import type { Pinhole } from "../draw/camera.ts";
-import { WebGL2Renderer } from "../draw/webgl2.ts";
+import type { Pinhole } from "../render/camera.ts";
+import { Renderer } from "../render/renderer.ts";
 import type { Player } from "../player/player.ts";
 import { Resolution } from "../player/resolution.ts";
 import { StreamError } from "../stream/errors.ts";
@@ -54,7 +53,7 @@ export class Immersive {
     try {
       space = await session.requestReferenceSpace("local-floor").catch(() => session.requestReferenceSpace("local"));
       const canvas = document.createElement("canvas");
-      const renderer = new WebGL2Renderer(canvas, true);
+      const renderer = new Renderer(canvas, true);
       const layer = new XRWebGLLayer(session, renderer.context, { antialias: false, depth: false, stencil: false });
       await session.updateRenderState({ baseLayer: layer });
       const viewer = kind === "ar" ? await session.requestReferenceSpace("viewer") : null;
@@ -75,7 +74,7 @@ export class Immersive {
   private readonly session: XRSession;
   private readonly space: XRReferenceSpace;
   private readonly layer: XRWebGLLayer;
-  private readonly renderer: WebGL2Renderer;
+  private readonly renderer: Renderer;
   private readonly hits: XRHitTestSource | null;
   private readonly player: Player;
   private readonly stop = new AbortController();
@@ -95,7 +94,7 @@ export class Immersive {
     session: XRSession,
     space: XRReferenceSpace,
     layer: XRWebGLLayer,
-    renderer: WebGL2Renderer,
+    renderer: Renderer,
     hits: XRHitTestSource | null,
     player: Player,
     overlay: HTMLElement,

@@ -1,10 +1,9 @@
-/** The WebGL2 renderer. */
+/** Renders frames with WebGL2. */
 
 import { StreamError } from "../stream/errors.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import { escapedSplats } from "./escapes.ts";
-import type { GpuTimes, Renderer } from "./renderer.ts";
 import { FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
 /** Blocks per row of the block table, and its width in texels. */
@@ -266,13 +265,13 @@ interface TimerQuery {
   readonly GPU_DISJOINT_EXT: number;
 }
 
-export class WebGL2Renderer implements Renderer {
-  readonly name = "WebGL2";
-  readonly sorts = false;
-  readonly visible = null;
+export class Renderer {
+  /** Whether the CPU renders, since there is no GPU. */
   readonly software: boolean;
+  /** Largest side of a texture in pixels. */
   readonly maxTexture: number;
-  gpuTimes: GpuTimes | null = null;
+  /** GPU time of a recent frame in milliseconds; null if it cannot be measured. */
+  gpuTime: number | null = null;
   private readonly gl: WebGL2RenderingContext;
   private readonly half: boolean;
   private readonly timer: TimerQuery | null;
@@ -330,6 +329,7 @@ export class WebGL2Renderer implements Renderer {
     return this.gl;
   }
 
+  /** Whether the GPU is still working on the last frame; more draw calls would only queue up. */
   get busy(): boolean {
     const { fence, gl } = this;
     if (fence === null || this.resources === null) return false;
@@ -339,14 +339,17 @@ export class WebGL2Renderer implements Renderer {
     return false;
   }
 
+  /** Whether the graphics context is lost; nothing can be rendered until it is restored. */
   get lost(): boolean {
     return this.resources === null || this.gl.isContextLost();
   }
 
+  /** Compiles the shaders for such a stream in the background. */
   prepare(profile: "motion" | "planes", shDegree: number): void {
     this.resources?.project(profile, shDegree);
   }
 
+  /** Uploads a group's shared data; only pictures of this group may follow until the next call. */
   setGroup(setup: GroupSetup): void {
     const { resources } = this;
     if (resources === null) return;
@@ -365,6 +368,7 @@ export class WebGL2Renderer implements Renderer {
     if (setup.blocks > 0) resources.blocks.resize(BLOCKS_PER_ROW * BLOCK_TEXELS, Math.ceil(setup.blocks / BLOCKS_PER_ROW));
   }
 
+  /** Uploads a frame. */
   setPicture(picture: Picture): void {
     const { resources, setup } = this;
     if (resources === null || setup === null || setup.group !== picture.group) return;
@@ -375,6 +379,7 @@ export class WebGL2Renderer implements Renderer {
     this.setOrder(picture.order, picture.count);
   }
 
+  /** Uploads a new sort order for the same frame. */
   setOrder(pixels: Uint32Array, count: number): void {
     const { resources, gl, moved } = this;
     if (resources === null) return;
@@ -418,6 +423,11 @@ export class WebGL2Renderer implements Renderer {
     this.escapedSide = side;
   }
 
+  /**
+   * Renders the last upload, scaled to the canvas.
+   *
+   * @param background - RGB, 0 to 1; null leaves the background transparent
+   */
   draw(pinhole: Pinhole, background: readonly [number, number, number] | null): void {
     const { gl, resources } = this;
     if (resources === null) return;
@@ -448,6 +458,7 @@ export class WebGL2Renderer implements Renderer {
     }
   }
 
+  /** Renders off screen and reads the pixels back: (height, width, 4) bytes, top row first. */
   snapshot(pinhole: Pinhole, background: readonly [number, number, number]): Uint8ClampedArray<ArrayBuffer> {
     const { gl, resources } = this;
     const { width, height } = pinhole;
@@ -470,6 +481,7 @@ export class WebGL2Renderer implements Renderer {
     return pixels;
   }
 
+  /** Waits until everything is rendered. */
   finish(): void {
     this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
@@ -587,7 +599,7 @@ export class WebGL2Renderer implements Renderer {
     if (this.query !== null) {
       if (gl.getQueryParameter(this.query, gl.QUERY_RESULT_AVAILABLE) !== true) return false;
       if (gl.getParameter(timer.GPU_DISJOINT_EXT) !== true)
-        this.gpuTimes = { all: (gl.getQueryParameter(this.query, gl.QUERY_RESULT) as number) / 1e6, project: null, sort: null };
+        this.gpuTime = (gl.getQueryParameter(this.query, gl.QUERY_RESULT) as number) / 1e6;
     }
     this.query ??= gl.createQuery();
     gl.beginQuery(timer.TIME_ELAPSED_EXT, this.query);

@@ -9,7 +9,11 @@
  * same program: another one would have to be compiled when the first of them appear, amid playback.
  */
 
-import { ALPHA_MAX, ALPHA_MIN, NEAR } from "./renderer.ts";
+import { NEAR } from "../stream/sort.ts";
+
+/** Maximum alpha of a splat at a pixel, and the minimum that is rendered, as in studio.rasterizer. */
+const ALPHA_MAX = 0.99;
+const ALPHA_MIN = 1 / 255;
 
 const float = (value: number): string => (Number.isInteger(value) ? `${value}.0` : String(value));
 
@@ -42,8 +46,8 @@ const HARMONICS = [
   "-0.5900435899266435 * d.x * (d.x * d.x - 3.0 * d.y * d.y)",
 ];
 
-/** Sum over the coefficients, each read from three channels, starting at `first`. Valid in GLSL and in WGSL. */
-export function colorSum(shDegree: number, first: number): string {
+/** Sum over the coefficients, each read from three channels, starting at `first`. */
+function colorSum(shDegree: number, first: number): string {
   return HARMONICS.slice(0, (shDegree + 1) ** 2)
     .map((basis, k) => `color += (${basis}) * vec3(v(${first + 3 * k}), v(${first + 3 * k + 1}), v(${first + 3 * k + 2}));`)
     .join("\n  ");
