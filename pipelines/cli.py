@@ -17,14 +17,13 @@ from typing import TextIO
 from pipelines.commands.arguments import CommandParser, current_stages, long_settings_as_set, overrides
 from pipelines.commands.board import add_board_command, add_sync_command
 from pipelines.commands.run import STAGE_HELP
-from pipelines.commands.stored import working_copy
 from pipelines.events.cancellation import EXIT_CANCELLED
 from studio.environment import passive_openmp
 from studio.errors import Cancelled, StudioError
 from studio.standard_output import as_utf8, claim_stdout, discard
 
 GROUPS = {
-    "Make a stream from footage": ("estimate", "run", "status", "attach", "queue", "config"),
+    "Make a stream from footage": ("estimate", "run", "status", "cancel", "queue", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync", "colors"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
@@ -78,8 +77,7 @@ def execute(arguments: Sequence[str]) -> int:
         command: Callable[[argparse.Namespace], int] = known.command
         with _json_output() if getattr(known, "json", False) else nullcontext(sys.stdout) as known.output:
             try:
-                with working_copy(known):
-                    code = command(known)
+                code = command(known)
             except StudioError as error:
                 if getattr(known, "json", False) and not getattr(known, "reported", False):
                     _print_failure(error, known.output)
@@ -122,8 +120,8 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     """The parser, and those of the commands by name."""
     from pipelines.commands import (
         ablate,
-        attach,
         bakes,
+        cancel,
         check,
         colors,
         compare,
@@ -155,7 +153,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         run,
         status,
         estimate,
-        attach,
+        cancel,
         queue,
         work,
         edit,

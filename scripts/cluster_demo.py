@@ -19,34 +19,29 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from pipelines.events import GroupState, Metrics, Warned, read_line  # noqa: E402
+from pipelines.events import GroupState, Warned  # noqa: E402
 from tests.support.two_nodes import SETTINGS, two_nodes  # noqa: E402
 
 
 def run(take: Path, settings: list[str]) -> None:
     """Run the take and kill the second node when it has trained a frame."""
-    nodes: dict[int, str] = {}
-    killed = False
+    lost = False
     with two_nodes(max(1, (os.cpu_count() or 2) // 2)) as cluster:
         print(f"A cluster of two nodes is running at {cluster.address}.")
         command = [sys.executable, "-m", "pipelines.cli", "run", "sample_configs/demo.yaml", "--take", str(take)]
         command += ["--json", "--run.executor", "ray", "--run.address", cluster.address, *settings]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, **SETTINGS})
         assert process.stdout is not None
-        for line in process.stdout:
-            event, _ = read_line(line)
+        for event in cluster.events_while_second_is_killed(process.stdout):
             if isinstance(event, GroupState):
-                nodes[event.group] = event.node
-                print(f"{event.stage}: group {event.group} {event.state} {event.node}", flush=True)
+                frames = f" {event.frames_done}/{event.frames}" if event.state == "running" else ""
+                print(f"{event.stage}: group {event.group} {event.state} {event.node}{frames}", flush=True)
             elif isinstance(event, Warned):
                 print(f"warning: {event.message}", flush=True)
-            elif isinstance(event, Metrics) and event.stage == "train" and not killed and len(set(nodes.values())) > 1:
-                print("Killing the second node.", flush=True)
-                cluster.kill_second()
-                killed = True
+                lost |= event.code == "cluster.worker_lost"
         if process.wait():
             raise SystemExit("The run failed.")
-    if not killed:
+    if not lost:
         raise SystemExit("The run ended before the second node could be killed.")
 
 

@@ -21,7 +21,7 @@ def register(commands: Any) -> None:
 
     listing = _kind(kinds, "list", "show the kept bakes with their size and quality")
     listing.add_argument("--json", action="store_true", help="print JSON")
-    listing.set_defaults(command=_list, stored_take="read")
+    listing.set_defaults(command=_list)
 
     keep = _kind(kinds, "keep", "keep the take's stream under a name")
     keep.add_argument("name", metavar="NAME", help="the name, such as qp26")
@@ -43,8 +43,8 @@ def _kind(kinds: Any, name: str, text: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = kinds.add_parser(
         name, help=text, description=f"{text[0].upper()}{text[1:]}.", allow_abbrev=False
     )
-    parser.add_argument("take", type=Path, metavar="TAKE", help="folder or address of the take")
-    parser.set_defaults(stored_take="run", stage=f"bakes {name}")
+    parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
+    parser.set_defaults(stage=f"bakes {name}")
     return parser
 
 

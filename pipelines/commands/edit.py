@@ -119,8 +119,8 @@ def _kind(kinds: Any, name: str, text: str, command: Any) -> argparse.ArgumentPa
     parser: argparse.ArgumentParser = kinds.add_parser(
         name, help=text, description=f"{text[0].upper()}{text[1:]}.", allow_abbrev=False
     )
-    parser.add_argument("take", type=Path, metavar="TAKE", help="folder or address of the take")
-    parser.set_defaults(command=command, stored_take="read" if name in ("list", "count") else "edit")
+    parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
+    parser.set_defaults(command=command)
     return parser
 
 

@@ -38,7 +38,7 @@ def register(commands: Any) -> None:
     )
     _add_live(run)
     _add_detach(run)
-    run.set_defaults(command=_run, stage=None, stored_take="run")
+    run.set_defaults(command=_run, stage=None)
     for name, text in STAGE_HELP.items():
         stage = _stage_parser(commands, name, text)
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
@@ -49,7 +49,7 @@ def register(commands: Any) -> None:
         if name == "train":
             _add_live(stage)
         _add_detach(stage)
-        stage.set_defaults(command=_run, stage=name, until=None, stored_take="run")
+        stage.set_defaults(command=_run, stage=name, until=None)
 
 
 class _Target(argparse.Action):
@@ -137,7 +137,8 @@ def _add_detach(stage: argparse.ArgumentParser) -> None:
     stage.add_argument(
         "--detach",
         action="store_true",
-        help="return at once; the run goes on, on the cluster if run.address is ray://. `v3studio attach` shows it",
+        help="return at once; the run continues in the background, on the cluster if run.address is ray://; `v3studio "
+        "status` shows it, and `v3studio cancel` stops it",
     )
 
 
@@ -157,7 +158,7 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
         metavar="CONFIG",
         help="YAML file of settings, or the folder of a take (default: the settings in the take)",
     )
-    parser.add_argument("--take", type=Path, metavar="DIR", help="folder or address of the take; created if needed")
+    parser.add_argument("--take", type=Path, metavar="DIR", help="folder of the take; created if needed")
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     return parser
@@ -244,17 +245,16 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
     words += ["--until", arguments.until] if arguments.until else []
     words += ["--force"] if arguments.stage and arguments.force else []
     words += ["--keep", arguments.keep] if getattr(arguments, "keep", None) else []
-    stored = None if arguments.stored_run is None else arguments.stored_run.stored
-    run = start_background(take, config, words, stored)
-    place = str(arguments.take if stored is None else stored.address)
+    run = start_background(take, config, words)
     if arguments.json:
-        where = str(take.root) if stored is None else stored.address
-        found = {"take": where, "pid": run.pid, "host": run.host, "running": run.code is None}
+        found = {"take": str(take.root), "pid": run.pid, "host": run.host, "running": run.code is None}
         print(json.dumps(found), file=arguments.output)
         return 0
     if run.code is not None:
         print(f"Everything is up to date (process {run.pid} on {run.host} has ended).", file=arguments.output)
         return 0
-    print(f"The run goes on in the background (process {run.pid} on {run.host}).", file=arguments.output)
-    print(f"Show it: v3studio attach {shlex.quote(place)}", file=arguments.output)
+    place = shlex.quote(str(arguments.take))
+    print(f"Running in the background (process {run.pid} on {run.host}).", file=arguments.output)
+    print(f"Show it: v3studio status {place}", file=arguments.output)
+    print(f"Stop it: v3studio cancel {place}", file=arguments.output)
     return 0

@@ -15,9 +15,9 @@ def register(commands: Any) -> None:
         description="Show which stages of a take are up to date, and why the others are not.",
         allow_abbrev=False,
     )
-    status.add_argument("take", type=Path, metavar="DIR", help="folder or address of the take")
+    status.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
     status.add_argument("--json", action="store_true", help="print JSON")
-    status.set_defaults(command=_status, stored_take="read")
+    status.set_defaults(command=_status)
 
 
 def _status(arguments: argparse.Namespace) -> int:

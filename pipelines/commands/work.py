@@ -49,7 +49,7 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    parser.set_defaults(command=_work, stored_take="work")
+    parser.set_defaults(command=_work)
 
 
 def _work(arguments: argparse.Namespace) -> int:

@@ -27,15 +27,16 @@ class LogFollower:
     def poll(self) -> tuple[bool, list[Event]]:
         """Return (whether a new log has begun, new events)."""
         try:
-            state = self._path.stat()
-            seen = (state.st_ino, state.st_mtime_ns, state.st_size)
-            if seen == self._seen:
-                return False, []
+            # opened first: on a network file system, this brings size and time of a file up to date
             with self._path.open("rb") as file:
-                inode, head = os.fstat(file.fileno()).st_ino, file.read(_HEAD_BYTES)
-                anew = inode != self._inode or not head.startswith(self._head)
-                if anew:
-                    self._inode, self._head, self._offset = inode, b"", 0
+                state = os.fstat(file.fileno())
+                seen = (state.st_ino, state.st_mtime_ns, state.st_size)
+                if seen == self._seen:
+                    return False, []
+                head = file.read(_HEAD_BYTES)
+                is_new = state.st_ino != self._inode or not head.startswith(self._head)
+                if is_new:
+                    self._inode, self._head, self._offset = state.st_ino, b"", 0
                 file.seek(self._offset)
                 data = file.read()
         except OSError:
@@ -50,7 +51,7 @@ class LogFollower:
             event, _ = read_line(line)
             if event is not None:
                 events.append(_with_current_names(event))
-        return anew, events
+        return is_new, events
 
 
 def _with_current_names(event: Event) -> Event:

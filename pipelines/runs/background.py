@@ -8,14 +8,11 @@ from pipelines.config import Config
 from pipelines.runs.launch import ERRORS, Launched, launch, until_begun
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.settings_file import save_config
-from pipelines.takes.stored_take import StoredTake
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 
-def start_background(
-    take: Take, config: Config, arguments: Sequence[str], stored: StoredTake | None = None
-) -> Launched:
+def start_background(take: Take, config: Config, arguments: Sequence[str]) -> Launched:
     """Start a run that goes on when this process ends.
 
     With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine.
@@ -24,7 +21,6 @@ def start_background(
         take: the take.
         config: its settings, which are written to the take.
         arguments: of `v3studio`, without the take: ("run", "--until", "train").
-        stored: the take in object storage of which `take` is the working copy.
 
     Returns:
         the run, which has begun, or found everything up to date and ended.
@@ -38,16 +34,14 @@ def start_background(
             "take.locked",
             f"another run is in progress (process {holder.get('pid')}, {holder.get('command')})",
             file=take.root,
-            fix="`v3studio attach` shows it.",
+            fix="`v3studio status` shows it.",
             pid=holder.get("pid"),
             command=holder.get("command"),
         )
     with disk_errors(take.root):
         take.private.mkdir(parents=True, exist_ok=True)
         save_config(take.config, config)
-    if stored is not None:
-        stored.push()
-    place = str(take.root) if stored is None else stored.address
+    place = str(take.root)
     words = [*arguments, "--take", place, "--json"]
     if config.run.executor == "ray" and config.run.address.startswith("ray://"):
         from pipelines.runs.cluster.detached import start_on_head

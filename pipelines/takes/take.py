@@ -44,17 +44,11 @@ from studio.atomic_files import leftovers
 from studio.bounded_text import parse_json
 from studio.errors import StudioError
 from studio.paths import need_utf8
+from studio.storage import StoreAddress, is_address
 
 TAKE_FORMAT = 2
 """Version of this layout. Format 1 had other names (`pipelines.config.renamed`); it is read as is, and migrated when a
 run first locks the take (`pipelines.takes.migration`)."""
-
-HOLDER_SECONDS = 120.0
-"""A run on another machine, of a take in object storage, that has not renewed its claim for so long has ended."""
-
-own_claims: dict[Path, str] = {}
-"""Tokens of the claims that this process holds on takes in object storage (`pipelines.takes.stored_run`), by
-`Take.holder`: other commands on this machine may copy such a claim into the working copy."""
 
 READABLE = (1, TAKE_FORMAT)
 """Formats that this version reads."""
@@ -86,11 +80,11 @@ class Take:
         """Open an existing take.
 
         Raises:
-            StudioError: no such folder (`take.not_found`), no take.json (`take.not_a_take`), another format
-                (`take.unknown_format`), or a damaged take.json (`take.damaged`).
+            StudioError: an address in object storage (`take.needs_folder`), no such folder (`take.not_found`), no
+                take.json (`take.not_a_take`), another format (`take.unknown_format`), or a damaged take.json
+                (`take.damaged`).
         """
-        root = root.absolute()
-        need_utf8(root)
+        root = _checked(root)
         command = f"`v3studio run CONFIG --take {shlex.quote(str(root))}`"
         if not root.is_dir():
             raise StudioError("take.not_found", "no such folder", file=root, fix=f"Create a take with {command}.")
@@ -123,8 +117,7 @@ class Take:
         Raises:
             StudioError: a file (`take.is_file`), a folder of other files (`take.not_empty`), or as `open`.
         """
-        root = root.absolute()
-        need_utf8(root)
+        root = _checked(root)
         if (root / "take.json").exists():
             return cls.open(root)
         if root.exists() and not root.is_dir():
@@ -303,9 +296,9 @@ class Take:
         return self.private / "cancel"
 
     @property
-    def holder(self) -> Path:
-        """holder.json: the run on another machine, in the working copy of a take in object storage."""
-        return self.private / "holder.json"
+    def group_events(self) -> Path:
+        """events/: what the groups of a run on several machines report."""
+        return self.private / "events"
 
     @property
     def log(self) -> Path:
@@ -327,7 +320,7 @@ class Take:
         self.private.mkdir(parents=True, exist_ok=True)
         path = self.private / "lock"
         with path.open("a+") as file:
-            if self._running_elsewhere() or not lock_soon(file):
+            if not lock_soon(file):
                 holder = self.running() or {}
                 pid, held_by = holder.get("pid"), holder.get("command", "v3studio")
                 raise StudioError(
@@ -379,10 +372,6 @@ class Take:
 
     def running(self) -> dict[str, object] | None:
         """`pid`, `command` and `host` of the run in progress; None if there is none."""
-        return self.lock_holder() or self._running_elsewhere()
-
-    def lock_holder(self) -> dict[str, object] | None:
-        """The same of the run that holds the lock of this folder."""
         path = self.private / "lock"
         try:
             with path.open("r") as file:
@@ -397,17 +386,6 @@ class Take:
                 return None
         except FileNotFoundError:
             return None
-
-    def _running_elsewhere(self) -> dict[str, object] | None:
-        try:
-            found = parse_json(self.holder.read_bytes())
-            if self.holder in own_claims and found["token"] == own_claims[self.holder]:
-                return None
-            if time.time() - float(found["renewed"]) < HOLDER_SECONDS:
-                return {"pid": int(found["pid"]), "command": str(found["command"]), "host": str(found["host"])}
-        except (OSError, ValueError, TypeError, LookupError):
-            pass
-        return None
 
     def forget(self, stage: str) -> None:
         """Delete a stage's records, so that it runs again."""
@@ -430,6 +408,19 @@ def lock_soon(file: IO[str]) -> bool:
 def group_name(group: int) -> str:
     """group_000."""
     return f"group_{group:03d}"
+
+
+def _checked(root: Path) -> Path:
+    """The folder, absolute. Raises StudioError if it is an address, or its name is not UTF-8."""
+    if is_address(root):
+        raise StudioError(
+            "take.needs_folder",
+            "a take must be in a folder, not in object storage",
+            file=StoreAddress(root),
+            fix="Choose a folder; several machines can share one (docs/guides/cluster.md).",
+        )
+    need_utf8(root)
+    return root.absolute()
 
 
 def _looks_like(root: Path) -> bool:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -244,20 +242,6 @@ def test_a_window_opened_later_shows_a_run_on_a_cluster(take_copy: Path) -> None
             assert tuple(workspace.run.lanes["train"].values()) == groups
             assert workspace.row("train").state == "running"
             assert workspace.close()
-
-
-def test_a_run_on_another_machine_is_not_said_to_have_crashed(workspace: Workspace, take_copy: Path) -> None:
-    take = Take.open(take_copy)
-    holder = {"pid": 7, "command": "v3studio run", "host": "node1", "renewed": time.time()}
-    Logged(lambda event: None, take)(RunStarted(take="t", stages=("train",), done=(), pid=7, version="1"))
-    take.holder.write_text(json.dumps(holder))
-    workspace.open(take)
-    assert workspace.busy
-    take.holder.write_text(json.dumps({**holder, "renewed": time.time() - 1000}))  # as nobody follows it any longer
-    wait(workspace, "looked again", lambda: not workspace.busy)
-    assert not workspace.run.outcome
-    take.holder.unlink()
-    wait(workspace, "crashed", lambda: bool(workspace.run.outcome))
 
 
 def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace: Workspace, take_copy: Path) -> None:

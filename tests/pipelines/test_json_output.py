@@ -131,8 +131,7 @@ def test_every_command_that_knows_json_is_tried_above(cli: Callable) -> None:
     parsers = _parser()[1]
     knowing = {name for name, parser in parsers.items() if "--json" in parser.format_help()}
     stages = {"run", "calibrate", "initialize", "train", "bake", "evaluate"}  # one function, tried with bake
-    # serve does not end; attach needs a run in progress
-    elsewhere = {"serve": "commands", "attach": "runs/test_background", "work": "runs", "estimate": "estimate"}
+    elsewhere = {"serve": "commands", "work": "runs", "estimate": "estimate"}
     assert knowing == stages | set(COMMANDS) | set(elsewhere)
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from tempfile import TemporaryFile
 from typing import IO
+
+from pipelines.events import Event, GroupState, read_line
 
 SETTINGS: Mapping[str, str] = {
     "RAY_AUTH_MODE": "token",
@@ -77,6 +79,27 @@ class TwoNodes:
         """Kill all processes of the second node, as when its power fails."""
         self._say("kill")
         self._answer("killed")
+
+    def events_while_second_is_killed(self, lines: Iterable[str]) -> Iterator[Event]:
+        """The events of a run. The first node is freed when a group trains; the second is killed when it has trained a
+        frame of a group that has more.
+
+        Args:
+            lines: standard output of `v3studio run --json`, read as it is written.
+        """
+        freed = killed = False
+        for line in lines:
+            event, _ = read_line(line)
+            if event is not None:
+                yield event
+            if not isinstance(event, GroupState) or (event.stage, event.state) != ("train", "running"):
+                continue
+            if not freed:
+                self.free_first()
+                freed = True
+            if not killed and event.node.endswith(self.second) and 0 < event.frames_done < event.frames:
+                self.kill_second()
+                killed = True
 
     def close(self) -> None:
         """Stop the cluster."""

@@ -192,8 +192,7 @@ class Workspace:
                 self.cancelling = False
                 self._next_assess = 0.0
             self.holder = holder
-            followed = not self.take.holder.is_file()  # else it may go on, on another machine
-            if holder is None and followed and self.run.changes and not self.run.outcome and self.run.begun:
+            if holder is None and self.run.changes and not self.run.outcome and self.run.begun:
                 self.run.crashed("The last run was killed or crashed. Run again to continue.")
         fingerprint = self._take_fingerprint()
         if fingerprint != self._fingerprint or self._now() >= self._next_assess:

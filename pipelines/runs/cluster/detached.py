@@ -10,10 +10,8 @@ from pathlib import Path
 
 from pipelines.runs.cluster.connection import ADDRESS_VARIABLE, connected
 from pipelines.runs.launch import ERRORS, Launched, launch, until_begun
-from pipelines.takes.stored_take import StoredTake
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-from studio.storage import is_address
 
 
 class Starter:
@@ -24,17 +22,14 @@ class Starter:
 
         Args:
             words: arguments of `v3studio`.
-            place: folder or address of the take.
+            place: folder of the take.
 
         Raises:
-            OSError: the take cannot be written here.
-            StudioError: the address cannot be used here (`storage.*`).
+            OSError: the take is not here, or cannot be written.
         """
         import ray
 
-        take = Take(StoredTake(place).folder if is_address(place) else Path(place))
-        if is_address(place):  # a folder that is not here is not made, but reported
-            take.private.mkdir(parents=True, exist_ok=True)
+        take = Take(Path(place))
         errors = take.private / ERRORS
         # not as a setting: the run would write the address, which is for this node, to the take
         address = ray.get_runtime_context().gcs_address
@@ -56,7 +51,7 @@ def start_on_head(address: str, words: Sequence[str], place: str) -> Launched:
     Args:
         address: ray://HOST:PORT.
         words: arguments of `v3studio`.
-        place: folder of the take, which is the same on the head node, or its address in object storage.
+        place: folder of the take, which is the same on the head node.
 
     Raises:
         StudioError: the cluster cannot be reached, or its head node cannot start the run, for example because it does
@@ -73,7 +68,6 @@ def start_on_head(address: str, words: Sequence[str], place: str) -> Launched:
             raise StudioError(
                 "cluster.not_visible",
                 f"the head node of {address} cannot start the run ({lines[-1]})",
-                fix="Mount the take under the same path there, or give it access to the store, and install the same "
-                "version of V3 Studio.",
+                fix="Mount the take under the same path there, and install the same version of V3 Studio.",
             ) from None
         return found

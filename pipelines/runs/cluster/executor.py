@@ -1,12 +1,12 @@
 """Runs groups as tasks of a Ray cluster and reports them as a local run does.
 
-A task does what `v3studio work` does. Lost workers and nodes that cannot do a task are the executor's business, not
-Ray's: so it can say what happened, and choose where a group runs next.
+A task does what `v3studio work` does, and writes its events to a file in the take, which this process follows. The
+executor, not Ray, handles lost workers and nodes that cannot run a task: it can report what happened, and choose where
+a group runs next.
 """
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -14,16 +14,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipelines.events import Metrics, Preview, Progress, Warned, parse_event
+from pipelines.events import GroupState, Metrics, Preview, Progress, Warned
+from pipelines.events.log_follower import LogFollower
 from pipelines.runs.cluster.lanes import Lanes
-from pipelines.runs.cluster.mailbox import Mailbox
 from pipelines.runs.cluster.nodes import Nodes, Wanted
 from pipelines.runs.cluster.task import NODE_CODES, NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
 from pipelines.runs.work import cpus_of_group
 from pipelines.stages.base import Context, GroupStage, StageReporter
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
+from pipelines.takes.atomic_files import remove
 from pipelines.takes.groups import Group
-from pipelines.takes.stored_take import stored_take
 from studio.errors import Message, StudioError
 
 _WAIT = 0.3
@@ -33,10 +33,10 @@ _AHEAD = 8
 """Tasks queued in Ray beyond those that fit, so that nodes never wait and a growing cluster sees the demand."""
 
 _NO_NODE_SECONDS = 30.0
-"""How long a task may wait without a node that is large enough before people are told: one may be starting."""
+"""How long a task may wait without a node that is large enough before a warning: one may be starting."""
 
-_DELIVERY_SECONDS = 30.0
-"""How long a task waits until its last events have arrived. Those of a task that has ended are dropped."""
+_BUSY_SECONDS = 60.0
+"""How long all groups may wait for nodes that others hold before a warning."""
 
 _PROGRAM_BYTES = 1 << 30
 """Memory of a worker process without images."""
@@ -54,6 +54,7 @@ class _Job:
         lost: how often its worker was lost.
         node: id of the node that it runs on; "" while it waits for one, as far as is known.
         wanted: what was asked for it.
+        log: the events of this attempt.
     """
 
     group: Group
@@ -63,6 +64,7 @@ class _Job:
     lost: int = 0
     node: str = ""
     wanted: Wanted | None = None
+    log: LogFollower | None = None
 
 
 @dataclass
@@ -78,24 +80,9 @@ class RayExecutor:
     ray: Any
     nodes: Nodes = field(init=False)
     memory_floor: float = 0.0
-    _mailbox: Any = None
 
     def __post_init__(self) -> None:
         self.nodes = Nodes(self.ray)
-
-    @property
-    def mailbox(self) -> Any:
-        """The actor `Mailbox`, started on first access and after `lose_mailbox`; Ray ends it with the connection."""
-        if self._mailbox is None:
-            here = self.nodes.on(self.ray.get_runtime_context().get_node_id())
-            mailbox = self.ray.remote(Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
-            self.ray.get(mailbox.delivered.remote())  # if memory runs out, Ray first ends what was started last
-            self._mailbox = mailbox
-        return self._mailbox
-
-    def lose_mailbox(self) -> None:
-        """Its process is gone: tasks that are submitted from now on get a new one."""
-        self._mailbox = None
 
     def run(
         self,
@@ -127,8 +114,7 @@ class _Run:
         self._warned: set[str] = set()
         self._lanes = Lanes(stage.name, context.emit)
         self._figures: dict[str, Any] = {}
-        self._unfit_since: float | None = None
-        self._stored = stored_take(context.take.root)
+        self._waiting: dict[str, float] = {}
 
     def go(self, groups: Sequence[Group]) -> None:
         """Run the groups; see `RayExecutor.run`.
@@ -152,8 +138,7 @@ class _Run:
 
     def _go(self, groups: Sequence[Group]) -> None:
         ray = self._ray
-        if self._stored is not None:
-            self._stored.push()
+        remove(self._context.take.group_events)
         for group in groups:
             cpus = cpus_of_group(self._stage.name, self._context, group.index)
             self._queue.append(_Job(group, self._stage.group_key(self._context, group), cpus))
@@ -163,14 +148,13 @@ class _Run:
             while self._queue or self._running:
                 self._context.cancellation.check()
                 self._submit()
-                self._look_for_nodes()
+                self._check_waiting()
                 done, _ = ray.wait(list(self._running), timeout=_WAIT, fetch_local=False)
-                self._read_mail()
+                self._read_events()  # also the last ones of those that are done
                 for reference in done:
                     if (job := self._running.pop(reference, None)) is not None:
                         self._end(job, reference)
-                self._tell()
-            self._read_mail()
+                self._reporter.progress(self._lanes.fraction, self._lanes.label, **self._figures)
         finally:
             self._cancel_all()
 
@@ -191,7 +175,7 @@ class _Run:
             self._queue.popleft()
             job.wanted = wanted
             task = GroupTask(
-                take=str(self._context.take.root) if self._stored is None else self._stored.address,
+                take=str(self._context.take.root),
                 footage=str(self._context.config.capture.root),
                 paths=tuple(self._context.config.run.paths.items()),
                 stage=self._stage.name,
@@ -202,34 +186,48 @@ class _Run:
                 version=versions()[0],
                 python=versions()[1],
             )
-            self._running[self._task.options(**options).remote(task, self._executor.mailbox)] = job
+            job.log = LogFollower(self._context.take.group_events / task.events)
+            self._running[self._task.options(**options).remote(task)] = job
 
-    def _look_for_nodes(self) -> None:
-        """Warn of groups that no node can run: Ray lets them wait, as a larger node may join."""
-        unfit = next(
-            (
-                job
-                for job in self._running.values()
-                if not job.node and job.wanted is not None and self._nodes.fitting(job.wanted) == 0
-            ),
-            None,
-        )
-        if unfit is None or unfit.wanted is None:
-            self._unfit_since = None
-            return
-        now = time.monotonic()
-        if self._unfit_since is None:
-            self._unfit_since = now
-        if now - self._unfit_since >= _NO_NODE_SECONDS:
+    def _check_waiting(self) -> None:
+        """Warn of a group that no node can run, since Ray lets it wait for a larger node; and of groups that wait for
+        nodes that others hold."""
+        waiting = [(job, job.wanted) for job in self._running.values() if not job.node and job.wanted is not None]
+        unfit = next(((job, wanted) for job, wanted in waiting if self._nodes.fitting(wanted) == 0), None)
+        if self._waited("unfit", unfit is not None) >= _NO_NODE_SECONDS and unfit is not None:
+            job, wanted = unfit
             self._warn(
                 Message(
                     "cluster.no_node",
-                    f"group {unfit.group.index} is waiting for a node with {unfit.wanted}; the cluster has "
+                    f"group {job.group.index} is waiting for a node with {wanted}; the cluster has "
                     f"{self._nodes.sizes()}",
                     fix="Add a larger node, or lower run.gpus_per_group or run.memory_per_group.",
-                    fields={"group": unfit.group.index},
+                    fields={"group": job.group.index},
                 )
             )
+        # if a group of this run is running, it will free its node
+        stuck = unfit is None and bool(waiting) and len(waiting) == len(self._running)
+        if (seconds := self._waited("busy", stuck)) >= _BUSY_SECONDS and stuck:
+            del self._waiting["busy"]
+            job, wanted = waiting[0]
+            holders = self._nodes.holders(wanted)
+            if holders:
+                self._warn(
+                    Message(
+                        "cluster.busy",
+                        f"group {job.group.index} has been waiting for {wanted} for {seconds:.0f} s: {holders}",
+                        fix="Wait for what holds the nodes, stop it, or add a node.",
+                        fields={"group": job.group.index},
+                    )
+                )
+
+    def _waited(self, name: str, condition: bool) -> float:
+        """Seconds for which a condition has held at every check."""
+        if not condition:
+            self._waiting.pop(name, None)
+            return 0.0
+        now = time.monotonic()
+        return now - self._waiting.setdefault(name, now)
 
     def _settings(self) -> tuple[tuple[str, Any], ...]:
         """What a node must not choose itself: the bytes of training depend on the number of threads."""
@@ -258,23 +256,13 @@ class _Run:
             memory=int(min(max(memory, self._executor.memory_floor), self._nodes.most("memory") or memory)),
         )
 
-    def _read_mail(self) -> None:
-        from ray.exceptions import OutOfMemoryError, RayActorError
-
-        try:
-            letters = self._ray.get(self._executor.mailbox.take.remote())
-        except (RayActorError, OutOfMemoryError):  # groups that run now go on without figures
-            self._executor.lose_mailbox()
-            return
-        jobs = {(self._stage.name, job.group.index, job.attempt): job for job in self._running.values()}
-        for kind, about, content in letters:
-            job = jobs.get(about)
-            if job is None:  # of an attempt that was given up, or of an earlier stage
-                continue
-            if kind == "started":
-                self._started(job, *content)
-            else:
-                self._forward(job, parse_event(content[0]))
+    def _read_events(self) -> None:
+        for job in self._running.values():
+            for event in job.log.poll()[1] if job.log is not None else ():
+                if isinstance(event, GroupState):
+                    self._started(job, event.node, event.gpu)
+                else:
+                    self._forward(job, event)
 
     def _started(self, job: _Job, node: str, gpu: str = "") -> None:
         job.node = node
@@ -292,9 +280,6 @@ class _Run:
         elif isinstance(event, Warned) and event.message not in self._warned:
             self._warned.add(event.message)  # every group says what a local run says once
             self._context.emit(event)
-
-    def _tell(self) -> None:
-        self._reporter.progress(self._lanes.fraction, self._lanes.label, **self._figures)
 
     def _end(self, job: _Job, reference: Any) -> None:
         from ray.exceptions import OutOfMemoryError, RayError, RayTaskError
@@ -314,7 +299,7 @@ class _Run:
         except RayError as error:
             self._lost(job, type(error).__name__)
         else:
-            if job.node != node:  # its letter is late
+            if job.node != node:  # it could not write to the take
                 self._started(job, node)
             if problem is None:
                 self._arrived(job)
@@ -323,7 +308,7 @@ class _Run:
 
     def _arrived(self, job: _Job) -> None:
         until = time.monotonic() + VISIBLE_SECONDS
-        while not self._is_here(job.group):
+        while not self._stage.group_done(self._context, job.group):
             self._context.cancellation.check()
             if time.monotonic() > until:
                 raise StudioError(
@@ -337,11 +322,6 @@ class _Run:
             time.sleep(0.2)
         self._lanes.done(job.group)
         self._finished(job.group)
-
-    def _is_here(self, group: Group) -> bool:
-        if self._stored is not None:
-            self._stored.pull(group.index)
-        return self._stage.group_done(self._context, group)
 
     def _refused(self, job: _Job, message: Message) -> None:
         if message.code in (NOT_VISIBLE, *NODE_CODES):
@@ -395,10 +375,10 @@ class _Run:
                 fields={"group": job.group.index, "setting": "run.memory_per_group"},
             )
         )
-        self._ask_anew()
+        self._take_back()
         self._again(job, f"{name} ran out of memory")
 
-    def _ask_anew(self) -> None:
+    def _take_back(self) -> None:
         """Take back tasks that wait in Ray, which would start with less memory than is known now to be needed."""
         waiting = [reference for reference, job in self._running.items() if not job.node]
         for reference in reversed(waiting):
@@ -426,15 +406,12 @@ class _Run:
                 continue
 
 
-def _task(task: GroupTask, mailbox: Any) -> tuple[str, Message | None]:
+def _task(task: GroupTask) -> tuple[str, Message | None]:
     """The node's id, and what `run_task` returns."""
     import ray
 
     node = ray.get_runtime_context().get_node_id()
-    problem = run_task(task, mailbox, node)
-    with contextlib.suppress(ray.exceptions.RayError):  # figures that are lost must not lose the group
-        ray.get(mailbox.delivered.remote(), timeout=_DELIVERY_SECONDS)
-    return node, problem
+    return node, run_task(task, node)
 
 
 def _last_line(error: Exception) -> str:

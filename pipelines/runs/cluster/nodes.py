@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 _LOOK_SECONDS = 2.0
+_QUERY_SECONDS = 20.0
 
 
 @dataclass(frozen=True)
@@ -18,16 +19,28 @@ class Wanted:
     gpus: float
     memory: int
 
+    @property
+    def resources(self) -> dict[str, float]:
+        """What it takes, by Ray's names of resources."""
+        amounts = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory}
+        return {name: amount for name, amount in amounts.items() if amount}
+
     def __str__(self) -> str:
         """For people: "4 CPUs, 1 GPU and 8.0 GB of memory"."""
         return _amounts(self.cpus, self.gpus, self.memory)
 
 
 def _amounts(cpus: float, gpus: float, memory: float) -> str:
-    named = [f"{cpus:g} {'CPU' if cpus == 1 else 'CPUs'}"]
+    named = [_amount("CPU", cpus)]
     if gpus:
-        named.append(f"{gpus:g} {'GPU' if gpus == 1 else 'GPUs'}")
-    return f"{', '.join(named)} and {memory / 1e9:.1f} GB of memory"
+        named.append(_amount("GPU", gpus))
+    return f"{', '.join(named)} and {_amount('memory', memory)}"
+
+
+def _amount(resource: str, value: float) -> str:
+    if resource == "memory":
+        return f"{value / 1e9:.1f} GB of memory"
+    return f"{value:g} {resource if value == 1 else f'{resource}s'}"
 
 
 @dataclass(frozen=True)
@@ -38,8 +51,7 @@ class _Node:
 
     def fits(self, wanted: Wanted) -> int:
         """How many such tasks run on it at once."""
-        amounts = {"CPU": wanted.cpus, "GPU": wanted.gpus, "memory": wanted.memory}
-        return min(int(self.resources.get(name, 0.0) / amount) for name, amount in amounts.items() if amount)
+        return min(int(self.resources.get(name, 0.0) / amount) for name, amount in wanted.resources.items())
 
 
 class Nodes:
@@ -99,8 +111,52 @@ class Nodes:
         sizes = {tuple(one.get(name, 0.0) for name in ("CPU", "GPU", "memory")) for one in found}
         return "; ".join(f"nodes with {_amounts(*size)}" for size in sorted(sizes, reverse=True)) or "no usable node"
 
-    def on(self, node: str) -> Any:
-        """Scheduling strategy for exactly this node."""
-        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+    def holders(self, wanted: Wanted) -> str:
+        """What holds the usable nodes that are large enough for a task, for people: "node1 has 0 of 4 CPUs free, held
+        by the actor Busy"; "" if one of them has room for it now."""
+        from ray.exceptions import GetTimeoutError
 
-        return NodeAffinitySchedulingStrategy(node, soft=False)
+        query = self._ray.remote(_usage).options(num_cpus=0).remote()
+        try:
+            free, actors, programs = self._ray.get(query, timeout=_QUERY_SECONDS)
+        except GetTimeoutError:
+            return "the cluster does not answer what holds its nodes"
+        parts = []
+        for key in self.usable():
+            node = self._found[key]
+            if not node.fits(wanted):
+                continue
+            left = free.get(key, {})
+            if _Node(node.host, True, left).fits(wanted):
+                return ""
+            named = [
+                f"{left.get(name, 0.0):g} of {_amount(name, node.resources[name])} free"
+                for name, amount in wanted.resources.items()
+                if left.get(name, 0.0) < amount
+            ]
+            held = f", held by {', '.join(actors[key])}" if actors.get(key) else ""
+            parts.append(f"{self.name(key)} has {' and '.join(named)}{held}")
+        if programs:
+            parts.append(f"other programs that use the cluster: {', '.join(programs)}")
+        return "; ".join(parts)
+
+
+def _usage() -> tuple[dict[str, dict[str, float]], dict[str, list[str]], list[str]]:
+    """What is free on each node, by its id; the actors on it; and the other programs that are connected.
+
+    A task without CPUs, since Ray's client (ray://) cannot answer this. The public state API needs the dashboard.
+    """
+    import ray
+    from ray._private import state
+
+    actors: dict[str, list[str]] = {}
+    for actor in state.actors(actor_state_name="ALIVE").values():
+        named = f"the actor {actor['Name'] or actor['ActorClassName']}"
+        actors.setdefault(actor["Address"]["NodeID"], []).append(named)
+    own = ray.get_runtime_context().get_job_id()
+    programs = []
+    for job in state.jobs():
+        if not job["IsDead"] and job["JobID"] != own:
+            command = (job["Entrypoint"].splitlines() or ["?"])[0]
+            programs.append(f"`{command[:80]}` (process {job['DriverPid']} on {job['DriverIPAddress']})")
+    return state.available_resources_per_node(), actors, programs

@@ -5,6 +5,7 @@ Imports of this module are light, so that a node that cannot run the task can sa
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
 import socket
@@ -15,12 +16,14 @@ from typing import TYPE_CHECKING, Any
 
 from studio.environment import passive_openmp
 from studio.errors import Message, StudioError
+from studio.storage import is_address
 
 if TYPE_CHECKING:
+    from pipelines.events import Event
     from pipelines.takes.take import Take
 
 _PROGRESS_SECONDS = 0.5
-"""Shortest interval between two progress events of a task: hundreds of tasks send them."""
+"""Shortest interval between two progress events of a task: hundreds of tasks write them."""
 
 NOT_VISIBLE = "cluster.not_visible"
 """Code of the error of a node that does not see the take or the footage; another node may."""
@@ -54,7 +57,7 @@ class GroupTask:
     """A stage of a group, as it is sent to a node: plain values only.
 
     Attributes:
-        take: the take's folder, or its address in object storage.
+        take: the take's folder.
         footage: the footage's folder, or its address in object storage.
         paths: `run.paths`: a folder and its paths on other machines.
         stage: name of the stage.
@@ -76,6 +79,11 @@ class GroupTask:
     python: str
     paths: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
+    @property
+    def events(self) -> str:
+        """Name of the file in `Take.group_events` to which the task writes its events."""
+        return f"{self.stage}_{self.group:03d}_{self.attempt}.jsonl"
+
 
 def versions() -> tuple[str, str]:
     """Of V3 Studio and of Python ("3.11")."""
@@ -84,40 +92,58 @@ def versions() -> tuple[str, str]:
     return program_version(), ".".join(platform.python_version_tuple()[:2])
 
 
-def run_task(task: GroupTask, mailbox: Any, node: str) -> Message | None:
+def run_task(task: GroupTask, node: str) -> Message | None:
     """Do the task.
 
     Args:
         task: what to do.
-        mailbox: actor with methods `started(stage, group, attempt, node, gpu)` and `put(stage, group, attempt, line)`,
-            which receives an event as JSON.
         node: id of this node.
 
     Returns:
         None, or what went wrong, as plain values.
     """
     passive_openmp()  # before torch is imported
-    from pipelines.events import Event, Metrics, Preview, Progress, Warned
-
-    last = 0.0
-
-    def emit(event: Event) -> None:
-        nonlocal last
-        if not isinstance(event, Metrics | Preview | Progress | Warned):
-            return
-        if isinstance(event, Progress):
-            if time.monotonic() - last < _PROGRESS_SECONDS and event.fraction < 1:
-                return
-            last = time.monotonic()
-        mailbox.put.remote(task.stage, task.group, task.attempt, event.to_json())
-
-    mailbox.started.remote(task.stage, task.group, task.attempt, node, os.environ.get("CUDA_VISIBLE_DEVICES", ""))
     try:
         _refuse_other_versions(task)
-        _do_when_visible(task, emit)
+        _do_when_visible(task, node)
     except StudioError as error:
         return _plain(error.message)
     return None
+
+
+class _EventFile:
+    """Writes the events of a task to its file in the take, which the run follows.
+
+    Args:
+        take: the take, where it is on this node.
+        task: the task.
+        node: id of this node.
+    """
+
+    def __init__(self, take: Take, task: GroupTask, node: str) -> None:
+        from pipelines.events import GroupState
+
+        self._path = take.group_events / task.events
+        self._last_progress = 0.0
+        gpu = os.environ.get("CUDA_VISIBLE_DEVICES", "")
+        self._write(GroupState(stage=task.stage, group=task.group, state="running", node=node, gpu=gpu))
+
+    def __call__(self, event: Event) -> None:
+        from pipelines.events import Metrics, Preview, Progress, Warned
+
+        if isinstance(event, Progress):
+            if time.monotonic() - self._last_progress < _PROGRESS_SECONDS and event.fraction < 1:
+                return
+            self._last_progress = time.monotonic()
+        if isinstance(event, Metrics | Preview | Progress | Warned):
+            self._write(event)
+
+    def _write(self, event: Event) -> None:
+        # figures that cannot be written must not lose the group; closing the file makes it visible on other nodes
+        with contextlib.suppress(OSError):
+            self._path.parent.mkdir(exist_ok=True)
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(event.to_json() + "\n")
 
 
 def _plain(message: Message) -> Message:
@@ -139,12 +165,12 @@ def _refuse_other_versions(task: GroupTask) -> None:
         )
 
 
-def _do_when_visible(task: GroupTask, emit: Any) -> None:
+def _do_when_visible(task: GroupTask, node: str) -> None:
     """Do the task; what another node has just written may not be visible here yet."""
     until = time.monotonic() + VISIBLE_SECONDS
     while True:
         try:
-            _do(task, emit)
+            _do(task, node)
             return
         except StudioError as error:
             if error.message.code not in _MAY_BECOME_VISIBLE or time.monotonic() > until:
@@ -152,30 +178,18 @@ def _do_when_visible(task: GroupTask, emit: Any) -> None:
         time.sleep(_LOOK_AGAIN)
 
 
-def _do(task: GroupTask, emit: Any) -> None:
-    from pipelines.takes.stored_take import StoredTake
-    from pipelines.takes.take import Take
-    from studio.storage import is_address
-
-    if is_address(task.take):
-        stored = StoredTake(task.take)
-        stored.pull(None if task.stage == "evaluate" else task.group)
-        with stored.pushed():
-            _work(Take.open(stored.folder), task, emit)
-        return
-    about = _here(Path(task.take, "take.json"), "take", task)
-    if not is_address(task.footage):
-        _here(Path(task.footage), "footage", task)
-    _work(Take.open(about.parent), task, emit)
-
-
-def _work(take: Take, task: GroupTask, emit: Any) -> None:
+def _do(task: GroupTask, node: str) -> None:
     from pipelines.config import load_config
     from pipelines.runs.work import work
+    from pipelines.takes.take import Take
 
+    take = Take.open(_here(Path(task.take, "take.json"), "take", task).parent)
+    events = _EventFile(take, task, node)
+    if not is_address(task.footage):
+        _here(Path(task.footage), "footage", task)
     config = load_config(take.config, task.settings)
     try:
-        work(take, config, (task.stage,), task.group, emit, expected=task.key)
+        work(take, config, (task.stage,), task.group, events, expected=task.key)
     except StudioError as error:
         if error.message.code not in _FOOTAGE_CODES:
             raise

@@ -181,7 +181,7 @@ def test_a_bake_is_kept_within_the_run(project, monkeypatch):
     holders = []
 
     def keep(take, name):
-        holders.append(take.lock_holder())
+        holders.append(take.running())
         return keep_bake(take, name)
 
     monkeypatch.setattr("pipelines.runs.runner.keep_bake", keep)

@@ -20,7 +20,6 @@ from pipelines.runs.cluster.executor import RayExecutor
 from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
 from pipelines.stages.base import StageReporter
 from pipelines.takes.groups import cut_into_groups
-from pipelines.takes.stored_take import StoredTake
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, Message, StudioError
 from tests.support.errors import refuses
@@ -44,8 +43,8 @@ class FakeRay:
         self._cpus = cpus
         self.asked: list[dict[str, Any]] = []
         self.cancelled: list[Any] = []
-        self.late = False  # letters of started tasks never arrive
-        self.before: list[str] = []  # letters of the stage train that arrive with those of each task
+        self.silent = False  # nodes cannot write to the take
+        self.events = Path()  # of the take
 
     def nodes(self) -> list[dict[str, Any]]:
         resources = {"CPU": self._cpus, "memory": 8.0 * GB}
@@ -58,25 +57,15 @@ class FakeRay:
         return SimpleNamespace(get_node_id=lambda: self.ids[0])
 
     def remote(self, what: Any) -> Any:
-        if isinstance(what, type):
-            actor = what()
-
-            class Method:
-                def __init__(self, name: str) -> None:
-                    self.remote = lambda *arguments: (getattr(actor, name)(*arguments),)
-
-            handle = type("Handle", (), {"__getattr__": lambda _, name: Method(name)})()
-            return SimpleNamespace(options=lambda **_: SimpleNamespace(remote=lambda: handle))
-
         def options(**given: Any) -> Any:
-            def submit(task: GroupTask, mailbox: Any) -> Any:
+            def submit(task: GroupTask) -> Any:
                 self.asked.append(given)
                 excluded = given.get("label_selector", {}).get("ray.io/node-id", "")
                 node = next(key for key in self.ids if key not in excluded)
-                for line in self.before:
-                    mailbox.put.remote("train", task.group, task.attempt, line)
-                if not self.late:
-                    mailbox.started.remote(task.stage, task.group, task.attempt, node, "")
+                if not self.silent:
+                    event = GroupState(stage=task.stage, group=task.group, state="running", node=node)
+                    self.events.mkdir(exist_ok=True)
+                    (self.events / task.events).write_text(event.to_json() + "\n")
                 return Reference(task, node)
 
             return SimpleNamespace(remote=submit)
@@ -87,8 +76,6 @@ class FakeRay:
         return references[:1], references[1:]
 
     def get(self, reference: Any) -> Any:
-        if isinstance(reference, tuple):
-            return reference[0]
         outcome = self.behave(reference.task, reference.node)
         if isinstance(outcome, Exception):
             raise outcome
@@ -114,8 +101,15 @@ class Bake:
         return self.there
 
 
+@pytest.fixture(autouse=True)
+def _take(tmp_path, monkeypatch):
+    monkeypatch.setattr(Run, "take", Take(tmp_path), raising=False)
+
+
 class Run:
     """A run of three groups; see `go`."""
+
+    take: Take
 
     def __init__(
         self, behave: Callable[[GroupTask, str], Outcome], nodes: int = 2, cpus: int = 1, **settings: Any
@@ -126,9 +120,11 @@ class Run:
         self.finished: list[int] = []
 
     def go(self) -> None:
+        self.ray.events = self.take.group_events
+        self.take.private.mkdir(exist_ok=True)
         groups = cut_into_groups(range(6), 2)
         context: Any = SimpleNamespace(
-            take=SimpleNamespace(root=Path("/take")),
+            take=self.take,
             config=Config.model_validate({"capture": {"root": "/footage"}, "run": self.settings}),
             threads=1,
             groups=groups,
@@ -200,21 +196,13 @@ def test_a_node_that_does_not_see_the_footage_gets_nothing_more():
         Run(behave, nodes=1).go()
 
 
-def test_a_node_that_does_not_see_the_footage_is_known_without_its_letter():
+def test_a_node_that_does_not_see_the_take_is_known_without_its_events():
     run = Run(lambda task, node: Message(NOT_VISIBLE, "node1 is blind", "/footage") if node[0] == "1" else None)
-    run.ray.late = True
+    run.ray.silent = True
     run.go()
     assert sorted(run.finished) == [0, 1, 2]
     assert run.warnings() == [NOT_VISIBLE]
     assert run.states(1)[-2:] == ["running", "done"]
-
-
-def test_late_letters_of_another_stage_are_dropped():
-    run = Run(lambda task, node: None)
-    late = Progress(stage="train", fraction=1.0, total_fraction=1.0, label="", figures={"psnr": 99.0})
-    run.ray.before = [late.to_json()]
-    run.go()
-    assert {event.psnr for event in run.events if isinstance(event, GroupState)} == {None}
 
 
 @pytest.mark.parametrize("error", [exceptions.RaySystemError("raylet is gone"), ConnectionError("shutting down")])
@@ -233,6 +221,27 @@ def test_whoever_stops_reading_the_events_is_not_the_cluster(monkeypatch):
     monkeypatch.setattr(Bake, "group_done", lambda *_: (_ for _ in ()).throw(BrokenPipeError()))
     with pytest.raises(BrokenPipeError):
         run.go()
+
+
+def test_groups_that_wait_for_what_others_hold_are_reported(monkeypatch):
+    monkeypatch.setattr(module, "_BUSY_SECONDS", 0.0)
+    asked = []
+
+    def holders(self: Any, wanted: Any) -> str:
+        asked.append(wanted)
+        return "node1 has 0 of 1 CPU free, held by the actor Busy"
+
+    monkeypatch.setattr(module.Nodes, "holders", holders)
+    run = Run(lambda task, node: None)
+    run.ray.silent = True  # no task begins, as far as is known
+    run.go()
+    told = [event for event in run.events if isinstance(event, Warned)]
+    assert {event.code for event in told} == {"cluster.busy"}
+    assert told[0].message.startswith("group 0 has been waiting for 1 CPU and 1.1 GB of memory for 0 s: node1 has 0 of")
+    run = Run(run.ray.behave)
+    run.go()
+    assert len(told) == 3
+    assert len(asked) == 4, "once the groups of this run are running, they will free their nodes"
 
 
 def test_groups_that_fit_no_node_are_told_once(monkeypatch):
@@ -268,7 +277,7 @@ def test_out_of_memory_holds_for_tasks_that_wait_in_ray():
         nodes=1,
         cpus=4,
     )
-    run.ray.late = True
+    run.ray.silent = True
     run.go()
     assert sorted(run.finished) == [0, 1, 2]
     assert run.ray.cancelled == [2, 1]
@@ -287,29 +296,6 @@ def test_groups_that_started_before_a_node_ran_out_of_memory_are_not_lost():
     assert run.warnings() == ["cluster.out_of_memory"]
 
 
-@pytest.mark.parametrize("error", [exceptions.ActorDiedError(), exceptions.OutOfMemoryError("full")])
-def test_groups_go_on_when_the_process_that_collects_events_is_lost(monkeypatch, error):
-    run, mailboxes, lost = Run(lambda task, node: None), [], []
-    get, remote = run.ray.get, run.ray.remote
-
-    def fails_once(reference: Any) -> Any:
-        if isinstance(reference, tuple) and isinstance(reference[0], list) and not lost:
-            lost.append(reference)
-            raise error
-        return get(reference)
-
-    def counts(what: Any) -> Any:
-        if isinstance(what, type):
-            mailboxes.append(what)
-        return remote(what)
-
-    monkeypatch.setattr(run.ray, "get", fails_once)
-    monkeypatch.setattr(run.ray, "remote", counts)
-    run.go()
-    assert sorted(run.finished) == [0, 1, 2]
-    assert (len(lost), len(mailboxes)) == (1, 2), "another one is started"
-
-
 def test_what_a_task_refuses_ends_the_run():
     problem = Message("cluster.version", "node1 has V3 Studio 0.1", fields={"node": "node1"})
     run = Run(lambda task, node: problem if task.group == 0 else None)
@@ -318,11 +304,11 @@ def test_what_a_task_refuses_ends_the_run():
 
 
 def test_what_a_task_refuses_names_its_group_and_node():
-    problem = Message("disk.full", "the disk is full", "/take")
+    problem = Message("disk.full", "the disk is full", "/disk")
     run = Run(lambda task, node: problem if task.group == 1 else None)
     with refuses("disk.full", group=1, node="node1") as caught:
         run.go()
-    assert str(caught.value).startswith("/take: the disk is full (group 1 on node1).")
+    assert str(caught.value).startswith("/disk: the disk is full (group 1 on node1).")
 
 
 def test_files_that_do_not_arrive_are_told(monkeypatch):
@@ -356,32 +342,31 @@ def sent(**changes: Any) -> GroupTask:
 def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
     monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
-    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
-    other = run_task(sent(version="0.0.1"), mailbox, "")
+    other = run_task(sent(version="0.0.1"), "")
     assert other is not None
     assert other.code == "cluster.version"
     assert "but the run was started with 0.0.1" in other.problem
-    other = run_task(sent(python="2.7"), mailbox, "")
+    other = run_task(sent(python="2.7"), "")
     assert other is not None
     assert other.problem.endswith(f"but the run was started with {versions()[0]} on Python 2.7")
-    blind = run_task(sent(), mailbox, "")
+    blind = run_task(sent(), "")
     assert blind is not None
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/take/take.json")
-    (tmp_path / "take.json").touch()
-    blind = run_task(sent(take=str(tmp_path)), mailbox, "")
+    (tmp_path / "take.json").write_text('{"format": 2}')
+    blind = run_task(sent(take=str(tmp_path)), "")
     assert blind is not None
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/footage")
     (tmp_path / "empty").mkdir()
-    blind = run_task(sent(take=str(tmp_path), footage=str(tmp_path / "empty")), mailbox, "")
+    blind = run_task(sent(take=str(tmp_path), footage=str(tmp_path / "empty")), "")
     assert blind is not None
     assert (blind.code, blind.file) == (NOT_VISIBLE, str(tmp_path / "empty")), "a folder where nothing is mounted"
-    blind = run_task(sent(paths=(("/no", (str(tmp_path), "/net")),)), mailbox, "")
+    blind = run_task(sent(paths=(("/no", (str(tmp_path), "/net")),)), "")
     assert blind is not None
     assert blind.code == NOT_VISIBLE
     assert f"nor under {tmp_path}/take/take.json, /net/take/take.json" in blind.problem
     (tmp_path / "take").mkdir()
     (tmp_path / "take.json").rename(tmp_path / "take" / "take.json")
-    blind = run_task(sent(paths=(("/no", (str(tmp_path),)),)), mailbox, "")
+    blind = run_task(sent(paths=(("/no", (str(tmp_path),)),)), "")
     assert blind is not None
     assert blind.file == "/no/footage", "the take is found where this node has it"
 
@@ -394,60 +379,37 @@ def test_footage_that_is_there_only_in_part_is_not_seen(project, monkeypatch):
     take.config.write_text((project / "ball.yaml").read_text().replace("root: capture", f"root: {footage}"))
     shutil.rmtree(footage / "images")
     (footage / "images").mkdir()  # where another share is mounted on other nodes
-    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
     task = sent(take=str(take.root), footage=str(footage), stage="initialize")
-    blind = run_task(task, mailbox, "")
+    blind = run_task(task, "")
     assert blind is not None
     assert (blind.code, blind.file) == (NOT_VISIBLE, str(footage))
     assert "cannot see the footage there (no image or video matches the pattern" in blind.problem
-
-
-def test_a_node_gets_and_sends_a_take_in_object_storage(object_store, tmp_path, monkeypatch):
-    address = "s3://studio/takes/first"
-    head = StoredTake(address)
-    take = Take.create(head.folder)
-    take.config.write_text("{}")
-    head.push()
-    monkeypatch.setenv("V3STUDIO_CACHE", str(tmp_path / "node"))
-
-    def work(take: Take, config: Any, stages: tuple[str, ...], group: int, emit: Any, expected: str) -> None:
-        assert take.root.is_relative_to(tmp_path / "node")
-        take.trained_frame(group, 0).parent.mkdir(parents=True)
-        take.trained_frame(group, 0).write_bytes(b"splats")
-
-    monkeypatch.setattr("pipelines.runs.work.work", work)
-    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
-    assert run_task(sent(take=address, footage="s3://studio/day1"), mailbox, "") is None
-    head.pull()
-    assert take.trained_frame(0, 0).read_bytes() == b"splats"
 
 
 @pytest.mark.parametrize("code", [NOT_VISIBLE, "stage.dependency", "work.take_changed"])
 def test_a_node_waits_for_what_another_one_wrote(monkeypatch, code):
     looks = []
 
-    def do(task: GroupTask, emit: Any) -> None:
+    def do(task: GroupTask, node: str) -> None:
         looks.append(task)
         if len(looks) < 3:
             raise StudioError(code, "not yet")
 
     monkeypatch.setattr(task_module, "_do", do)
     monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
-    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
-    assert run_task(sent(), mailbox, "") is None
+    assert run_task(sent(), "") is None
     assert len(looks) == 3
 
 
 def test_other_errors_of_a_task_are_told_at_once(monkeypatch):
     looks = []
 
-    def do(task: GroupTask, emit: Any) -> None:
+    def do(task: GroupTask, node: str) -> None:
         looks.append(task)
         raise StudioError("run.no_gpu", "no GPU")
 
     monkeypatch.setattr(task_module, "_do", do)
-    mailbox: Any = SimpleNamespace(started=SimpleNamespace(remote=lambda *_: None))
-    refused = run_task(sent(), mailbox, "")
+    refused = run_task(sent(), "")
     assert refused is not None
     assert refused.code == "run.no_gpu"
     assert len(looks) == 1

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from pipelines.events import GroupState, Metrics, StageFinished, Warned, read_line
+from pipelines.events import GroupState, Metrics, StageFinished, Warned
 from tests.support.tiny_capture import environment, v3studio
 from tests.support.two_nodes import SETTINGS, two_nodes
 
@@ -25,6 +25,27 @@ def results(take) -> dict[str, bytes]:
     return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}
 
 
+HELD = """
+import sys, ray
+from pipelines.runs.cluster.nodes import Nodes, Wanted
+ray.init(address=sys.argv[1], log_to_driver=False, configure_logging=False)
+nodes = Nodes(ray)
+print(nodes.holders(Wanted(cpus=1, gpus=0.0, memory=1)))
+nodes.excluded = {node["NodeID"] for node in ray.nodes() if node["NodeID"].startswith(sys.argv[2])}
+print(nodes.holders(Wanted(cpus=1, gpus=0.0, memory=1)))
+"""
+
+
+def assert_names_what_holds_a_node(cluster):
+    """At first, an actor holds the CPU of the first node, and that of the second is free."""
+    command = [sys.executable, "-c", HELD, cluster.address, cluster.second]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment(), **SETTINGS})
+    assert done.returncode == 0, done.stderr
+    room, held = done.stdout.splitlines()
+    assert room == "", "the second node has room"
+    assert "has 0 of 1 CPU free, held by the actor Busy; other programs that use the cluster: `" in held
+
+
 SLOW = ("--train.finetune_iterations", 1000)
 """Seconds a frame: nodes are noticed and killed while their groups train, also where the machine is fast."""
 
@@ -32,6 +53,7 @@ SLOW = ("--train.finetune_iterations", 1000)
 def run_and_kill(project, take):
     """The events of a run whose second node is killed when it has trained a frame, and the nodes that trained."""
     with two_nodes() as cluster:
+        assert_names_what_holds_a_node(cluster)
         command = [sys.executable, "-m", "pipelines.cli", "run", project / "ball.yaml", "--take", take, "--json", *SLOW]
         command += ["--run.executor", "ray", "--run.address", cluster.address]
         with (project / "errors").open("w") as errors:
@@ -42,22 +64,10 @@ def run_and_kill(project, take):
                 text=True,
                 env={**os.environ, **environment(), **SETTINGS},
             )
-        events, nodes = [], set()
         assert process.stdout is not None
-        for line in process.stdout:
-            event, _ = read_line(line)
-            events.append(event)
-            if isinstance(event, GroupState) and (event.stage, event.state) == ("train", "running"):
-                if not nodes:
-                    cluster.free_first()
-                nodes.add(event.node)
-                if event.node.endswith(cluster.second) and 0 < event.frames_done < event.frames:
-                    cluster.kill_second()
-                    break
-        events += [event for event, _ in map(read_line, process.stdout) if event is not None]
+        events = list(cluster.events_while_second_is_killed(process.stdout))
         assert process.wait() == 0, (project / "errors").read_text()
-    nodes |= {event.node for event in events if isinstance(event, GroupState) and event.state == "running"}
-    return events, nodes
+    return events, {event.node for event in events if isinstance(event, GroupState) and event.state == "running"}
 
 
 @pytest.mark.timeout(1200)

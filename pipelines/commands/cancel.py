@@ -1,0 +1,49 @@
+"""`v3studio cancel`: stops the run in progress on a take, on whichever machine it is."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+_STOP_SECONDS = 60.0
+"""How long a run may take to stop. A network file system may show a request seconds late."""
+
+
+def register(commands: Any) -> None:
+    """Add the command to the command line."""
+    parser = commands.add_parser(
+        "cancel",
+        help="stop the run in progress on a take, on whichever machine it is",
+        description="Stop the run in progress on a take, on whichever machine it is. Finished work is kept.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
+    parser.set_defaults(command=_cancel)
+
+
+def _cancel(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.cancel_request import request_cancel
+    from pipelines.takes.take import Take
+    from studio.errors import StudioError
+
+    take = Take.open(arguments.take)
+    holder = take.running()
+    if holder is None:
+        raise StudioError(
+            "take.no_run", "no run is in progress", file=take.root, fix="`v3studio status` shows the results."
+        )
+    request_cancel(take)
+    until = time.monotonic() + _STOP_SECONDS
+    while (now := take.running()) is not None and now.get("pid") == holder.get("pid", now.get("pid")):
+        if time.monotonic() > until:
+            raise StudioError(
+                "run.not_stopped",
+                f"process {now.get('pid')} on {now.get('host')} was asked to stop, but is still running",
+                file=take.root,
+                fix="Look at it on that machine; a paused run stops when it is resumed.",
+            )
+        time.sleep(0.2)
+    print("The run was stopped.", file=arguments.output)
+    return 0
