@@ -37,7 +37,6 @@ SETTINGS = """capture:
 initialize: {{points: 100, resolution: 32}}
 train: {{group_size: {size}}}
 bake: {{preset: ultrafast}}
-evaluate: {{report_frames: 1, report_width: 64}}
 run: {{threads: 1, preview_seconds: 0}}
 """
 
@@ -74,7 +73,8 @@ def write_take(folder: Path, groups: int, size: int, splats: int) -> Path:
     from pipelines.reports.evaluation import render_report
     from pipelines.runs.staleness import write_record
     from pipelines.stages import stage_named
-    from pipelines.stages.base import Context, StageReporter
+    from pipelines.stages.inputs import Inputs
+    from pipelines.stages.reporter import StageReporter
     from pipelines.takes.atomic_files import digest_of_file, write_model, write_text
     from pipelines.takes.evaluation import Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
     from pipelines.takes.frame_files import FrameMetadata, write_frame
@@ -90,27 +90,27 @@ def write_take(folder: Path, groups: int, size: int, splats: int) -> Path:
     settings.write_text(SETTINGS.format(root=folder / "footage", size=size), encoding="utf-8")
     take = Take.create(folder / "take")
     save_config(take.config, load_config(settings))
-    context = Context(take, load_config(take.config))
+    inputs = Inputs(take, load_config(take.config))
 
     def finish(name: str) -> None:
         stage = stage_named(name)
-        write_record(stage, context, 1.0, summaries[name])
+        write_record(stage, inputs, 1.0, summaries[name])
         print(f"{name} at {time.monotonic() - began:.0f} s", flush=True)
 
     began = time.monotonic()
     calibrate = stage_named("calibrate")
-    summaries = {"calibrate": calibrate.run(context, StageReporter("calibrate", context))}
+    summaries = {"calibrate": calibrate.code.run(inputs, StageReporter("calibrate"), None)}
     finish("calibrate")
     take.private.mkdir(exist_ok=True)
 
-    initialize = stage_named("initialize")
-    for group in context.groups:
+    initialize = stage_named("initialize").group_code
+    for group in inputs.groups:
         place = take.initialize_group(group.index)
         place.mkdir(parents=True)
         for name in ("mesh.ply", "points.ply"):
             (place / name).write_bytes(os.urandom(1000))
         report = InitialPointsReport(
-            key=initialize.group_key(context, group),
+            key=initialize.group_key(inputs, group),
             keyframe=group.keyframe,
             points=100,
             vertices=100,
@@ -119,14 +119,14 @@ def write_take(folder: Path, groups: int, size: int, splats: int) -> Path:
         )
         write_model(place / "report.json", report)
     from pipelines.stages.summaries import InitializeSummary, TrainSummary
+    from pipelines.stages.train import frame_keys
 
     summaries["initialize"] = InitializeSummary(groups=groups, points_per_group=100, faces=(100,) * groups)
     finish("initialize")
 
-    train = stage_named("train")
     generator = torch.Generator().manual_seed(0)
-    for group in context.groups:
-        keys = train._keys(context, group)
+    for group in inputs.groups:
+        keys = frame_keys(inputs, group)
         for index, key, frame in zip(group.indices, keys, group.frames, strict=True):
             body = Gaussians.from_activated(
                 means=torch.randn(splats, 3, generator=generator),
@@ -142,7 +142,7 @@ def write_take(folder: Path, groups: int, size: int, splats: int) -> Path:
     summaries["train"] = TrainSummary(groups=groups, frames=groups * size, splats=(splats,) * groups)
     finish("train")
 
-    summaries["bake"] = stage_named("bake").run(context, StageReporter("bake", context))
+    summaries["bake"] = stage_named("bake").code.run(inputs, StageReporter("bake"), None)
     finish("bake")
 
     quality = {"psnr_trained": 31.0, "psnr_decoded": 30.5, "ssim_trained": 0.92, "ssim_decoded": 0.91}
@@ -152,7 +152,7 @@ def write_take(folder: Path, groups: int, size: int, splats: int) -> Path:
             **quality, index=index, frame=frame, group=group.index, keyframe=frame == group.keyframe, splats=splats,
             bytes=30000.0, cameras=cameras,
         )
-        for group in context.groups
+        for group in inputs.groups
         for index, frame in zip(group.indices, group.frames, strict=True)
     )  # fmt: skip
     summary = EvaluationSummary(
@@ -164,7 +164,7 @@ def write_take(folder: Path, groups: int, size: int, splats: int) -> Path:
         background=(0.0, 0.0, 0.0), frames=tuple(row.frame for row in rows), total_bytes=1, **words,
     )  # fmt: skip
     evaluation = Evaluation(summary=summary, protocol=protocol, cameras=cameras, frames=rows)
-    write_text(take.report, render_report(take, context.config, context.groups, evaluation, []))
+    write_text(take.report, render_report(take, inputs.config, inputs.groups, evaluation, []))
     write_model(take.evaluation, evaluation)
     summaries["evaluate"] = summary
     finish("evaluate")
@@ -189,7 +189,7 @@ from gui.models.playback.loading import load
 from gui.models.stage_rows import assess
 from gui.models.evaluation import Evaluation
 from pipelines.config import load_config
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 import torch, studio.capture, studio.stream
 began = time.process_time()
@@ -197,7 +197,7 @@ assert not isinstance(load(sys.argv[1]), str)
 take = Take.open(Path(sys.argv[1]))
 Evaluation.read(take.evaluation)
 opened = time.process_time()
-assess(Context(take, load_config(take.config)))
+assess(Inputs(take, load_config(take.config)))
 print(opened - began, time.process_time() - opened)
 """
 """What the window's threads do when a take is opened: the take with its first frame, and the status of its stages."""
@@ -206,12 +206,12 @@ print(opened - began, time.process_time() - opened)
 def measure(take: Path) -> None:
     """Print a table."""
     from pipelines.config import load_config
-    from pipelines.stages.base import Context
+    from pipelines.stages.inputs import Inputs
     from pipelines.takes.take import Take
 
     config = take / "config.yaml"
     opened = Take.open(take)
-    groups = len(Context(opened, load_config(config)).groups)
+    groups = len(Inputs(opened, load_config(config)).groups)
     aside = take / "aside"
     print(f"CPU seconds, each the least of three; load {os.getloadavg()[0]:.1f}")
     print("| state | status | evaluate | open in the window | stages in the window |")

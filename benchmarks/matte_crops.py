@@ -72,14 +72,14 @@ def train(out: Path, config: Path, threads: int) -> dict[str, Path]:
 def views(take: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """By held-out camera: footage cut out with the exact mask, and the splats; (H, W, 3) float32 over black."""
     from pipelines.config import load_config
-    from pipelines.stages.base import Context
+    from pipelines.stages.inputs import Inputs
     from pipelines.takes.frame_files import read_frame
     from pipelines.takes.take import Take
     from studio.comparison import ViewPair
 
-    context = Context(Take.open(take), load_config(Take.open(take).config))
-    footage = context.footage.calibrated
-    gaussians = read_frame(context.take.trained_frame(0, 0))
+    inputs = Inputs(Take.open(take), load_config(Take.open(take).config))
+    footage = inputs.footage.calibrated
+    gaussians = read_frame(inputs.take.trained_frame(0, 0))
     found = {}
     for camera in dict.fromkeys(crop.camera for crop in CROPS):
         frame = footage.frames[0]

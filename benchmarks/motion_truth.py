@@ -60,7 +60,7 @@ def main() -> int:
     arguments = parser.parse_args()
 
     from pipelines.config import load_config
-    from pipelines.stages.base import Context
+    from pipelines.stages.inputs import Inputs
     from pipelines.stages.params import derived_seed
     from pipelines.takes.frame_files import read_frame
     from pipelines.takes.take import Take
@@ -68,28 +68,28 @@ def main() -> int:
 
     take = Take.open(arguments.take)
     config = load_config(take.config)
-    context = Context(take, config)
-    footage = context.footage.calibrated
+    inputs = Inputs(take, config)
+    footage = inputs.footage.calibrated
     settings = config.train.replace(finetune_iterations=0)
     rows: list[JsonObject] = []
     print(f"{'frame':>6} {'error':>9} {'moved':>9} {'ratio':>6} {'tied':>5} {'seconds':>8}   (world units)")
-    for group in context.groups:
+    for group in inputs.groups:
         for position in range(1, len(group.frames), arguments.every):
             index, frame = group.first + position, group.frames[position]
             previous = read_frame(take.trained_frame(group.index, index - 1))
             before = read_frame(take.trained_frame(group.index, index - 2)) if position > 1 else None
             third = read_frame(take.trained_frame(group.index, index - 3)) if position > 2 else None
             views = [
-                TrainingView.from_view(footage.view(camera, frame), context.device, settings.crop_margin)
+                TrainingView.from_view(footage.view(camera, frame), inputs.device, settings.crop_margin)
                 for camera in footage.train_cameras
             ]
             started = time.monotonic()
             warped = train_interframe(
-                previous.to(context.device),
+                previous.to(inputs.device),
                 views,
                 settings,
-                before_previous=None if before is None else before.to(context.device),
-                third_last=None if third is None else third.to(context.device),
+                before_previous=None if before is None else before.to(inputs.device),
+                third_last=None if third is None else third.to(inputs.device),
                 seed=derived_seed(config.run.seed, "train", group.index, position),
             ).warped.to("cpu")
             seconds = time.monotonic() - started

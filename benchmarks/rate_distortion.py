@@ -42,8 +42,8 @@ from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
-from pipelines.stages.base import Context
-from pipelines.stages.contribution import DrawnContribution
+from pipelines.stages.baking.measures import rendered_contribution
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.atomic_files import write_text
@@ -91,7 +91,7 @@ class Point:
 class Views:
     """Held-out images of some frames: footage and renders of the trained splats."""
 
-    context: Context
+    inputs: Inputs
     cameras: tuple[str, ...]
     held_out: bool
     truth: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
@@ -100,13 +100,13 @@ class Views:
     contributions: dict[int, ContributionFn] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, context: Context) -> Views:
-        footage = context.footage.calibrated
-        return cls(context, footage.held_out_cameras or footage.train_cameras, bool(footage.held_out_cameras))
+    def of(cls, inputs: Inputs) -> Views:
+        footage = inputs.footage.calibrated
+        return cls(inputs, footage.held_out_cameras or footage.train_cameras, bool(footage.held_out_cameras))
 
     def add(self, index: int, gaussians: Gaussians) -> None:
         """Add frame `index` of the take."""
-        footage, settings = self.context.footage.calibrated, self.context.config
+        footage, settings = self.inputs.footage.calibrated, self.inputs.config
         for camera in self.cameras:
             mask = footage.evaluation_mask(camera, footage.frames[index])
             box = padded_box(mask, settings.evaluate.crop_padding)
@@ -120,9 +120,9 @@ class Views:
             self.trained[index, camera] = self._draw(index, camera, gaussians)
 
     def _draw(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
-        context = self.context
-        view = context.footage.calibrated.view(camera, context.footage.calibrated.frames[index]).camera
-        return draw(gaussians, view, context.config.capture.background, context.device)[self.boxes[index, camera]]
+        inputs = self.inputs
+        view = inputs.footage.calibrated.view(camera, inputs.footage.calibrated.frames[index]).camera
+        return draw(gaussians, view, inputs.config.capture.background, inputs.device)[self.boxes[index, camera]]
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
         """PSNR in dB relative to the footage and to the trained splats, over all views of `frames`."""
@@ -143,8 +143,10 @@ class Views:
     def contribution(self, group: int) -> ContributionFn:
         """What each splat of a group adds to the training cameras' pictures; drawn when first asked for."""
         if group not in self.contributions:
-            indices = self.context.groups[group].indices
-            self.contributions[group] = functools.cache(DrawnContribution(self.context, group, indices).__call__)
+            indices = self.inputs.groups[group].indices
+            self.contributions[group] = functools.cache(
+                functools.partial(rendered_contribution, group, indices, self.inputs.device, lambda: None)
+            )
         return self.contributions[group]
 
     def trained_psnr(self) -> float:
@@ -496,10 +498,10 @@ def comparison(curves: dict[str, list[Point]]) -> list[str]:
 
 def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGroup]]:
     take = Take.open(path)
-    context = Context(take, load_config(take.config))
-    views = Views.of(context)
+    inputs = Inputs(take, load_config(take.config))
+    views = Views.of(inputs)
     groups = []
-    for group in context.groups:
+    for group in inputs.groups:
         if wanted is not None and group.index not in wanted:
             continue
         files = [take.trained_frame(group.index, index) for index in group.indices]

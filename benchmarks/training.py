@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pipelines.config import load_config
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.gaussians import Gaussians
@@ -104,10 +104,10 @@ class Scene:
 
     def __init__(self, folder: Path, rounds: int) -> None:
         take, config = Take.open(folder), load_config(folder / "config.yaml")
-        context = Context(take, config)
+        inputs = Inputs(take, config)
         self.settings: TrainSettings = config.train
-        group = context.groups[0]
-        footage = context.footage.calibrated
+        group = inputs.groups[0]
+        footage = inputs.footage.calibrated
         self.previous, self.now = (read_frame(take.trained_frame(0, group.first + i)) for i in (0, 1))
         self.views = [
             TrainingView.from_view(

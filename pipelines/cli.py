@@ -16,15 +16,15 @@ from typing import TextIO
 
 from pipelines.commands.arguments import CommandParser, current_stages, long_settings_as_set, overrides
 from pipelines.commands.board import add_board_command, add_sync_command
-from pipelines.commands.run import STAGE_HELP
 from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.stages import STAGE_NAMES
 from studio.environment import passive_openmp
 from studio.errors import Cancelled, StudioError
 from studio.standard_output import as_utf8, claim_stdout, discard
 
 GROUPS = {
     "Make a stream from footage": ("estimate", "run", "status", "cancel", "queue", "config"),
-    "Stages": tuple(STAGE_HELP),
+    "Stages": STAGE_NAMES,
     "Prepare a capture": ("board", "sync", "colors"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),

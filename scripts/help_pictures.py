@@ -29,8 +29,8 @@ from gui.pages.calibrate.view import CalibrateView  # noqa: E402
 from gui.pages.initialize import InitializeView  # noqa: E402
 from gui.widgets.raycast import MeshPicture  # noqa: E402
 from pipelines.config import load_config  # noqa: E402
-from pipelines.stages.base import Context  # noqa: E402
 from pipelines.stages.footage import performer_over  # noqa: E402
+from pipelines.stages.inputs import Inputs  # noqa: E402
 from pipelines.takes.frame_files import read_frame  # noqa: E402
 from pipelines.takes.take import Take  # noqa: E402
 from studio.stream import StreamReader  # noqa: E402
@@ -78,9 +78,9 @@ def swapped_cameras(work: Path) -> Path:
     return path
 
 
-def context_of(take: Path) -> Context:
+def context_of(take: Path) -> Inputs:
     """What the program knows of a take."""
-    return Context(Take(take), load_config(Take(take).config))
+    return Inputs(Take(take), load_config(Take(take).config))
 
 
 def outline(take: Path) -> np.ndarray:
@@ -127,13 +127,13 @@ def stage_picture(take: Path, kind: type[Any], *arguments: Any, frame: int = 0) 
 
 def render(take: Path, baked: bool, number: int) -> np.ndarray:
     """A held-out camera's render of a trained or decoded frame, counted from the take's first."""
-    context = context_of(take)
+    inputs = context_of(take)
     if baked:
-        with StreamReader.open(context.take.stream) as reader:
+        with StreamReader.open(inputs.take.stream) as reader:
             gaussians = reader.gaussians(number)
     else:
-        gaussians = read_frame(context.take.trained_files()[0][number])
-    return draw(gaussians, context.footage.calibrated.rig[CAMERA], (0.0, 0.0, 0.0))
+        gaussians = read_frame(inputs.take.trained_files()[0][number])
+    return draw(gaussians, inputs.footage.calibrated.rig[CAMERA], (0.0, 0.0, 0.0))
 
 
 def truth(take: Path) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw, to_bytes
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.comparison import padded_box
@@ -27,7 +27,7 @@ HEIGHT, GAP, HEADER = 300, 6, 34
 TITLES = ("held-out footage", "performer", "trained", "decoded stream", "difference x4")
 
 
-def row(context: Context, camera: str, index: int) -> list[np.ndarray]:
+def row(context: Inputs, camera: str, index: int) -> list[np.ndarray]:
     """The five images of one camera, cropped to the performer, HEIGHT pixels high."""
     footage = context.footage.calibrated
     frame = footage.frames[index]
@@ -59,7 +59,7 @@ def main() -> None:
     parser.add_argument("--frame", type=int, default=14, help="index in the take (default %(default)s)")
     options = parser.parse_args()
     take = Take.open(options.take)
-    context = Context(take, load_config(take.config))
+    context = Inputs(take, load_config(take.config))
     rows = [row(context, camera, options.frame) for camera in context.footage.calibrated.held_out_cameras]
     width = max(picture.shape[1] for pictures in rows for picture in pictures)
     canvas = Canvas(5 * (width + GAP), HEADER + len(rows) * (HEIGHT + GAP), (0, 0, 0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from studio.capture import find_cameras, held_out_cameras
 from studio.errors import StudioError
 
@@ -11,17 +11,17 @@ class HeldOut:
     """Asks the footage once for each state of the settings: it is asked at every draw, and lists a folder."""
 
     def __init__(self) -> None:
-        self._of: Context | None = None
+        self._of: Inputs | None = None
         self._names: tuple[str, ...] = ()
 
-    def of(self, context: Context | None) -> tuple[str, ...]:
+    def of(self, context: Inputs | None) -> tuple[str, ...]:
         """The cameras that are not trained on; those that the settings name if the footage is gone."""
         if context is not self._of:
             self._of, self._names = context, () if context is None else _found(context)
         return self._names
 
 
-def _found(context: Context) -> tuple[str, ...]:
+def _found(context: Inputs) -> tuple[str, ...]:
     try:
         spec = context.footage.capture
         used = tuple(name for name in find_cameras(spec) if not spec.cameras or name in spec.cameras)

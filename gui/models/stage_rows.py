@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pipelines.runs.staleness import StageStatus
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from studio.errors import Message, StudioError
 
 TITLES = {
@@ -73,7 +73,7 @@ class Assessment:
     group_starts: tuple[int, ...] = (0,)
 
 
-def assess(context: Context) -> Assessment:
+def assess(context: Inputs) -> Assessment:
     """Assess a take. Reads files: call on a worker thread."""
     from pipelines.runs.runner import status
 

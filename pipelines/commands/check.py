@@ -46,7 +46,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
     from pipelines.commands.working import working
-    from pipelines.runs.runner import ALL_STAGES
+    from pipelines.stages import STAGE_NAMES
     from pipelines.takes.integrity import check_take
     from pipelines.takes.take import Take
 
@@ -55,7 +55,7 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
     # what is deleted must not have been made again since it was checked
     with take.locked("v3studio check --remove") if arguments.remove else nullcontext():
         with working("check", None) as report:
-            found = check_take(take, ALL_STAGES, report)
+            found = check_take(take, STAGE_NAMES, report)
         for damage in found.damage if arguments.remove else ():
             path = take.file(damage.file)
             if not damage.stage:  # no run makes it again

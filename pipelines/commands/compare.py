@@ -58,7 +58,7 @@ def register(commands: Any) -> None:
 def _compare(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.comparison.compare import compare
-    from pipelines.stages.device import choose_device
+    from pipelines.stages.inputs import choose_device
     from studio.errors import StudioError
 
     for option, least in (("every", 1), ("pictures", 0)):

@@ -15,7 +15,7 @@ from studio.memory import require_memory
 
 if TYPE_CHECKING:
     from pipelines.estimate import Estimate
-    from pipelines.stages.base import Context
+    from pipelines.stages.inputs import Inputs
 
 _HELP = "estimate minutes, memory and disk space of a run on this machine"
 _NOTE = """Reads some images of the footage and rehearses some steps of training, about 20 seconds on an idle machine.
@@ -51,40 +51,40 @@ def _estimate(arguments: argparse.Namespace) -> int:
     from pipelines.config.presets import PRESETS, with_values
     from pipelines.estimate.rehearsal import load
     from pipelines.reports.terminal import console, duration
-    from pipelines.stages.base import Context
+    from pipelines.stages.inputs import Inputs
 
     presets: dict[str, Estimate] = {}
     with ExitStack() as stack:
-        context = _context(arguments, stack)
+        inputs = _inputs(arguments, stack)
         now = load()
-        found = _rehearsed(context, "rehearsal")
+        found = _rehearsed(inputs, "rehearsal")
         if arguments.presets:
             for name, values in PRESETS.items():
-                preset = Context(context.take, with_values(context.config, values))
+                preset = Inputs(inputs.take, with_values(inputs.config, values))
                 presets[name] = _rehearsed(preset, f"rehearsal of the preset {name}")
     if arguments.json:
         more = {"presets": {name: one.to_json() for name, one in presets.items()}} if presets else {}
         print(json.dumps({**found.to_json(), "load": now, **more}), file=arguments.output)
     else:
-        _print(found, context.threads, now)
+        _print(found, inputs.threads, now)
         for name, one in presets.items():
             console().print(f"preset {name}: about {duration(one.seconds)}{_stream_words(one)}")
     return 0
 
 
-def _rehearsed(context: Context, title: str) -> Estimate:
+def _rehearsed(inputs: Inputs, title: str) -> Estimate:
     """The estimate of a take whose cameras are known."""
     from pipelines.commands.working import working
     from pipelines.estimate.estimate import estimate
     from pipelines.estimate.rehearsal import rehearse
     from pipelines.estimate.work import Work
 
-    bake = context.config.bake
+    bake = inputs.config.bake
     known = bake.profile == "motion" and bake.stream_version == 3 and not bake.ladder and bake.max_loss is None
     qp = bake.qp if known and bake.target_kb_per_frame is None and bake.target_psnr is None else None
-    work = Work.of(context)
+    work = Work.of(inputs)
     with working(title, None) as progress:
-        return estimate(work, rehearse(context, work, progress), qp)
+        return estimate(work, rehearse(inputs, work, progress), qp)
 
 
 def _stream_words(found: Estimate) -> str:
@@ -92,29 +92,29 @@ def _stream_words(found: Estimate) -> str:
     return "" if stream is None else f", a stream of about {_size(stream)}"
 
 
-def _context(arguments: argparse.Namespace, stack: ExitStack) -> Context:
-    """The context of a take whose cameras are known: the given one, or a temporary one."""
+def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
+    """The inputs of a take whose cameras are known: the given one, or a temporary one."""
     from pipelines.config import load_config
     from pipelines.runs.runner import run
-    from pipelines.stages.base import Context
+    from pipelines.stages.inputs import Inputs
     from pipelines.takes.drawn_masks import for_another_take
     from pipelines.takes.take import Take
 
     if arguments.config.is_dir():
         take = Take.open(arguments.config)
-        context = Context(take, load_config(take.config, arguments.overrides))
+        inputs = Inputs(take, load_config(take.config, arguments.overrides))
         if not take.rig.is_file():
             raise _unknown(f"v3studio calibrate {arguments.config}")
-        return context
+        return inputs
     config = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config)
     take = Take.create(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "take")
-    context = Context(take, config)
+    inputs = Inputs(take, config)
     from pipelines.stages.calibrate import has_camera_file
 
-    if not has_camera_file(context):
+    if not has_camera_file(inputs):
         raise _unknown(f"v3studio calibrate {arguments.config} --take DIR")
     run(take, config, lambda event: None, stages=["calibrate"], command="v3studio estimate")
-    return context
+    return inputs
 
 
 def _unknown(command: str) -> StudioError:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.arguments import SETTINGS_NOTE
+from pipelines.stages import STAGE_NAMES, STAGES
 from studio.environment import keep_freed_memory
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -18,29 +19,21 @@ if TYPE_CHECKING:
     from pipelines.config import Config
     from pipelines.takes.take import Take
 
-STAGE_HELP = {
-    "calibrate": "read the cameras from a file, or calibrate them",
-    "initialize": "sample initial points on the visual hull of each keyframe",
-    "train": "train the Gaussians",
-    "bake": "encode the trained Gaussians as a stream",
-    "evaluate": "measure the quality on held-out cameras and write the report",
-}
-
 
 def register(commands: Any) -> None:
     """Add the commands to the command line."""
     run = _stage_parser(commands, "run", "run all stages that are not up to date")
     run.add_argument(
         "--until",
-        choices=list(STAGE_HELP),
+        choices=STAGE_NAMES,
         metavar="STAGE",
-        help=f"stop after this stage: {', '.join(STAGE_HELP)}",
+        help=f"stop after this stage: {', '.join(STAGE_NAMES)}",
     )
     _add_live(run)
     _add_detach(run)
     run.set_defaults(command=_run, stage=None)
-    for name, text in STAGE_HELP.items():
-        stage = _stage_parser(commands, name, text)
+    for each in STAGES:
+        name, stage = each.name, _stage_parser(commands, each.name, each.help)
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
         if name == "bake":
             _add_targets(stage)
@@ -204,7 +197,7 @@ def _run(arguments: argparse.Namespace) -> int:
             take = Take.create(arguments.take)
 
     from pipelines.runs.console import Bars, JsonLines
-    from pipelines.runs.runner import ALL_STAGES, run
+    from pipelines.runs.runner import run
 
     keep = getattr(arguments, "keep", None)
     if keep is not None:
@@ -215,7 +208,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.stage:
         stages: Sequence[str] = (arguments.stage,)
     else:
-        stages = ALL_STAGES[: ALL_STAGES.index(arguments.until) + 1] if arguments.until else ALL_STAGES
+        stages = STAGE_NAMES[: STAGE_NAMES.index(arguments.until) + 1] if arguments.until else STAGE_NAMES
     if arguments.detach:
         return _detach(arguments, take, config)
     with JsonLines(arguments.output) if arguments.json else Bars() as show:

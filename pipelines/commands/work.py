@@ -6,9 +6,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.runs.work_choices import CHAIN, FORMATS, GROUP_STAGE_NAMES
+from pipelines.stages import CHAIN, GROUP_STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
+
+_FORMATS = ("plain", "sbatch", "cuecmd", "deadline", "parallel")
+_NAMES = tuple(stage.name for stage in GROUP_STAGES)
 
 _EPILOG = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
@@ -34,15 +37,15 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--stage",
         action="append",
-        choices=GROUP_STAGE_NAMES,
+        choices=_NAMES,
         metavar="STAGE",
-        help=f"{', '.join(GROUP_STAGE_NAMES)}; may be repeated (default: {', '.join(CHAIN)})",
+        help=f"{', '.join(_NAMES)}; may be repeated (default: {', '.join(CHAIN)})",
     )
     parser.add_argument("--group", type=int, metavar="N", help="number of the group, counted from 0")
     parser.add_argument("--print-commands", action="store_true", help="print a command for each unfinished group")
     parser.add_argument(
         "--format",
-        choices=FORMATS,
+        choices=_FORMATS,
         default="plain",
         help="what --print-commands prints: one command a line, for GNU parallel, OpenCue's cuecmd, or Deadline's "
         "CommandScript, or a batch file for Slurm (default: plain)",

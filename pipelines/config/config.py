@@ -70,12 +70,6 @@ class EvaluateSettings(Settings):
     """Also compute LPIPS, with AlexNet (alex, recommended by its authors for comparisons) or VGG16 (vgg). null: no. The
     network's weights (244 or 553 MB) are downloaded from download.pytorch.org on first use."""
 
-    report_frames: int = Field(default=4, ge=1, le=100)
-    """Number of frames shown as images in the report, spread over the take."""
-
-    report_width: int = Field(default=420, ge=64, le=4096)
-    """Maximum width of the report's images, in pixels."""
-
 
 class RunSettings(Settings):
     """The run itself: seed, device, threads."""

@@ -22,8 +22,9 @@ import psutil
 
 from pipelines.estimate.work import Work
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.base import Context
+from pipelines.stages.evaluate import lpips_of
 from pipelines.stages.group_scheduler import run_groups
+from pipelines.stages.inputs import Inputs
 from studio.progress import ProgressFn, no_progress
 
 if TYPE_CHECKING:
@@ -100,11 +101,11 @@ class _Steps:
         return (self.ends[-1] - self.ends[first]) / (len(self.ends) - 1 - first)
 
 
-def rehearse(context: Context, work: Work, progress: ProgressFn = no_progress) -> Measured:
+def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> Measured:
     """Measure the work of a take whose cameras are known; about 20 s on an idle machine.
 
     Args:
-        context: of the take.
+        inputs: of the take.
         work: what the run has to do.
         progress: called with parts done and parts; may raise Cancelled.
 
@@ -114,16 +115,16 @@ def rehearse(context: Context, work: Work, progress: ProgressFn = no_progress) -
     """
     found, parts = Measured(), 4 + work.at_once
     progress(0, parts)
-    views, training = _read(context, work, found)
+    views, training = _read(inputs, work, found)
     progress(1, parts)
-    points = _hulls(context, views, found)
+    points = _hulls(inputs, views, found)
     progress(2, parts)
     results: list[_Training] = []
     started, processor = time.perf_counter(), time.process_time()
     lock, stop = threading.Lock(), Cancellation()
 
     def train(index: int) -> None:
-        one = _Training(context, work, points, training, stop)
+        one = _Training(inputs, work, points, training, stop)
         one.run()
         with lock:
             results.append(one)
@@ -141,33 +142,32 @@ def rehearse(context: Context, work: Work, progress: ProgressFn = no_progress) -
     found.processor = min(1.0, spent / ((time.perf_counter() - started) * work.at_once * work.threads_per_group))
     splats = results[0].splats
     progress(2 + work.at_once, parts)
-    found.evaluated_view = _evaluate(context, views[0], splats)
+    found.evaluated_view = _evaluate(inputs, views[0], splats)
     progress(3 + work.at_once, parts)
-    found.baked_frame = _bake(context, splats)
+    found.baked_frame = _bake(inputs, splats)
     found.memory = psutil.Process().memory_info().rss
     progress(parts, parts)
     return found
 
 
-def _read(context: Context, work: Work, found: Measured) -> tuple[list[FootageView], list[TrainingView]]:
+def _read(inputs: Inputs, work: Work, found: Measured) -> tuple[list[FootageView], list[TrainingView]]:
     """Views of the first keyframe, and those that show the performer as training views."""
     from studio.training import TrainingView
 
-    footage, settings = context.footage.calibrated, context.config.train
+    footage, settings = inputs.footage.calibrated, inputs.config.train
     every = max(1, len(footage.train_cameras) // _CAMERAS)
     names = footage.train_cameras[::every][:_CAMERAS]
-    frames = context.groups[0].frames[:2]
+    frames = inputs.groups[0].frames[:2]
     seconds: list[float] = []
     views: list[FootageView] = []
     training: list[TrainingView] = []
     for position, frame in enumerate(frames):
         begun = time.perf_counter()
         for name in names:
-            context.cancellation.check()
             view = footage.view(name, frame)
             if not (view.mask > 127).any():
                 continue
-            seen = TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates)
+            seen = TrainingView.from_view(view, inputs.device, settings.crop_margin, settings.use_plates)
             if position == 0:
                 views.append(view)
                 training.append(seen)
@@ -177,16 +177,16 @@ def _read(context: Context, work: Work, found: Measured) -> tuple[list[FootageVi
     return views, training
 
 
-def _hulls(context: Context, views: list[FootageView], found: Measured) -> InitResult:
+def _hulls(inputs: Inputs, views: list[FootageView], found: Measured) -> InitResult:
     """Initial points, on a coarse hull."""
     from studio.meshing import initialize_points
 
-    settings, seconds = context.config.initialize, []
+    settings, seconds = inputs.config.initialize, []
     for resolution in _RESOLUTIONS:
         faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))
         coarse = settings.replace(resolution=resolution, max_faces=faces)
         begun = time.perf_counter()
-        made = initialize_points(views, coarse, progress=lambda done, total, **_: context.cancellation.check())
+        made = initialize_points(views, coarse)
         seconds.append(time.perf_counter() - begun)
     _, low, high = _RESOLUTIONS
     found.hull_square = max(0.0, seconds[2] - seconds[1]) / (high**2 - low**2)
@@ -198,9 +198,9 @@ class _Training:
     """The rehearsal of one group: steps of each kind."""
 
     def __init__(
-        self, context: Context, work: Work, points: InitResult, training: list[TrainingView], stop: Cancellation
+        self, inputs: Inputs, work: Work, points: InitResult, training: list[TrainingView], stop: Cancellation
     ) -> None:
-        self._context, self._work, self._points, self._training, self._stop = context, work, points, training, stop
+        self._inputs, self._work, self._points, self._training, self._stop = inputs, work, points, training, stop
         self.found = Measured()
         self.splats: Gaussians
 
@@ -209,12 +209,8 @@ class _Training:
         self._keyframe()
         self._later_frame()
 
-    def _check(self) -> None:
-        self._stop.check()
-        self._context.cancellation.check()
-
     def _settings(self, **changes: Any) -> TrainSettings:
-        settings = self._context.config.train
+        settings = self._inputs.config.train
         changes = {"densify_from": settings.keyframe_iterations, "motion_first_iterations": None, **changes}
         return settings.replace(**changes)
 
@@ -225,11 +221,11 @@ class _Training:
 
         keep_points = self._work.splats_before_pruning
         points, colors = (
-            torch.from_numpy(array[:keep_points]).to(self._context.device)
+            torch.from_numpy(array[:keep_points]).to(self._inputs.device)
             for array in (self._points.points, self._points.colors)
         )
         latest: list[Gaussians] = []
-        steps = _Steps(SECONDS / 2, self._check)
+        steps = _Steps(SECONDS / 2, self._stop.check)
         settings = self._settings()
 
         def keep(step: int, gaussians: Gaussians) -> None:
@@ -244,7 +240,7 @@ class _Training:
         self.splats = splats.map(lambda tensor: tensor[order].clone())
 
     def _later_frame(self) -> None:
-        share = self._context.config.train.motion_half_size
+        share = self._inputs.config.train.motion_half_size
         for part, at_half_size in ((1 - share, 0.0), (share, 1.0)):
             if part:
                 motion = self._steps_of(part, finetune_iterations=0, motion_half_size=at_half_size)
@@ -256,7 +252,7 @@ class _Training:
         """Train one kind of step, which is `part` of a stage; the time until the first one is that of the frame."""
         from studio.training import train_interframe
 
-        steps, settings = _Steps(part * SECONDS / 4, self._check), self._settings(**changes)
+        steps, settings = _Steps(part * SECONDS / 4, self._stop.check), self._settings(**changes)
         begun = time.perf_counter()
         with suppress(_Enough):
             train_interframe(self.splats, self._training, settings, before_previous=self.splats.clone(), progress=steps)
@@ -265,7 +261,7 @@ class _Training:
         return steps
 
 
-def _evaluate(context: Context, view: FootageView, splats: Gaussians) -> float:
+def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:
     """Seconds to draw and compare one view of the evaluation, apart from reading its image."""
     import torch
 
@@ -274,30 +270,31 @@ def _evaluate(context: Context, view: FootageView, splats: Gaussians) -> float:
     from studio.metrics import psnr, ssim
     from studio.perceptual import SMALLEST
 
-    background = context.config.capture.background
-    box = padded_box(view.mask, context.config.evaluate.crop_padding)
+    background = inputs.config.capture.background
+    lpips = lpips_of(inputs.config, inputs.device)
+    box = padded_box(view.mask, inputs.config.evaluate.crop_padding)
     assert box is not None  # only views that show the performer were kept
     begun = time.perf_counter()
     truth = torch.from_numpy(view.image[box]).float() / 255
     for _ in ("trained", "decoded"):
-        drawn = torch.from_numpy(draw(splats, view.camera, background, context.device)[box])
+        drawn = torch.from_numpy(draw(splats, view.camera, background, inputs.device)[box])
         psnr(drawn, truth)
         ssim(drawn, truth)
-        if context.lpips is not None and min(drawn.shape[:2]) >= SMALLEST:
-            context.lpips(drawn, truth)
+        if lpips is not None and min(drawn.shape[:2]) >= SMALLEST:
+            lpips(drawn, truth)
     return time.perf_counter() - begun
 
 
-def _bake(context: Context, splats: Gaussians) -> float:
+def _bake(inputs: Inputs, splats: Gaussians) -> float:
     """Seconds per frame to encode and decode; with a ladder, of all renditions that need no training."""
     from studio.stream import BakeSettings, bake_group
 
-    frames, bake = 4, context.config.bake
+    frames, bake = 4, inputs.config.bake
     settings = BakeSettings(profile=bake.profile, qp=bake.qp, codec=bake.codec, preset=bake.preset)
     still = splats.detach().to("cpu")
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
-        bake_group([still] * frames, Path(folder), 0, 0, settings, threads=context.config.run.threads)
+        bake_group([still] * frames, Path(folder), 0, 0, settings, threads=inputs.config.run.threads)
         seconds = time.perf_counter() - begun
     return max(1, len(bake.ladder)) * seconds / frames
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pipelines.stages.base import Context
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_by_group
+from pipelines.stages.inputs import Inputs
 from studio.training.pruning import prune_rounds, splats_after_pruning
 from studio.training.settings import TrainSettings
 
@@ -38,20 +38,20 @@ class Work:
     train: TrainSettings
 
     @classmethod
-    def of(cls, context: Context) -> Work:
+    def of(cls, inputs: Inputs) -> Work:
         """The work of a take whose cameras are known."""
-        footage, config = context.footage.calibrated, context.config
+        footage, config = inputs.footage.calibrated, inputs.config
         sizes = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
         return cls(
             train_cameras=len(footage.train_cameras),
             held_out_cameras=len(footage.held_out_cameras),
             pixels=sum(sizes),
-            groups=tuple(len(group.frames) for group in context.groups),
-            at_once=groups_at_once(context),
-            threads=context.threads,
+            groups=tuple(len(group.frames) for group in inputs.groups),
+            at_once=groups_at_once(inputs),
+            threads=inputs.threads,
             points=config.initialize.points,
             resolution=config.initialize.resolution,
-            memory_of_group=memory_of_group(context),
+            memory_of_group=memory_of_group(inputs),
             train=config.train,
         )
 

@@ -25,6 +25,9 @@ from studio.errors import StudioError
 
 _BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
 
+_IMAGE_WIDTH = 420
+"""Largest width of an image in pixels."""
+
 DIFFERENCE_GAIN = 4.0
 """Differences are amplified by this factor to make them visible."""
 
@@ -35,7 +38,7 @@ class Sample:
 
     frame: int
     camera: str
-    truth: np.ndarray
+    footage: np.ndarray
     trained: np.ndarray
     decoded: np.ndarray
 
@@ -52,7 +55,6 @@ def render_report(
         evaluation: its evaluation.
         samples: images to show.
     """
-    width = config.evaluate.report_width
     return _rendered(
         "report.html.j2",
         title=take.root.name,
@@ -60,7 +62,7 @@ def render_report(
         version=program_version(),
         evaluation=evaluation.to_json(),
         gain=DIFFERENCE_GAIN,
-        pictures=[_pictures(sample, width) for sample in samples],
+        pictures=[_pictures(sample) for sample in samples],
         over_time=_over_time(take, groups, evaluation),
         calibration=_calibration(take),
         timings=_timings(take),
@@ -148,23 +150,23 @@ class _Pictures:
     images: tuple[tuple[str, str], ...]
 
 
-def _pictures(sample: Sample, width: int) -> _Pictures:
-    difference = np.clip(np.abs(sample.decoded - sample.truth) * DIFFERENCE_GAIN, 0, 1)
+def _pictures(sample: Sample) -> _Pictures:
+    difference = np.clip(np.abs(sample.decoded - sample.footage) * DIFFERENCE_GAIN, 0, 1)
     images = (
-        ("footage", sample.truth),
+        ("footage", sample.footage),
         ("trained", sample.trained),
         ("decoded", sample.decoded),
         (f"difference x{DIFFERENCE_GAIN:g}", difference),
     )
-    return _Pictures(sample.frame, sample.camera, tuple((label, _embedded(image, width)) for label, image in images))
+    return _Pictures(sample.frame, sample.camera, tuple((label, _embedded(image)) for label, image in images))
 
 
-def _embedded(image: np.ndarray, width: int) -> str:
-    """A data URI, at most `width` pixels wide."""
+def _embedded(image: np.ndarray) -> str:
+    """A data URI, at most `_IMAGE_WIDTH` pixels wide."""
     import cv2
 
-    if image.shape[1] > width:
-        size = (width, max(1, round(image.shape[0] * width / image.shape[1])))
+    if image.shape[1] > _IMAGE_WIDTH:
+        size = (_IMAGE_WIDTH, max(1, round(image.shape[0] * _IMAGE_WIDTH / image.shape[1])))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return "data:image/jpeg;base64," + base64.b64encode(encode(image, ".jpg")).decode()
 

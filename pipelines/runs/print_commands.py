@@ -10,10 +10,9 @@ from pipelines.config.loading import parse_override
 from pipelines.config.renamed import renamed_override
 from pipelines.runs.staleness import StageStatus
 from pipelines.runs.work import cpus_of_group, is_up_to_date, known_groups
-from pipelines.runs.work_choices import CHAIN
-from pipelines.stages import GROUP_STAGES
-from pipelines.stages.base import Context
+from pipelines.stages import CHAIN, GROUP_STAGES
 from pipelines.stages.group_scheduler import groups_at_once
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -34,7 +33,7 @@ def printed_commands(
         take: the take; its cameras must be calibrated before the commands run.
         config: its settings.
         stages: what each command does of its group.
-        form: one of `work_choices.FORMATS`: plain, cuecmd and parallel are one command a line; deadline is the
+        form: plain, cuecmd and parallel are one command a line; deadline is the
             same for Deadline's plugin CommandScript; sbatch is a Slurm batch file with an array of tasks.
         overrides: settings of `config` that are not in the take's config.yaml, as "train.max_splats=5000". The
             commands name them, since they read that file.
@@ -46,18 +45,18 @@ def printed_commands(
         StudioError: the footage cannot be read, where groups begin is not known yet (`work.groups_unknown`), or a word
             cannot be quoted for Deadline (`work.cannot_quote`).
     """
-    context = Context(take, config)
-    groups = known_groups(context)
+    inputs = Inputs(take, config)
+    groups = known_groups(inputs)
     chosen = [stage for stage in GROUP_STAGES if stage.name in stages]
     known: dict[str, StageStatus] = {}
-    todo = [group.index for group in groups if not all(is_up_to_date(stage, context, group, known) for stage in chosen)]
+    todo = [group.index for group in groups if not all(is_up_to_date(stage, inputs, group, known) for stage in chosen)]
     if not todo:
         return ""
-    command = _command(take, context, [stage.name for stage in chosen], overrides)
+    command = _command(take, inputs, [stage.name for stage in chosen], overrides)
     if form == "sbatch":
         longest = "train" if "train" in stages else chosen[0].name
         # one number for all tasks: groups of the last round have more threads (`threads_by_group`)
-        cpus = max(cpus_of_group(longest, context, group) for group in todo)
+        cpus = max(cpus_of_group(longest, inputs, group) for group in todo)
         return _sbatch(take, command, todo, cpus, gpu=config.run.device not in ("auto", "cpu"))
     if form == "deadline":
         command = _double_quoted(command)
@@ -82,17 +81,17 @@ def _double_quoted(command: str) -> str:
     return " ".join(word if shlex.quote(word) == word else f'"{word}"' for word in words)
 
 
-def _command(take: Take, context: Context, stages: Sequence[str], overrides: Sequence[str]) -> str:
+def _command(take: Take, inputs: Inputs, stages: Sequence[str], overrides: Sequence[str]) -> str:
     words = ["v3studio", "work", str(take.root)]
     for stage in stages:
         words += ["--stage", stage]
     for override in overrides:
         name = renamed_override(*parse_override(override))[0]
         if name == "capture.root":  # it is relative to the folder where this command runs
-            words.append(f"--set=capture.root={context.config.capture.root}")
+            words.append(f"--set=capture.root={inputs.config.capture.root}")
         elif name not in ("run.threads", "run.groups_at_once"):
             words.append(f"--set={override}")
-    words += ["--run.threads", str(context.threads), "--run.groups_at_once", str(groups_at_once(context))]
+    words += ["--run.threads", str(inputs.threads), "--run.groups_at_once", str(groups_at_once(inputs))]
     return shlex.join(words)
 
 

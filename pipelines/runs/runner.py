@@ -6,7 +6,8 @@ import contextlib
 import os
 import time
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from pipelines.config import Config
 from pipelines.events import (
@@ -27,9 +28,10 @@ from pipelines.events.work_clock import counting_pauses
 from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, write_record
 from pipelines.runs.work import limit_threads
-from pipelines.stages import GROUP_STAGES, STAGES, stage_named
-from pipelines.stages.base import Context, Executor, Stage, StageReporter
-from pipelines.stages.time_left import Countdown
+from pipelines.stages import STAGE_NAMES, STAGES, Executor, Stage, stage_named
+from pipelines.stages.evaluate import lpips_of
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import Countdown, StageReporter
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
@@ -47,12 +49,11 @@ _INTERRUPTED = Message(
 )
 _CHECKED = ("calibrate", "initialize")
 """Stages whose results are compared with their record before use; frames and streams are checked as they are read."""
-ALL_STAGES = tuple(stage.name for stage in STAGES)
 
 
 def status(take: Take, config: Config) -> dict[str, StageStatus]:
     """The status of each stage under these settings, in order."""
-    return assess_all(STAGES, Context(take, config))
+    return assess_all(STAGES, Inputs(take, config))
 
 
 def run(
@@ -60,7 +61,7 @@ def run(
     config: Config,
     emit: Emit,
     *,
-    stages: Iterable[str] = ALL_STAGES,
+    stages: Iterable[str] = STAGE_NAMES,
     force: bool = False,
     cancellation: Cancellation | None = None,
     command: str = "v3studio run",
@@ -106,7 +107,7 @@ def run(
                 report = Logged(emit, take)
                 if keep is not None:
                     refuse_taken(take, keep)
-                _run_locked(Context(take, config, report, cancellation, clock), names, force, started)
+                _Run(Inputs(take, config), report, cancellation, clock, force).go(names)
                 if keep is not None:
                     kept = keep_bake(take, keep)
                     report(Log(stage="bake", message=f"kept as '{kept.name}'"))
@@ -141,138 +142,161 @@ class Logged:
             file.write(event.to_json() + "\n")
 
 
-def _run_locked(context: Context, names: list[str], force: bool, run_started: float) -> None:
-    save_config(context.take.config, context.config)
-    # report unreadable footage and edits before anything else
-    _ = context.footage.raw, context.footage.digest, context.edits
-    found = assess_all(STAGES, context)
-    todo = [name for name in names if force or found[name].state != DONE]
-    _refuse_gaps(todo, found)
-    context.emit(
-        RunStarted(
-            take=str(context.take.root),
-            stages=tuple(todo),
-            done=tuple(name for name, state in found.items() if state.state == DONE and name not in todo),
-            pid=os.getpid(),
-            version=program_version(),
+@dataclass
+class _Run:
+    """A run of a locked take.
+
+    Attributes:
+        inputs: what the stages read.
+        emit: receives the events.
+        cancellation: flag that cancels the run.
+        clock: work time in seconds.
+        force: run stages from scratch.
+    """
+
+    inputs: Inputs
+    emit: Emit
+    cancellation: Cancellation
+    clock: Callable[[], float]
+    force: bool
+
+    def go(self, names: Sequence[str]) -> None:
+        """Run the stages that are not up to date."""
+        inputs, started = self.inputs, self.clock()
+        take, settings = inputs.take, inputs.config.run
+        save_config(take.config, inputs.config)
+        # report unreadable footage and edits before anything else
+        _ = inputs.footage.raw, inputs.footage.digest, inputs.edits
+        found = assess_all(STAGES, inputs)
+        todo = [stage for stage in STAGES if stage.name in names and (self.force or found[stage.name].state != DONE)]
+        _refuse_gaps(todo, found)
+        self.emit(
+            RunStarted(
+                take=str(take.root),
+                stages=tuple(stage.name for stage in todo),
+                done=tuple(stage.name for stage in STAGES if stage not in todo and found[stage.name].state == DONE),
+                pid=os.getpid(),
+                version=program_version(),
+            )
         )
-    )
-    here = context.config.run.executor == "local"
-    if here and {"train", "bake", "evaluate"} & set(todo) and context.config.run.device not in ("auto", "cpu"):
-        _ = context.device  # report a missing GPU before hours of work
-    if todo:
-        limit_threads(context.threads)
-        with _executor(context, todo) as context.executor:
-            if "evaluate" in todo:
-                _ = context.lpips  # report weights that cannot be loaded before hours of work, too
-            _run_stages(context, todo, force, run_started)
-    if "evaluate" in names and "evaluate" not in todo:
-        _update_marks(context)
-    if "evaluate" in names:
-        _note_evaluation(context)
+        if settings.executor == "local" and settings.device not in ("auto", "cpu") and any(one.renders for one in todo):
+            _ = inputs.device  # report a missing GPU before hours of work
+        evaluates = stage_named("evaluate") in todo
+        if todo:
+            limit_threads(inputs.threads)
+            with _executor(inputs, todo) as executor:
+                if evaluates:  # report weights that cannot be loaded before hours of work, too
+                    lpips_of(inputs.config, inputs.device if executor is None else "cpu")
+                self._run_stages(todo, executor, started)
+        if "evaluate" in names and not evaluates:
+            _update_marks(inputs, self.emit)
+        if "evaluate" in names:
+            _note_evaluation(take, self.emit)
+
+    def _run_stages(self, todo: Sequence[Stage], executor: Executor | None, started: float) -> None:
+        reporter: StageReporter | None = None
+        countdown, earlier = Countdown(), 0.0
+        for position, stage in enumerate(todo):
+            # earlier stages have run: if their results did not change, this one may be up to date after all
+            now = assess(stage, self.inputs, assess_all(STAGES, self.inputs))
+            if now.state == DONE and not self.force:
+                continue
+            reporter = StageReporter(
+                stage.name,
+                self.emit,
+                self.cancellation,
+                self.clock,
+                own=stage.weight,
+                later=sum(after.weight for after in todo[position + 1 :]),
+                before=self.clock() - started,
+                total_fraction=reporter.total_fraction if reporter else 0.0,
+                earlier=earlier,
+                run=countdown,
+            )
+            reason = "forced" if self.force and now.state == DONE else now.reason
+            self._run_stage(stage, reporter, executor, reason)
+            earlier += stage.weight
+
+    def _run_stage(self, stage: Stage, reporter: StageReporter, executor: Executor | None, reason: str) -> None:
+        inputs, started = self.inputs, self.clock()
+        take = inputs.take
+        self.cancellation.check()
+        for dependency in stage.dependencies:
+            if dependency in _CHECKED:
+                refuse_damage(take, dependency)
+        self.emit(StageStarted(stage=stage.name, reason=reason))
+        take.forget(stage.name)
+        if self.force:
+            remove(take.work(stage.name))
+            for path in stage.code.results(inputs):
+                remove(path)
+        try:
+            with disk_errors(take.root), memory_errors(stage.name):
+                summary = stage.code.run(inputs, reporter, executor)
+                self.cancellation.check()
+                seconds = self.clock() - started
+                write_record(stage, inputs, seconds, summary)
+        except Cancelled:
+            raise
+        except Exception as error:
+            trace = "" if isinstance(error, StudioError) else traceback.format_exc()
+            message = as_message(error)
+            self.emit(StageFailed.of(message, stage=stage.name, traceback=trace))
+            # on a full disk the record cannot be written either; the event and the exit code report the failure
+            with contextlib.suppress(OSError):
+                write_failure(take, stage.name, message)
+            raise
+        self.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary.to_json()))
 
 
 @contextlib.contextmanager
-def _executor(context: Context, todo: list[str]) -> Iterator[Executor | None]:
+def _executor(inputs: Inputs, todo: Sequence[Stage]) -> Iterator[Executor | None]:
     """What runs groups elsewhere, connected before anything is done; None if they run in this process."""
-    if context.config.run.executor == "local" or not {stage.name for stage in GROUP_STAGES} & set(todo):
+    if inputs.config.run.executor == "local" or not any(stage.by_group for stage in todo):
         yield None
         return
     from pipelines.runs.cluster.connection import connected
     from pipelines.runs.cluster.executor import RayExecutor
 
-    with connected(context.config.run.address, context.threads) as ray:
+    with connected(inputs.config.run.address, inputs.threads) as ray:
         yield RayExecutor(ray)
 
 
-def _run_stages(context: Context, todo: list[str], force: bool, run_started: float) -> None:
-    weights = {name: stage_named(name).weight for name in todo}
-    reporter: StageReporter | None = None
-    countdown, earlier = Countdown(), 0.0
-    for position, name in enumerate(todo):
-        stage = stage_named(name)
-        # earlier stages have run: if their results did not change, this one may be up to date after all
-        now = assess(stage, context, assess_all(STAGES, context))
-        if now.state == DONE and not force:
-            continue
-        reached = reporter.total_fraction if reporter else 0.0
-        later = sum(weights[after] for after in todo[position + 1 :])
-        before = context.clock() - run_started
-        reporter = StageReporter(name, context, weights[name], later, before, reached, earlier, countdown)
-        _run_stage(stage, context, reporter, "forced" if force and now.state == DONE else now.reason, force)
-        earlier += weights[name]
-
-
-def _update_marks(context: Context) -> None:
-    """Update the marks in the report; a report of an earlier version, which has none, is left unchanged."""
+def _update_marks(inputs: Inputs, emit: Emit) -> None:
+    """Update the marks in the report."""
     from pipelines.reports.evaluation import update_marks
 
     with contextlib.suppress(StudioError):
-        if update_marks(context.take, context.groups):
-            context.emit(Log(stage="evaluate", message="updated the marks in the report"))
+        if update_marks(inputs.take, inputs.groups):
+            emit(Log(stage="evaluate", message="updated the marks in the report"))
 
 
-def _note_evaluation(context: Context) -> None:
+def _note_evaluation(take: Take, emit: Emit) -> None:
     """Give the kept bake that was evaluated its evaluation, also if an earlier run was killed before it did."""
     try:
-        note_evaluation(context.take)
+        note_evaluation(take)
     except (StudioError, OSError) as error:
         problem = error.message.problem if isinstance(error, StudioError) else reason_of(error)
         message = Message(
             "bakes.evaluation_not_noted",
             f"the kept bake of this stream could not be given the evaluation ({problem})",
-            context.take.bakes,
-            fix="Run `v3studio evaluate` again; nothing is measured anew.",
+            take.bakes,
+            fix="Run `v3studio evaluate` again; nothing is measured again.",
         )
-        context.emit(Warned.of(message, stage="evaluate"))
+        emit(Warned.of(message, stage="evaluate"))
 
 
-def _refuse_gaps(todo: list[str], found: dict[str, StageStatus]) -> None:
-    for name in todo:
-        for dependency in stage_named(name).dependencies:
-            if dependency not in todo and found[dependency].state != DONE:
+def _refuse_gaps(todo: Sequence[Stage], found: dict[str, StageStatus]) -> None:
+    for stage in todo:
+        for dependency in stage.dependencies:
+            if stage_named(dependency) not in todo and found[dependency].state != DONE:
                 status, reason = found[dependency].state, found[dependency].reason
                 raise StudioError(
                     "stage.dependency",
-                    f"the stage {name} needs {dependency}, which is {status}{f' ({reason})' if reason else ''}",
+                    f"the stage {stage.name} needs {dependency}, which is {status}{f' ({reason})' if reason else ''}",
                     fix=f"Run `v3studio {dependency}` first, or `v3studio run` for all stages.",
-                    stage=name,
+                    stage=stage.name,
                     dependency=dependency,
                     state=status,
                     reason=reason,
                 )
-
-
-def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: str, force: bool) -> None:
-    started = context.clock()
-    context.cancellation.check()
-    for dependency in stage.dependencies:
-        if dependency in _CHECKED:
-            refuse_damage(context.take, dependency)
-    context.emit(StageStarted(stage=stage.name, reason=reason))
-    context.take.forget(stage.name)
-    if force:
-        remove(context.take.work(stage.name))
-        for path in stage.results(context):
-            remove(path)
-    try:
-        with disk_errors(context.take.root), memory_errors(stage.name):
-            summary = stage.run(context, reporter)
-            context.cancellation.check()
-            seconds = context.clock() - started
-            write_record(stage, context, seconds, summary)
-    except Cancelled:
-        raise
-    except Exception as error:
-        trace = "" if isinstance(error, StudioError) else traceback.format_exc()
-        message = as_message(error)
-        context.emit(StageFailed.of(message, stage=stage.name, traceback=trace))
-        _try_to_note_failure(context, stage.name, message)
-        raise
-    context.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary.to_json()))
-
-
-def _try_to_note_failure(context: Context, stage: str, message: Message) -> None:
-    # on a full disk the record cannot be written either; the event and the exit code report the failure
-    with contextlib.suppress(OSError):
-        write_failure(context.take, stage, message)

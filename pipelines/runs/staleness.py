@@ -13,8 +13,8 @@ from typing import cast
 from pydantic import JsonValue
 
 from pipelines.config.renamed import ADDED
-from pipelines.stages.base import Context, Stage
-from pipelines.stages.edited import change_words
+from pipelines.stages import Stage
+from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params
 from pipelines.takes.atomic_files import (
     Result,
@@ -33,6 +33,17 @@ from studio.json_types import JsonData
 
 NEW_DEFAULT = ("bake.stream_version", 2, 3)
 """A setting whose default has changed, from and to: takes become stale although nobody changed a setting."""
+
+EDIT_WORDS = {
+    "trim": "the trim",
+    "crop": "the crop box",
+    "ground": "the ground plane",
+    "floaters": "the limits of floaters",
+    "regions": "the removed regions",
+    "world": "the placement of the world",
+    "details": "the marked details",
+}
+"""What the edits are called, by their name."""
 
 DONE, PARTIAL, STALE, FAILED, MISSING = "done", "partial", "stale", "failed", "missing"
 
@@ -64,31 +75,31 @@ class StageStatus:
     needs: tuple[str, ...] = ()
 
 
-def current_params(stage: Stage, context: Context) -> Params:
+def current_params(stage: Stage, inputs: Inputs) -> Params:
     """Settings and inputs that the stage would use now.
 
     Raises:
         StudioError: the footage cannot be read.
     """
-    found: Params = {"version of the stage": stage.version, **stage.params(context)}
+    found: Params = {"version of the stage": stage.version, **stage.code.params(inputs)}
     for dependency in stage.dependencies:
-        found[f"result of {dependency}"] = result_of(context.take, dependency)
+        found[f"result of {dependency}"] = result_of(inputs.take, dependency)
     return found
 
 
-def write_record(stage: Stage, context: Context, seconds: float, summary: Result) -> None:
+def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) -> None:
     """Record that the stage finished.
 
     Args:
         seconds: how long it took.
         summary: its main figures.
     """
-    files = stage.results(context)
-    root = context.take.root
+    files = stage.code.results(inputs)
+    root = inputs.take.root
     digests = digests_of_files(root, files)
     record = StageRecord(
         stage=stage.name,
-        params=cast(dict[str, JsonValue], current_params(stage, context)),  # the same values in pydantic's words
+        params=cast(dict[str, JsonValue], current_params(stage, inputs)),  # the same values in pydantic's words
         result=digest_of_digests(digests),
         digests=digests,
         files={path.relative_to(root).as_posix(): path.stat().st_size for path in files},
@@ -97,17 +108,17 @@ def write_record(stage: Stage, context: Context, seconds: float, summary: Result
         finished=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         summary=summary.to_json(),
     )
-    write_model(context.take.record(stage.name), record)
-    remove(context.take.failure(stage.name))
+    write_model(inputs.take.record(stage.name), record)
+    remove(inputs.take.failure(stage.name))
 
 
-def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> StageStatus:
+def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> StageStatus:
     """The status of a stage, given that of the stages it depends on.
 
     If the footage cannot be read, a finished stage is still done, with a note in `reason`. Not so if the take's edits
     cannot: what it must be is not known then.
     """
-    record = read_record(context.take, stage.name)
+    record = read_record(inputs.take, stage.name)
     direct = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
     needed = {name for dependency in direct for name in (*upstream[dependency].needs, dependency)}
     waiting = [name for name in upstream if name in needed]
@@ -115,8 +126,8 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
     if record:
         found = replace(found, seconds=record.seconds, summary=record.summary)
     try:
-        reason = _why_not_done(stage, context, record, waiting)
-        units = stage.units(context) if reason and not waiting else None
+        reason = _why_not_done(stage, inputs, record, waiting)
+        units = stage.code.units(inputs) if reason and not waiting else None
     except StudioError as error:
         if record and not waiting and not error.code.startswith("take.edits_"):
             return replace(found, state=DONE, reason=f"not checked against the footage: {error}")
@@ -125,7 +136,7 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
         return replace(found, state=DONE)
     if units is not None:
         found = replace(found, units_done=units[0], units=units[1], unit=units[2])
-    failure = read_failure(context.take, stage.name)
+    failure = read_failure(inputs.take, stage.name)
     if failure:
         return replace(found, state=FAILED, reason=f"last attempt: {failure.message}")
     # if all units of a finished stage are valid, it is stale for another reason
@@ -133,33 +144,33 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
     return replace(found, state=PARTIAL if partial else found.state, reason=reason)
 
 
-def assess_all(stages: tuple[Stage, ...], context: Context) -> dict[str, StageStatus]:
+def assess_all(stages: tuple[Stage, ...], inputs: Inputs) -> dict[str, StageStatus]:
     """The status of all stages, in order."""
     found: dict[str, StageStatus] = {}
     for stage in stages:
-        found[stage.name] = assess(stage, context, found)
+        found[stage.name] = assess(stage, inputs, found)
     return found
 
 
-def _why_not_done(stage: Stage, context: Context, record: StageRecord | None, waiting: list[str]) -> str:
+def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, waiting: list[str]) -> str:
     if record is None:
         if waiting:
             return f"needs {', '.join(waiting)}"
-        begun = context.take.work(stage.name).exists() or any(path.exists() for path in stage.results(context))
+        begun = inputs.take.work(stage.name).exists() or any(path.exists() for path in stage.code.results(inputs))
         return "not finished" if begun else "never run"
     if waiting:
         return f"{', '.join(waiting)} must run first"
-    changed = differences(record.params, current_params(stage, context))
+    changed = differences(record.params, current_params(stage, inputs))
     if changed:
         return "; ".join(changed)
-    root, written, touched = context.take.root, record.written, False
+    root, written, touched = inputs.take.root, record.written, False
     for name, size in record.files.items():
-        state = _state_of(context.take, name)
+        state = _state_of(inputs.take, name)
         if state is None or not stat.S_ISREG(state.st_mode) or state.st_size != size:
             return f"{name} was {'deleted' if state is None else 'modified'}"
         touched |= name in written and state.st_mtime_ns != written[name]
     # with another modification time the content may still be the same, as in a copied take
-    if touched and digest_of_files(root, [context.take.file(name) for name in written]) != record.result:
+    if touched and digest_of_files(root, [inputs.take.file(name) for name in written]) != record.result:
         return "result files were modified"
     return ""
 
@@ -193,11 +204,18 @@ def _difference(name: str, before: Mapping[str, object], now: Mapping[str, objec
     if name in ("footage", "camera file"):
         return f"the {name} changed"
     if name.startswith(PREFIX):
-        return change_words(name, before.get(name), now.get(name))
+        return _edit_change(name, before.get(name), now.get(name))
     old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
     is_new_default = (name, old, new) == NEW_DEFAULT
     keep = f", now the default; set it to {_short(old)} to keep the old stream" if is_new_default else ""
     return f"{name} changed from {_short(old)} to {_short(new)}{keep}"
+
+
+def _edit_change(name: str, before: object, now: object) -> str:
+    """What happened to an edit, as a reason for a stale result; `name`: of the parameter."""
+    what = EDIT_WORDS.get(name.removeprefix(PREFIX), name)
+    verb = "set" if before is None else "removed" if now is None else "changed"
+    return f"{what} {'were' if what.endswith('s') else 'was'} {verb}"
 
 
 def _short(value: object) -> str:

@@ -10,7 +10,7 @@ from pipelines.events import Emit, RunFinished, RunStarted, StageFinished, Stage
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from pipelines.events.work_clock import counting_pauses
 from pipelines.runs.work import work
-from pipelines.runs.work_choices import GROUP_STAGE_NAMES
+from pipelines.stages import GROUP_STAGES
 from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.errors import Cancelled, Message
@@ -25,7 +25,7 @@ def run_work(take: Take, config: Config, stages: Sequence[str], group: int, emit
         StudioError, Cancelled: from `work`.
     """
     cancellation = Cancellation()
-    names = tuple(name for name in GROUP_STAGE_NAMES if name in stages)
+    names = tuple(stage.name for stage in GROUP_STAGES if stage.name in stages)
 
     def finish(outcome: str, message: Message | None = None) -> None:
         seconds = round(clock() - started, 2)

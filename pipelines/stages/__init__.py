@@ -1,16 +1,92 @@
-"""The stages in the order in which they run. Each reads the take, calls `studio`, and writes to the take."""
+"""The stages of a run, in order: the one table that the command line, the runner, the status and the window read.
 
-from pipelines.stages.bake import BakeStage
-from pipelines.stages.base import GroupStage, Stage
-from pipelines.stages.calibrate import CalibrateStage
-from pipelines.stages.evaluate import EvaluateStage
-from pipelines.stages.initialize import InitializeStage
-from pipelines.stages.train import TrainStage
+Each stage is a module of this package with the functions of `StageCode`. It is imported on first use, so that listing
+the stages is quick. To add a stage: write its module, add a row to `STAGES`, and name it in `dependencies` of those
+that read its results.
+"""
 
-GROUP_STAGES: tuple[GroupStage, ...] = (InitializeStage(), TrainStage(), BakeStage(), EvaluateStage())
-"""Those whose groups can be run elsewhere, in order."""
+from __future__ import annotations
 
-STAGES: tuple[Stage, ...] = (CalibrateStage(), *GROUP_STAGES)
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Protocol, cast
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from pipelines.stages.inputs import Inputs
+    from pipelines.stages.params import Params
+    from pipelines.stages.reporter import StageReporter
+    from pipelines.takes.atomic_files import Result
+    from pipelines.takes.groups import Group
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A step from footage to stream.
+
+    Attributes:
+        name: as in the take, on the command line, and of its module.
+        title: display name.
+        help: one line about it.
+        version: raised whenever the format or meaning of its results changes; older results are then stale.
+        weight: rough share of a run's time.
+        dependencies: stages whose results it reads.
+        by_group: each group can run in another process or on another machine; the module has `GroupStageCode`.
+        needs_all_groups: a group needs the results of all groups of its dependencies.
+        renders: it uses the device `run.device`.
+    """
+
+    name: str
+    title: str
+    help: str
+    version: int
+    weight: float
+    dependencies: tuple[str, ...] = ()
+    by_group: bool = True
+    needs_all_groups: bool = False
+    renders: bool = True
+
+    @property
+    def code(self) -> StageCode:
+        """What the stage does."""
+        return cast("StageCode", import_module(f"{__name__}.{self.name}"))
+
+    @property
+    def group_code(self) -> GroupStageCode:
+        """The same of a stage with `by_group`."""
+        return cast("GroupStageCode", self.code)
+
+
+STAGES = (
+    Stage(
+        "calibrate", "Cameras", "read the cameras from a file, or calibrate them", version=1, weight=1,
+        by_group=False, renders=False,
+    ),
+    Stage(
+        "initialize", "Initial points", "sample initial points on the visual hull of each keyframe", version=1,
+        weight=6, dependencies=("calibrate",), renders=False,
+    ),
+    Stage(
+        "train", "Training", "train the Gaussians", version=2, weight=85, dependencies=("calibrate", "initialize"),
+    ),
+    Stage(
+        "bake", "Baking", "encode the trained Gaussians as a stream", version=2, weight=3, dependencies=("train",),
+    ),
+    Stage(
+        "evaluate", "Evaluation", "measure the quality on held-out cameras and write the report", version=1,
+        weight=5, dependencies=("calibrate", "train", "bake"), needs_all_groups=True,
+    ),
+)  # fmt: skip
+"""In the order in which they run."""
+
+STAGE_NAMES = tuple(stage.name for stage in STAGES)
+GROUP_STAGES = tuple(stage for stage in STAGES if stage.by_group)
+"""Those whose groups can run elsewhere."""
+
+CHAIN = tuple(stage.name for stage in GROUP_STAGES if not stage.needs_all_groups)
+"""Stages of a group that need nothing of other groups."""
 
 
 def stage_named(name: str) -> Stage:
@@ -18,4 +94,82 @@ def stage_named(name: str) -> Stage:
     return next(stage for stage in STAGES if stage.name == name)
 
 
-__all__ = ["GROUP_STAGES", "STAGES", "GroupStage", "Stage", "stage_named"]
+class StageCode(Protocol):
+    """The functions in the module of a stage. They read and write the take and call `studio`; they hold no state."""
+
+    def params(self, inputs: Inputs) -> Params:
+        """Settings and inputs that affect the results; the runner adds the results of `Stage.dependencies`."""
+        ...
+
+    def results(self, inputs: Inputs) -> list[Path]:
+        """Files that the stage writes; later stages depend on their content."""
+        ...
+
+    def units(self, inputs: Inputs) -> tuple[int, int, str] | None:
+        """Number of finished valid units, number of all units, their name ("frames"); None if it has no units."""
+        ...
+
+    def run(self, inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> Result:
+        """Write the results; finished units are kept.
+
+        Args:
+            inputs: what the stage reads.
+            reporter: receives progress, figures and warnings; raises Cancelled when the run is cancelled.
+            executor: runs groups elsewhere; None: they run in this process.
+
+        Returns:
+            the main figures. `Result.summary_text` of the same model describes them in one line.
+
+        Raises:
+            StudioError: bad input.
+            Cancelled: the run was cancelled.
+        """
+        ...
+
+
+class GroupStageCode(StageCode, Protocol):
+    """A stage whose groups need nothing of each other. `run` then finds them finished and puts them together."""
+
+    def group_key(self, inputs: Inputs, group: Group) -> str:
+        """Digest of everything that the group's results are made from."""
+        ...
+
+    def group_done(self, inputs: Inputs, group: Group) -> bool:
+        """Whether the group's results are there and up to date."""
+        ...
+
+    def run_group(self, inputs: Inputs, group: Group, reporter: StageReporter) -> None:
+        """Make the group's results; continues from the last finished frame or checkpoint.
+
+        Raises:
+            StudioError: bad input.
+            Cancelled: the run was cancelled.
+        """
+        ...
+
+
+class Executor(Protocol):
+    """Runs groups of a stage somewhere else."""
+
+    def run(
+        self,
+        stage: Stage,
+        inputs: Inputs,
+        groups: Sequence[Group],
+        reporter: StageReporter,
+        finished: Callable[[Group], None] = lambda group: None,
+    ) -> None:
+        """Run these groups; returns when the results of all are in the take.
+
+        Args:
+            stage: their stage.
+            inputs: of the run.
+            groups: those that are not up to date.
+            reporter: receives progress, figures, previews and warnings as in a local run.
+            finished: called after each group, in this thread.
+
+        Raises:
+            StudioError: a group failed; the others are cancelled.
+            Cancelled: the run was cancelled.
+        """
+        ...

@@ -14,8 +14,9 @@ from pipelines.reports.calibration import (
     intrinsics_sentences,
     render_calibration,
 )
-from pipelines.stages.base import Context, StageReporter
+from pipelines.stages import Executor, stage_named
 from pipelines.stages.camera_file import camera_file, files_of
+from pipelines.stages.inputs import Inputs
 from pipelines.stages.known_cameras import (
     at_footage_size,
     check_sizes,
@@ -26,6 +27,7 @@ from pipelines.stages.known_cameras import (
     tie_file,
 )
 from pipelines.stages.params import Params, settings_affecting
+from pipelines.stages.reporter import StageReporter
 from pipelines.stages.summaries import CalibrateSummary
 from pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_model, write_text
@@ -39,235 +41,236 @@ if TYPE_CHECKING:
     from studio.cameras import Camera, Rig
     from studio.capture import Footage
 
+STAGE = stage_named("calibrate")
 
-class CalibrateStage:
-    """The stage `calibrate`; it has no units."""
 
-    name = "calibrate"
-    title = "Cameras"
-    version = 1
-    weight = 1.0
-    dependencies: tuple[str, ...] = ()
-
-    def params(self, context: Context) -> Params:
-        """Content of the calibration file, or the footage and calibration settings."""
-        given = _given(context)
-        config = context.config
-        if given is not None:
-            return {"camera file": _digest(given), **settings_affecting(config, "cameras_from_file")}
-        if config.calibrate.board_images:
-            return {"board footage": target_digest(context), **settings_affecting(config, "cameras_from_target")}
-        if config.calibrate.tie_points:
-            return {
-                "tie points": _digest(tie_file(context)),
-                "sizes": {name: list(context.footage.raw.raw_size(name)) for name in context.footage.raw.camera_names},
-                **settings_affecting(config, "cameras_from_points"),
-                **_intrinsics_files(context),
-            }
-        masked = config.calibrate.look_at != "everything"
+def params(inputs: Inputs) -> Params:
+    """Content of the calibration file, or the footage and calibration settings."""
+    given = _given(inputs)
+    config = inputs.config
+    if given is not None:
+        return {"camera file": _digest(given), **settings_affecting(config, "cameras_from_file")}
+    if config.calibrate.board_images:
+        return {"board footage": target_digest(inputs), **settings_affecting(config, "cameras_from_target")}
+    if config.calibrate.tie_points:
         return {
-            "footage": context.footage.digest,
-            "frames": self._frames(context),
-            **settings_affecting(config, "cameras_from_images", *(("calibration_masks",) if masked else ())),
-            **_intrinsics_files(context),
+            "tie points": _digest(tie_file(inputs)),
+            "sizes": {name: list(inputs.footage.raw.raw_size(name)) for name in inputs.footage.raw.camera_names},
+            **settings_affecting(config, "cameras_from_points"),
+            **_intrinsics_files(inputs),
         }
+    masked = config.calibrate.look_at != "everything"
+    return {
+        "footage": inputs.footage.digest,
+        "frames": calibrated_frames(inputs),
+        **settings_affecting(config, "cameras_from_images", *(("calibration_masks",) if masked else ())),
+        **_intrinsics_files(inputs),
+    }
 
-    def results(self, context: Context) -> list[Path]:
-        """calibrate/rig.json."""
-        return [context.take.rig]
 
-    def units(self, context: Context) -> tuple[int, int, str] | None:
-        """None: the stage has no units."""
-        return None
+def results(inputs: Inputs) -> list[Path]:
+    """calibrate/rig.json."""
+    return [inputs.take.rig]
 
-    def run(self, context: Context, reporter: StageReporter) -> CalibrateSummary:
-        """Write rig.json and report.json; points.ply and report.html if the cameras were calibrated."""
-        from studio.camera_files import write_rig
 
-        given = _given(context)
-        rig: Rig
-        report: CamerasReport
-        if given is not None:
-            rig, report = self._from_file(context, given)
-        elif context.config.calibrate.board_images:
-            rig, report = self._from_target(context, reporter)
-        elif context.config.calibrate.tie_points:
-            rig, report = self._from_tie_points(context, reporter)
-        else:
-            rig, report = self._from_footage(context, reporter)
-        with atomic_path(context.take.rig) as temporary:
-            write_rig(rig, temporary)
-        write_model(context.take.calibration_report, report)
-        if isinstance(report, CalibrationReport):
-            write_text(context.take.calibration_report.with_suffix(".html"), render_calibration(report, rig.names))
-            reporter.metrics(calibration_figures(report).to_json())
-            for sentence in intrinsics_sentences(report):
-                reporter.log(sentence)
-            for warning in calibration_warnings(report):
-                reporter.warn(warning)
-        context.footage.forget_cameras()
-        reporter.progress(1.0, "done")
-        summary = CalibrateSummary(cameras=len(rig), source=report.source or "")
-        if isinstance(report, CalibrationReport):
-            figures = {"quality": report.quality, "mean_error_px": report.reprojection.mean}
-            if report.match_inlier_ratio is not None:
-                figures["match_inlier_ratio"] = report.match_inlier_ratio
-            summary = summary.model_copy(update=figures)
-        return summary
+def units(inputs: Inputs) -> tuple[int, int, str] | None:
+    """None: the stage has no units."""
+    return None
 
-    def _from_file(self, context: Context, path: Path) -> tuple[Rig, CamerasFromFile]:
-        from studio.camera_files import read_rig
-        from studio.cameras import Rig
-        from studio.capture import match_rig
 
-        names = context.footage.raw.camera_names
-        rig = read_rig(path)
-        if context.config.capture.cameras:
-            rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
-        rig = Rig(tuple(match_rig(rig, names).values()))
-        check_sizes(context, rig, path)
-        return rig, CamerasFromFile(source="file", file=str(path))
+def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> CalibrateSummary:
+    """Write rig.json and report.json; points.ply and report.html if the cameras were calibrated."""
+    from studio.camera_files import write_rig
 
-    def _frames(self, context: Context) -> list[int]:
-        frames = context.footage.raw.frames
-        section = context.config.calibrate
-        if section.frame is None:
-            # centers of equal parts: at the ends of a take there is often nobody in view
-            count = min(section.frames, len(frames))
-            if count == 1:
-                return [int(frames[0])]
-            return [int(frames[int((part + 0.5) * len(frames) / count)]) for part in range(count)]
-        if section.frames > 1:
-            raise StudioError(
-                "settings.conflict",
-                f"calibrate.frame = {section.frame} selects one frame, but calibrate.frames = {section.frames} "
-                "requests several",
-                value=section.frame,
-                fix="Set only one of them.",
-                setting="calibrate.frame",
-                other="calibrate.frames",
-            )
-        if section.frame not in frames:
-            raise StudioError(
-                "settings.unknown_frame",
-                f"calibrate.frame = {section.frame} is not among the used frames",
-                value=section.frame,
-                fix=f"Used frames are {frames[0]} to {frames[-1]}.",
-                setting="calibrate.frame",
-                first=int(frames[0]),
-                last=int(frames[-1]),
-            )
-        return [section.frame]
+    given = _given(inputs)
+    rig: Rig
+    report: CamerasReport
+    if given is not None:
+        rig, report = _from_file(inputs, given)
+    elif inputs.config.calibrate.board_images:
+        rig, report = _from_target(inputs, reporter)
+    elif inputs.config.calibrate.tie_points:
+        rig, report = _from_tie_points(inputs, reporter)
+    else:
+        rig, report = _from_footage(inputs, reporter)
+    with atomic_path(inputs.take.rig) as temporary:
+        write_rig(rig, temporary)
+    write_model(inputs.take.calibration_report, report)
+    if isinstance(report, CalibrationReport):
+        write_text(inputs.take.calibration_report.with_suffix(".html"), render_calibration(report, rig.names))
+        reporter.metrics(calibration_figures(report).to_json())
+        for sentence in intrinsics_sentences(report):
+            reporter.log(sentence)
+        for warning in calibration_warnings(report):
+            reporter.warn(warning)
+    inputs.footage.forget_cameras()
+    reporter.progress(1.0, "done")
+    summary = CalibrateSummary(cameras=len(rig), source=report.source or "")
+    if isinstance(report, CalibrationReport):
+        figures = {"quality": report.quality, "mean_error_px": report.reprojection.mean}
+        if report.match_inlier_ratio is not None:
+            figures["match_inlier_ratio"] = report.match_inlier_ratio
+        summary = summary.model_copy(update=figures)
+    return summary
 
-    def _from_target(self, context: Context, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
-        result = calibrate_with_target(context, reporter)
-        _keep_points(context, result.points, result.colors)
-        return result.rig, result.report.model_copy(update={"source": "board"})
 
-    def _from_footage(self, context: Context, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
-        from studio.calibration import calibrate_from_images, floor_world
+def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
+    from studio.camera_files import read_rig
+    from studio.cameras import Rig
+    from studio.capture import match_rig
 
-        footage, section = context.footage.raw, context.config.calibrate
-        frames = self._frames(context)
-        names = footage.camera_names
-        distance = known_distance(section, names)
-        images = {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names}
-        masks = None
-        if section.frames > len(frames):
-            reporter.warn(
-                Message(
-                    "footage.few_frames",
-                    f"calibrate.frames = {section.frames}, but the footage has only {len(frames)} used frames",
-                    value=section.frames,
-                    fields={"setting": "calibrate.frames", "frames": len(frames)},
-                )
-            )
-        if section.look_at != "everything" and context.config.capture.masks == "none":
-            raise StudioError(
-                "settings.conflict",
-                f"calibrate.look_at = {section.look_at} needs masks, but capture.masks is none",
-                value=section.look_at,
-                fix="Set capture.masks, or calibrate.look_at to everything.",
-                setting="calibrate.look_at",
-                other="capture.masks",
-            )
-        if section.look_at != "everything":
-            room = section.look_at == "room"
-            masks = {
-                camera: [partial(_where_to_look, footage, camera, frame, room) for frame in frames] for camera in names
-            }
-        work = context.take.work(self.name)
-        work.mkdir(parents=True, exist_ok=True)
-        known, before, reports = _known_intrinsics(context, reporter)
-        result = calibrate_from_images(
-            images,
-            masks,
-            workdir=work,
-            known=known,
-            poses=before if section.known_poses else None,
-            focal_lengths={} if known else focal_lengths(footage, frames[0]),
-            settings=section,
-            threads=context.config.run.threads,
-            seed=context.config.run.seed,
-            distance=distance,
-            progress=reporter.part("structure from motion", 0.2 if section.intrinsics_images else 0.0, 1.0),
+    names = inputs.footage.raw.camera_names
+    rig = read_rig(path)
+    if inputs.config.capture.cameras:
+        rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
+    rig = Rig(tuple(match_rig(rig, names).values()))
+    check_sizes(inputs, rig, path)
+    return rig, CamerasFromFile(source="file", file=str(path))
+
+
+def calibrated_frames(inputs: Inputs) -> list[int]:
+    frames = inputs.footage.raw.frames
+    section = inputs.config.calibrate
+    if section.frame is None:
+        # centers of equal parts: at the ends of a take there is often nobody in view
+        count = min(section.frames, len(frames))
+        if count == 1:
+            return [int(frames[0])]
+        return [int(frames[int((part + 0.5) * len(frames) / count)]) for part in range(count)]
+    if section.frames > 1:
+        raise StudioError(
+            "settings.conflict",
+            f"calibrate.frame = {section.frame} selects one frame, but calibrate.frames = {section.frames} "
+            "requests several",
+            value=section.frame,
+            fix="Set only one of them.",
+            setting="calibrate.frame",
+            other="calibrate.frames",
         )
-        rig, points = result.rig, result.points
-        report = result.report.model_copy(
-            update={"source": "footage", "frame": frames[0], "frames": frames, **_of_target(reports)}
+    if section.frame not in frames:
+        raise StudioError(
+            "settings.unknown_frame",
+            f"calibrate.frame = {section.frame} is not among the used frames",
+            value=section.frame,
+            fix=f"Used frames are {frames[0]} to {frames[-1]}.",
+            setting="calibrate.frame",
+            first=int(frames[0]),
+            last=int(frames[-1]),
         )
-        if section.floor:
-            world, found = floor_world(rig, points)
-            rig, points = world.rig(rig), world.points(points)
-            report = report.model_copy(update={"floor": found})
-        _keep_points(context, points, result.colors)
-        return rig.subset(names), report
+    return [section.frame]
 
-    def _from_tie_points(self, context: Context, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
-        from studio.calibration import calibrate_from_tie_points, read_tie_points
 
-        footage, section = context.footage.raw, context.config.calibrate
-        names = footage.camera_names
-        points = read_tie_points(tie_file(context))
-        strange = sorted({camera for point in points for camera in point.pixels} - set(names))
-        if strange and not context.config.capture.cameras:
-            raise StudioError(
-                "tie_points.unknown_camera",
-                f"camera '{strange[0]}' not found in the footage",
-                file=tie_file(context),
-                value=strange[0],
-                fix=f"Cameras of the footage: {', '.join(names)}.",
-                camera=strange[0],
-                found=list(names),
+def _from_target(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
+    result = calibrate_with_target(inputs, reporter)
+    _keep_points(inputs, result.points, result.colors)
+    return result.rig, result.report.model_copy(update={"source": "board"})
+
+
+def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
+    from studio.calibration import calibrate_from_images, floor_world
+
+    footage, section = inputs.footage.raw, inputs.config.calibrate
+    frames = calibrated_frames(inputs)
+    names = footage.camera_names
+    distance = known_distance(section, names)
+    images = {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names}
+    masks = None
+    if section.frames > len(frames):
+        reporter.warn(
+            Message(
+                "footage.few_frames",
+                f"calibrate.frames = {section.frames}, but the footage has only {len(frames)} used frames",
+                value=section.frames,
+                fields={"setting": "calibrate.frames", "frames": len(frames)},
             )
-        known, _, reports = _known_intrinsics(context, reporter)
-        result = calibrate_from_tie_points(
-            points,
-            {name: footage.raw_size(name) for name in names},
-            known=known,
-            focal_lengths={} if known else focal_lengths(footage, footage.frames[0]),
-            distance=known_distance(section, names),
-            settings=section,
-            seed=context.config.run.seed,
-            progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
-        _keep_points(context, result.points, result.colors)
-        about = {"source": "tie points", "file": str(tie_file(context)), **_of_target(reports)}
-        return result.rig, result.report.model_copy(update=about)
+    if section.look_at != "everything" and inputs.config.capture.masks == "none":
+        raise StudioError(
+            "settings.conflict",
+            f"calibrate.look_at = {section.look_at} needs masks, but capture.masks is none",
+            value=section.look_at,
+            fix="Set capture.masks, or calibrate.look_at to everything.",
+            setting="calibrate.look_at",
+            other="capture.masks",
+        )
+    if section.look_at != "everything":
+        room = section.look_at == "room"
+        masks = {
+            camera: [partial(_where_to_look, footage, camera, frame, room) for frame in frames] for camera in names
+        }
+    work = inputs.take.work(STAGE.name)
+    work.mkdir(parents=True, exist_ok=True)
+    known, before, reports = _known_intrinsics(inputs, reporter)
+    result = calibrate_from_images(
+        images,
+        masks,
+        workdir=work,
+        known=known,
+        poses=before if section.known_poses else None,
+        focal_lengths={} if known else focal_lengths(footage, frames[0]),
+        settings=section,
+        threads=inputs.config.run.threads,
+        seed=inputs.config.run.seed,
+        distance=distance,
+        progress=reporter.part("structure from motion", 0.2 if section.intrinsics_images else 0.0, 1.0),
+    )
+    rig, points = result.rig, result.points
+    report = result.report.model_copy(
+        update={"source": "footage", "frame": frames[0], "frames": frames, **_of_target(reports)}
+    )
+    if section.floor:
+        world, found = floor_world(rig, points)
+        rig, points = world.rig(rig), world.points(points)
+        report = report.model_copy(update={"floor": found})
+    _keep_points(inputs, points, result.colors)
+    return rig.subset(names), report
 
 
-def has_camera_file(context: Context) -> bool:
+def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
+    from studio.calibration import calibrate_from_tie_points, read_tie_points
+
+    footage, section = inputs.footage.raw, inputs.config.calibrate
+    names = footage.camera_names
+    points = read_tie_points(tie_file(inputs))
+    strange = sorted({camera for point in points for camera in point.pixels} - set(names))
+    if strange and not inputs.config.capture.cameras:
+        raise StudioError(
+            "tie_points.unknown_camera",
+            f"camera '{strange[0]}' not found in the footage",
+            file=tie_file(inputs),
+            value=strange[0],
+            fix=f"Cameras of the footage: {', '.join(names)}.",
+            camera=strange[0],
+            found=list(names),
+        )
+    known, _, reports = _known_intrinsics(inputs, reporter)
+    result = calibrate_from_tie_points(
+        points,
+        {name: footage.raw_size(name) for name in names},
+        known=known,
+        focal_lengths={} if known else focal_lengths(footage, footage.frames[0]),
+        distance=known_distance(section, names),
+        settings=section,
+        seed=inputs.config.run.seed,
+        progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),
+    )
+    _keep_points(inputs, result.points, result.colors)
+    about = {"source": "tie points", "file": str(tie_file(inputs)), **_of_target(reports)}
+    return result.rig, result.report.model_copy(update=about)
+
+
+def has_camera_file(inputs: Inputs) -> bool:
     """Whether the stage only reads the cameras from a file. Raises StudioError as the stage does."""
-    return _given(context) is not None
+    return _given(inputs) is not None
 
 
-def _given(context: Context) -> Path | None:
+def _given(inputs: Inputs) -> Path | None:
     """The calibration file to use; one found by capture.rig = auto is ignored if another source is set.
 
     Raises:
         StudioError: several sources are set (`settings.conflict`).
     """
-    section, rig = context.config.calibrate, context.config.capture.rig
+    section, rig = inputs.config.calibrate, inputs.config.capture.rig
     ways = [name for name in ("board_images", "tie_points") if getattr(section, name)]
     if rig not in (None, "auto"):
         ways.insert(0, "capture.rig")
@@ -280,34 +283,34 @@ def _given(context: Context) -> Path | None:
             setting=names[0],
             other=names[1],
         )
-    return None if ways and ways != ["capture.rig"] else camera_file(context.footage.capture)
+    return None if ways and ways != ["capture.rig"] else camera_file(inputs.footage.capture)
 
 
-def _intrinsics_files(context: Context) -> Params:
+def _intrinsics_files(inputs: Inputs) -> Params:
     """Digests of the files that known intrinsics are read from (see `_known_intrinsics`)."""
-    section = context.config.calibrate
+    section = inputs.config.calibrate
     return {
-        **({"known": _digest(known_file(context))} if section.known_cameras else {}),
-        **({"board footage": target_digest(context)} if section.intrinsics_images else {}),
+        **({"known": _digest(known_file(inputs))} if section.known_cameras else {}),
+        **({"board footage": target_digest(inputs)} if section.intrinsics_images else {}),
     }
 
 
-def _keep_points(context: Context, points: np.ndarray, colors: np.ndarray) -> None:
-    with atomic_path(context.take.calibration_points) as temporary:
+def _keep_points(inputs: Inputs, points: np.ndarray, colors: np.ndarray) -> None:
+    with atomic_path(inputs.take.calibration_points) as temporary:
         write_points(temporary, points, None, colors)
 
 
 def _known_intrinsics(
-    context: Context, reporter: StageReporter
+    inputs: Inputs, reporter: StageReporter
 ) -> tuple[dict[str, Camera], Rig | None, dict[str, IntrinsicsReport]]:
     """Cameras with known intrinsics at the footage's size, the cameras of calibrate.known_cameras, and reports on the
     intrinsics from images of the target."""
     known: dict[str, Camera] = {}
     reports: dict[str, IntrinsicsReport] = {}
-    if context.config.calibrate.intrinsics_images:
-        known, reports = intrinsics_from_target(context, reporter, 0.0, 0.2)
-        known = {name: at_footage_size(context, name, camera) for name, camera in known.items()}
-    before = known_cameras(context)
+    if inputs.config.calibrate.intrinsics_images:
+        known, reports = intrinsics_from_target(inputs, reporter, 0.0, 0.2)
+        known = {name: at_footage_size(inputs, name, camera) for name, camera in known.items()}
+    before = known_cameras(inputs)
     if before is not None:
         known = {camera.name: camera for camera in before} | known
     return known, before, reports

@@ -7,9 +7,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.group_scheduler import run_groups, threads_of_groups
+from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, derived_seed, key_of
+from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import read_model, write_model
 from pipelines.takes.point_files import read_points
@@ -27,20 +28,20 @@ _LARGE = 13.0
 """Levels of 255 from the mean camera from which on a camera is named in the log."""
 
 
-def camera_colors_key(context: Context, recipe: Params) -> str:
+def camera_colors_key(inputs: Inputs, recipe: Params) -> str:
     """Digest of what the matrices are made from.
 
     Args:
-        context: of the stage `train`.
+        inputs: of the stage `train`.
         recipe: settings and inputs of keyframes.
     """
-    first = context.groups[0]
-    points = context.take.initialize_group(first.index) / "report.json"
+    first = inputs.groups[0]
+    points = inputs.take.initialize_group(first.index) / "report.json"
     files = read_model(points, InitialPointsReport).files if points.is_file() else None
-    return key_of("camera colors", VERSION, recipe, result_of(context.take, "calibrate"), files, first.keyframe)
+    return key_of("camera colors", VERSION, recipe, result_of(inputs.take, "calibrate"), files, first.keyframe)
 
 
-def ensure_camera_colors(context: Context, reporter: StageReporter, key: str, stop: Cancellation) -> None:
+def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
     """Fit the matrices and write them to the take, unless they are there. Any worker may do it: the same inputs give
     the same bytes.
 
@@ -52,10 +53,10 @@ def ensure_camera_colors(context: Context, reporter: StageReporter, key: str, st
 
     def check() -> None:
         stop.check()
-        context.cancellation.check()
+        reporter.check()
 
-    points = context.take.initialize_group(context.groups[0].index) / "points.ply"
-    if context.config.train.color_chart_frame is None and not points.is_file():
+    points = inputs.take.initialize_group(inputs.groups[0].index) / "points.ply"
+    if inputs.config.train.color_chart_frame is None and not points.is_file():
         raise StudioError(
             "training.no_first_points",
             "the colors of the cameras are fitted to the first group, which has no initial points yet",
@@ -63,31 +64,31 @@ def ensure_camera_colors(context: Context, reporter: StageReporter, key: str, st
             fix="Run `v3studio initialize`.",
             stage="initialize",
         )
-    with context.take.group_locked("camera_colors", 0, check):
-        if _key_of_file(context) == key:
+    with inputs.take.group_locked("camera_colors", 0, check):
+        if _key_of_file(inputs) == key:
             return
         # with the threads of the first group, so that other workers get the same bits
-        run_groups({0: partial(_fit, context, reporter, key)}, 1, threads_of_groups(context), stop)
+        run_groups({0: partial(_fit, inputs, reporter, key)}, 1, threads_of_groups(inputs), stop)
 
 
-def _fit(context: Context, reporter: StageReporter, key: str) -> None:
-    frame = context.config.train.color_chart_frame
+def _fit(inputs: Inputs, reporter: StageReporter, key: str) -> None:
+    frame = inputs.config.train.color_chart_frame
     if frame is None:
-        _fit_to_splats(context, reporter, key)
+        _fit_to_splats(inputs, reporter, key)
     else:
-        _fit_to_chart(context, reporter, key, frame)
+        _fit_to_chart(inputs, reporter, key, frame)
 
 
-def _fit_to_chart(context: Context, reporter: StageReporter, key: str, frame: int) -> None:
+def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int) -> None:
     from studio.capture.color_chart import fit_chart_colors, reasons
 
     def tell(done: int, total: int, **figures: Any) -> None:
-        context.cancellation.check()
+        reporter.check()
         reporter.progress(0.0, f"colors of cameras: chart in image {done} of {total}")
 
-    footage = context.footage.calibrated
+    footage = inputs.footage.calibrated
     fit = fit_chart_colors(footage, frame, footage.train_cameras, tell)
-    _write(context, key, frame, fit.matrices, {})
+    _write(inputs, key, frame, fit.matrices, {})
     for name in fit.matrices:
         reporter.log(
             f"colors of {name}: {fit.before[name]:.1f} levels of 255 from the mean camera on the chart, "
@@ -105,7 +106,7 @@ def _fit_to_chart(context: Context, reporter: StageReporter, key: str, frame: in
 
 
 def _write(
-    context: Context,
+    inputs: Inputs,
     key: str,
     frame: int,
     matrices: Mapping[str, Any],
@@ -117,16 +118,16 @@ def _write(
         cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()},
         vignettes=dict(vignettes),
     )
-    write_model(context.take.camera_colors, colors)
+    write_model(inputs.take.camera_colors, colors)
     return colors
 
 
-def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
+def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     import torch
 
     from studio.training import fit_camera_colors
 
-    group, settings, device = context.groups[0], context.config.train, context.device
+    group, settings, device = inputs.groups[0], inputs.config.train, inputs.device
 
     def reading(number: int, images: int) -> None:
         reporter.progress(0.0, f"colors of cameras: image {number} of {images}")
@@ -134,25 +135,23 @@ def _fit_to_splats(context: Context, reporter: StageReporter, key: str) -> None:
     def tell(done: int, total: int, **figures: Any) -> None:
         reporter.progress(0.0, f"colors of cameras: step {done} of {total}", **figures)
 
-    views: list[TrainingView] = training_views(
-        context, reporter, group.keyframe, reading, context.threads, colored=False
-    )
-    points, points_colors = read_points(context.take.initialize_group(group.index) / "points.ply")
+    views: list[TrainingView] = training_views(inputs, reporter, group.keyframe, reading, inputs.threads, colored=False)
+    points, points_colors = read_points(inputs.take.initialize_group(group.index) / "points.ply")
     found = fit_camera_colors(
         views,
         torch.from_numpy(points).to(device),
         torch.from_numpy(points_colors).to(device),
         settings,
-        seed=derived_seed(context.config.run.seed, "camera colors"),
+        seed=derived_seed(inputs.config.run.seed, "camera colors"),
         progress=tell,
     )
     names = [view.camera.name for view in views]
     vignettes = {
         name: (one.a, one.b, one.reach) for name, one in zip(names, found.vignettes, strict=True) if one is not None
     }
-    colors = _write(context, key, group.keyframe, dict(zip(names, found.matrices, strict=True)), vignettes)
+    colors = _write(inputs, key, group.keyframe, dict(zip(names, found.matrices, strict=True)), vignettes)
     _tell(reporter, colors)
-    without = [name for name in context.footage.calibrated.train_cameras if name not in names]
+    without = [name for name in inputs.footage.calibrated.train_cameras if name not in names]
     if without:
         reporter.warn(
             Message(
@@ -182,8 +181,8 @@ def _tell(reporter: StageReporter, colors: CameraColors) -> None:
         )
 
 
-def _key_of_file(context: Context) -> str | None:
-    path = context.take.camera_colors
+def _key_of_file(inputs: Inputs) -> str | None:
+    path = inputs.take.camera_colors
     if not path.is_file():
         return None
     try:

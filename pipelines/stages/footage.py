@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipelines.config import Config
-from pipelines.stages.edited import trained_edits
 from pipelines.stages.params import Params, settings_affecting
 from pipelines.takes.drawn_masks import file_of_garbage, with_garbage_of
+from pipelines.takes.edit_params import edit_params
 from pipelines.takes.edits import read_edits
 from pipelines.takes.path_here import path_here
 from pipelines.takes.take import Take
@@ -103,7 +103,7 @@ class TakeFootage:
         return {
             "footage": self.digest,
             **settings_affecting(self.config, "training_views"),
-            **trained_edits(self.edits),
+            **(edit_params(self.edits, "crop") if self.edits.crop is not None and self.edits.crop.training else {}),
         }
 
     def _open(self, rig: Rig | None) -> Footage:

@@ -8,18 +8,19 @@ from contextlib import contextmanager
 from typing import Any
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
 from studio.errors import Cancelled, Message, StudioError
 
 
 @contextmanager
 def footage_check(
-    context: Context, frames: tuple[int, ...], stop: Cancellation, reporter: StageReporter | None = None
+    inputs: Inputs, frames: tuple[int, ...], stop: Cancellation, reporter: StageReporter
 ) -> Iterator[None]:
     """Check frames in a thread while the block trains; the block's end waits for the check.
 
     Args:
-        context: of the stage.
+        inputs: the take with its footage.
         frames: frame numbers to check.
         stop: ends the training in the block; set when the check finds problems.
         reporter: gets a warning for each camera whose exposure or white balance changes.
@@ -32,12 +33,12 @@ def footage_check(
     from studio.capture import check_footage
     from studio.capture.color_drift import ColorDrift
 
-    footage, ended, drift = context.footage.calibrated, Cancellation(), ColorDrift()
+    footage, ended, drift = inputs.footage.calibrated, Cancellation(), ColorDrift()
     problems: list[Message] = []
     failures: list[BaseException] = []
 
     def report(done: int, total: int, **figures: Any) -> None:
-        context.cancellation.check()
+        reporter.check()
         ended.check()
 
     def check() -> None:
@@ -48,9 +49,8 @@ def footage_check(
         except BaseException as error:
             failures.append(error)
         else:
-            if reporter is not None:
-                for message in drift.messages():
-                    reporter.warn(message)
+            for message in drift.messages():
+                reporter.warn(message)
         if problems or failures:
             stop.cancel()
 
@@ -68,7 +68,7 @@ def footage_check(
             thread.join()
             raise
     thread.join()
-    context.cancellation.check()
+    reporter.check()
     if failures:
         raise failures[0]
     if problems:

@@ -13,7 +13,7 @@ from studio.memory import memory_limit
 
 if TYPE_CHECKING:
     from pipelines.events.cancellation import Cancellation
-    from pipelines.stages.base import Context
+    from pipelines.stages.inputs import Inputs
 
 _MOST = 8
 """More threads than this contend for the GIL."""
@@ -28,19 +28,19 @@ _BYTES_A_DRAWN_PIXEL = 200
 """Of the view being rendered: float32 images, targets and gradients."""
 
 
-def groups_at_once(context: Context) -> int:
+def groups_at_once(inputs: Inputs) -> int:
     """Number of groups to train in parallel: `run.groups_at_once`, or as many as threads and memory allow."""
-    asked, groups = context.config.run.groups_at_once, len(context.groups)
+    asked, groups = inputs.config.run.groups_at_once, len(inputs.groups)
     if asked is not None:
         return min(asked, groups)
     # a run on other machines may need a GPU that this one does not have
-    if context.config.run.device.startswith("cuda") or context.device != "cpu":
+    if inputs.config.run.device.startswith("cuda") or inputs.device != "cpu":
         return 1
     memory = memory_limit() // 2
-    return max(1, min(groups, context.threads, _MOST, memory // memory_of_group(context)))
+    return max(1, min(groups, inputs.threads, _MOST, memory // memory_of_group(inputs)))
 
 
-def refuse_too_little_memory(context: Context) -> None:
+def refuse_too_little_memory(inputs: Inputs) -> None:
     """Refuse to train on a CPU what cannot fit; otherwise the kernel kills the run, without a word.
 
     A user who sets `run.groups_at_once` has the last word.
@@ -48,9 +48,9 @@ def refuse_too_little_memory(context: Context) -> None:
     Raises:
         StudioError: not even one group fits into this process's memory (`train.too_little_memory`).
     """
-    if context.config.run.groups_at_once is not None or context.device != "cpu":
+    if inputs.config.run.groups_at_once is not None or inputs.device != "cpu":
         return
-    needed, limit = memory_of_group(context), memory_limit()
+    needed, limit = memory_of_group(inputs), memory_limit()
     if needed > limit:
         raise StudioError(
             "train.too_little_memory",
@@ -61,11 +61,11 @@ def refuse_too_little_memory(context: Context) -> None:
         )
 
 
-def memory_of_group(context: Context) -> int:
+def memory_of_group(inputs: Inputs) -> int:
     """Estimated bytes that training one group takes on a CPU, beyond the program itself."""
     from studio.training.views import CACHED_PIXELS
 
-    footage = context.footage.calibrated
+    footage = inputs.footage.calibrated
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
     each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
     return each + _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
@@ -87,9 +87,9 @@ def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
     return [max(1, threads // at_once) if index < full else last for index in range(groups)]
 
 
-def threads_of_groups(context: Context) -> list[int]:
+def threads_of_groups(inputs: Inputs) -> list[int]:
     """CPU threads that training uses for each group of the take, by index."""
-    return threads_by_group(len(context.groups), groups_at_once(context), context.threads)
+    return threads_by_group(len(inputs.groups), groups_at_once(inputs), inputs.threads)
 
 
 def run_groups(

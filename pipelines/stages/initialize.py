@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.stages import grouping
-from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.edited import within_box
+from pipelines.stages import Executor, grouping, stage_named
+from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
+from pipelines.stages.reporter import StageReporter
 from pipelines.stages.summaries import InitializeSummary
+from pipelines.stages.training_views import within_box
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
@@ -52,185 +53,182 @@ class TrainingViews(Sequence["FootageView"]):
         return within_box(self._footage.view(cameras, self._frame), self._box)
 
 
-class InitializeStage:
-    """The stage `initialize`; its units are groups."""
+STAGE = stage_named("initialize")
 
-    name = "initialize"
-    title = "Initial points"
-    version = 1
-    weight = 6.0
-    dependencies: tuple[str, ...] = ("calibrate",)
 
-    def params(self, context: Context) -> Params:
-        """Training views, settings of the hull, and where groups begin."""
-        return {
-            **context.footage.seen_by_training(),
-            **settings_affecting(context.config, "initial_points"),
-            "keyframes": [group.keyframe for group in context.groups],
-            **({} if context.config.train.grouping == "fixed" else {"groups by motion": grouping.key(context.footage)}),
-        }
+def params(inputs: Inputs) -> Params:
+    """Training views, settings of the hull, and where groups begin."""
+    return {
+        **inputs.footage.seen_by_training(),
+        **settings_affecting(inputs.config, "initial_points"),
+        "keyframes": [group.keyframe for group in inputs.groups],
+        **({} if inputs.config.train.grouping == "fixed" else {"groups by motion": grouping.key(inputs.footage)}),
+    }
 
-    def results(self, context: Context) -> list[Path]:
-        """mesh.ply and points.ply of each group."""
-        return [
-            context.take.initialize_group(group.index) / name
-            for group in context.groups
-            for name in ("mesh.ply", "points.ply")
-        ]
 
-    def units(self, context: Context) -> tuple[int, int, str] | None:
-        """Groups with valid points."""
-        groups = context.groups
-        known = digests_on_record(context.take, self.name)
-        done = sum(self._seems_done(context, group, known) for group in groups)
-        return done, len(groups), "groups"
+def results(inputs: Inputs) -> list[Path]:
+    """mesh.ply and points.ply of each group."""
+    return [
+        inputs.take.initialize_group(group.index) / name
+        for group in inputs.groups
+        for name in ("mesh.ply", "points.ply")
+    ]
 
-    def run(self, context: Context, reporter: StageReporter) -> InitializeSummary:
-        """Find groups, and sample points for groups that have none."""
-        for line in context.footage.calibrated.description.splitlines():
-            reporter.log(line)  # what was found, in particular what auto chose
-        first = 0.0 if grouping.is_known(context.footage) else 0.3
-        grouping.find_groups(context.footage, reporter.part("finding groups", 0.0, first))
-        groups = context.groups
-        todo = [group for group in groups if not self.group_done(context, group)]
-        if context.executor is not None and todo:
-            context.executor.run(self, context, todo, reporter)
-        counts = []
-        for position, group in enumerate(groups):
-            start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
-            if group in todo and context.executor is None:
-                with context.take.group_locked(self.name, group.index, context.cancellation.check):
-                    if not self.group_done(context, group):
-                        self._make(context, group, reporter, start, stop, f"group {group.index}")
-            report = read_model(context.take.initialize_group(group.index) / "report.json", InitialPointsReport)
-            counts.append(report.faces)
-        self._drop_leftovers(context, groups)
-        return InitializeSummary(
-            groups=len(groups), points_per_group=context.config.initialize.points, faces=tuple(counts)
-        )
 
-    def group_key(self, context: Context, group: Group) -> str:
-        """See `GroupStage`."""
-        parts = {**context.footage.seen_by_training(), **settings_affecting(context.config, "initial_points")}
-        return key_of(self.name, self.version, parts, result_of(context.take, "calibrate"), group.index, group.keyframe)
+def units(inputs: Inputs) -> tuple[int, int, str] | None:
+    """Groups with valid points."""
+    groups = inputs.groups
+    known = digests_on_record(inputs.take, STAGE.name)
+    done = sum(_seems_done(inputs, group, known) for group in groups)
+    return done, len(groups), "groups"
 
-    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
-        """See `GroupStage`."""
-        self._make(context, group, reporter, 0.0, 1.0, f"group {group.index}")
 
-    def group_done(self, context: Context, group: Group) -> bool:
-        """The report has the current key, and the files have the digests in it."""
-        folder, report = context.take.initialize_group(group.index), self._has_report(context, group)
-        return report is not None and all(
-            digest_of_file(folder / name) == value for name, value in report.files.items()
-        )
+def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> InitializeSummary:
+    """Find groups, and sample points for groups that have none."""
+    for line in inputs.footage.calibrated.description.splitlines():
+        reporter.log(line)  # what was found, in particular what auto chose
+    first = 0.0 if grouping.is_known(inputs.footage) else 0.3
+    grouping.find_groups(inputs.footage, reporter.part("finding groups", 0.0, first))
+    groups = inputs.groups
+    todo = [group for group in groups if not group_done(inputs, group)]
+    if executor is not None and todo:
+        executor.run(STAGE, inputs, todo, reporter)
+    counts = []
+    for position, group in enumerate(groups):
+        start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
+        if group in todo and executor is None:
+            with inputs.take.group_locked(STAGE.name, group.index, reporter.check):
+                if not group_done(inputs, group):
+                    _make(inputs, group, reporter, start, stop, f"group {group.index}")
+        report = read_model(inputs.take.initialize_group(group.index) / "report.json", InitialPointsReport)
+        counts.append(report.faces)
+    _drop_leftovers(inputs, groups)
+    return InitializeSummary(groups=len(groups), points_per_group=inputs.config.initialize.points, faces=tuple(counts))
 
-    def _seems_done(self, context: Context, group: Group, known: Mapping[Path, str]) -> bool:
-        """The same without reading files, gigabytes in a long take, whose digest is known or which are older than the
-        report."""
-        folder, report = context.take.initialize_group(group.index), self._has_report(context, group)
-        if report is None:
+
+def group_key(inputs: Inputs, group: Group) -> str:
+    """See `GroupStageCode`."""
+    parts = {**inputs.footage.seen_by_training(), **settings_affecting(inputs.config, "initial_points")}
+    return key_of(STAGE.name, STAGE.version, parts, result_of(inputs.take, "calibrate"), group.index, group.keyframe)
+
+
+def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
+    """See `GroupStageCode`."""
+    _make(inputs, group, reporter, 0.0, 1.0, f"group {group.index}")
+
+
+def group_done(inputs: Inputs, group: Group) -> bool:
+    """The report has the current key, and the files have the digests in it."""
+    folder, report = inputs.take.initialize_group(group.index), _has_report(inputs, group)
+    return report is not None and all(digest_of_file(folder / name) == value for name, value in report.files.items())
+
+
+def _seems_done(inputs: Inputs, group: Group, known: Mapping[Path, str]) -> bool:
+    """The same without reading files, gigabytes in a long take, whose digest is known or which are older than the
+    report."""
+    folder, report = inputs.take.initialize_group(group.index), _has_report(inputs, group)
+    if report is None:
+        return False
+    written = (folder / "report.json").stat().st_mtime_ns
+    for name, value in report.files.items():
+        file = folder / name
+        digest = known.get(file) or (None if file.stat().st_mtime_ns <= written else digest_of_file(file))
+        if digest not in (None, value):
             return False
-        written = (folder / "report.json").stat().st_mtime_ns
-        for name, value in report.files.items():
-            file = folder / name
-            digest = known.get(file) or (None if file.stat().st_mtime_ns <= written else digest_of_file(file))
-            if digest not in (None, value):
-                return False
-        return True
+    return True
 
-    def _has_report(self, context: Context, group: Group) -> InitialPointsReport | None:
-        """The report, if it has the current key and its files are there."""
-        folder = context.take.initialize_group(group.index)
-        if not (folder / "report.json").is_file():
-            return None
-        report = read_model(folder / "report.json", InitialPointsReport)
-        if report.key != self.group_key(context, group):
-            return None
-        return report if all((folder / name).is_file() for name in report.files) else None
 
-    def _make(
-        self, context: Context, group: Group, reporter: StageReporter, start: float, stop: float, label: str
-    ) -> None:
-        from studio.meshing import initialize_points
+def _has_report(inputs: Inputs, group: Group) -> InitialPointsReport | None:
+    """The report, if it has the current key and its files are there."""
+    folder = inputs.take.initialize_group(group.index)
+    if not (folder / "report.json").is_file():
+        return None
+    report = read_model(folder / "report.json", InitialPointsReport)
+    if report.key != group_key(inputs, group):
+        return None
+    return report if all((folder / name).is_file() for name in report.files) else None
 
-        found = initialize_points(
-            TrainingViews(context.footage.calibrated, group.keyframe, context.training_box),
-            context.config.initialize,
-            seed=derived_seed(context.config.run.seed, self.name, group.index),
-            progress=reporter.part(f"{label}: visual hull", start, stop),
-        )
-        points, normals, colors = found.points, found.normals, found.colors
-        if context.training_box is not None:
-            inside = context.training_box.holds(points)
-            points, normals, colors = points[inside], normals[inside], colors[inside]
-            if len(points) < _FEWEST_POINTS:
-                raise StudioError(
-                    "edits.nothing_in_box",
-                    f"only {len(points)} initial points of group {group.index} are inside of the crop box",
-                    file=context.take.edits,
-                    value=len(points),
-                    fix="Make the box larger, or let it not limit training.",
-                    group=group.index,
-                    expected=_FEWEST_POINTS,
-                )
-        for warning in found.warnings:
-            reporter.warn(_in_group(warning, group.index))
-        if group.index == 0:
-            self._tell_coverage(context, reporter, points, normals)
-        folder = context.take.initialize_group(group.index)
-        folder.mkdir(parents=True, exist_ok=True)
-        remove(folder / "report.json")
-        with atomic_path(folder / "mesh.ply") as temporary:
-            write_mesh(temporary, found.mesh.vertices, found.mesh.faces)
-        with atomic_path(folder / "points.ply") as temporary:
-            write_points(temporary, points, normals, np.round(colors * 255))
-        report = InitialPointsReport(
-            key=self.group_key(context, group),
-            keyframe=int(group.keyframe),
-            points=len(points),
-            vertices=len(found.mesh.vertices),
-            faces=len(found.mesh.faces),
-            disagreement={camera: round(float(value), 4) for camera, value in found.disagreement.items()},
-            warnings=tuple(str(warning) for warning in found.warnings),
-            files={name: digest_of_file(folder / name) for name in ("mesh.ply", "points.ply")},
-        )
-        write_model(folder / "report.json", report)
-        reporter.metrics(report.model_dump(include={"points", "faces", "disagreement"}), group=group.index)
 
-    def _tell_coverage(
-        self, context: Context, reporter: StageReporter, points: np.ndarray, normals: np.ndarray
-    ) -> None:
-        """Log how well the training cameras cover the performer, and warn of gaps."""
-        from studio.coverage import LARGEST_GAPS, coverage
+def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, stop: float, label: str) -> None:
+    from studio.meshing import initialize_points
 
-        footage = context.footage.calibrated
-        found = coverage([footage.rig[name] for name in footage.train_cameras], points, normals, footage.rig.up)
-        if found is None:
-            return
-        share, unseen = round(100 * found.outside), round(100 * found.unseen)
-        reporter.log(
-            f"coverage: {share}% of the directions around the performer are more than {found.angle:.0f} degrees from "
-            f"the nearest training camera ({found.farthest:.0f} degrees at most); {unseen}% of the surface faces fewer "
-            "than two cameras"
-        )
-        if found.outside > LARGEST_GAPS:
-            reporter.warn(
-                Message(
-                    "coverage.gaps",
-                    f"no training camera is near {share}% of the directions around the performer (up to "
-                    f"{found.farthest:.0f} degrees away), and {unseen}% of the surface faces fewer than two cameras: "
-                    "views from there will be poor, and players fade them out",
-                    fix="Add cameras there, or let players show all views with bake.view_range = none.",
-                    fields={"setting": "bake.view_range", "outside": found.outside, "unseen": found.unseen},
-                )
+    found = initialize_points(
+        TrainingViews(inputs.footage.calibrated, group.keyframe, inputs.training_box),
+        inputs.config.initialize,
+        seed=derived_seed(inputs.config.run.seed, STAGE.name, group.index),
+        progress=reporter.part(f"{label}: visual hull", start, stop),
+    )
+    points, normals, colors = found.points, found.normals, found.colors
+    if inputs.training_box is not None:
+        inside = inputs.training_box.holds(points)
+        points, normals, colors = points[inside], normals[inside], colors[inside]
+        if len(points) < _FEWEST_POINTS:
+            raise StudioError(
+                "edits.nothing_in_box",
+                f"only {len(points)} initial points of group {group.index} are inside of the crop box",
+                file=inputs.take.edits,
+                value=len(points),
+                fix="Make the box larger, or let it not limit training.",
+                group=group.index,
+                expected=_FEWEST_POINTS,
             )
+    for warning in found.warnings:
+        reporter.warn(_in_group(warning, group.index))
+    if group.index == 0:
+        _tell_coverage(inputs, reporter, points, normals)
+    folder = inputs.take.initialize_group(group.index)
+    folder.mkdir(parents=True, exist_ok=True)
+    remove(folder / "report.json")
+    with atomic_path(folder / "mesh.ply") as temporary:
+        write_mesh(temporary, found.mesh.vertices, found.mesh.faces)
+    with atomic_path(folder / "points.ply") as temporary:
+        write_points(temporary, points, normals, np.round(colors * 255))
+    report = InitialPointsReport(
+        key=group_key(inputs, group),
+        keyframe=int(group.keyframe),
+        points=len(points),
+        vertices=len(found.mesh.vertices),
+        faces=len(found.mesh.faces),
+        disagreement={camera: round(float(value), 4) for camera, value in found.disagreement.items()},
+        warnings=tuple(str(warning) for warning in found.warnings),
+        files={name: digest_of_file(folder / name) for name in ("mesh.ply", "points.ply")},
+    )
+    write_model(folder / "report.json", report)
+    reporter.metrics(report.model_dump(include={"points", "faces", "disagreement"}), group=group.index)
 
-    def _drop_leftovers(self, context: Context, groups: tuple[Group, ...]) -> None:
-        wanted = {context.take.initialize_group(group.index) for group in groups}
-        for folder in context.take.folder("initialize").glob("group_*"):
-            if folder not in wanted:
-                remove(folder)
+
+def _tell_coverage(inputs: Inputs, reporter: StageReporter, points: np.ndarray, normals: np.ndarray) -> None:
+    """Log how well the training cameras cover the performer, and warn of gaps."""
+    from studio.coverage import LARGEST_GAPS, coverage
+
+    footage = inputs.footage.calibrated
+    found = coverage([footage.rig[name] for name in footage.train_cameras], points, normals, footage.rig.up)
+    if found is None:
+        return
+    share, unseen = round(100 * found.outside), round(100 * found.unseen)
+    reporter.log(
+        f"coverage: {share}% of the directions around the performer are more than {found.angle:.0f} degrees from "
+        f"the nearest training camera ({found.farthest:.0f} degrees at most); {unseen}% of the surface faces fewer "
+        "than two cameras"
+    )
+    if found.outside > LARGEST_GAPS:
+        reporter.warn(
+            Message(
+                "coverage.gaps",
+                f"no training camera is near {share}% of the directions around the performer (up to "
+                f"{found.farthest:.0f} degrees away), and {unseen}% of the surface faces fewer than two cameras: "
+                "views from there will be poor, and players fade them out",
+                fix="Add cameras there, or let players show all views with bake.view_range = none.",
+                fields={"setting": "bake.view_range", "outside": found.outside, "unseen": found.unseen},
+            )
+        )
+
+
+def _drop_leftovers(inputs: Inputs, groups: tuple[Group, ...]) -> None:
+    wanted = {inputs.take.initialize_group(group.index) for group in groups}
+    for folder in inputs.take.folder("initialize").glob("group_*"):
+        if folder not in wanted:
+            remove(folder)
 
 
 def _in_group(warning: Message | str, group: int) -> Message:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from studio.calibration.settings import CalibrateSettings
 from studio.errors import StudioError
 from studio.storage import whole_file
@@ -16,27 +16,27 @@ if TYPE_CHECKING:
     from studio.capture import Footage
 
 
-def known_file(context: Context) -> Path:
+def known_file(inputs: Inputs) -> Path:
     """The file of calibrate.known_cameras.
 
     Raises:
         StudioError: `settings.file_not_found`.
     """
-    return _named(context, "known_cameras")
+    return _named(inputs, "known_cameras")
 
 
-def tie_file(context: Context) -> Path:
+def tie_file(inputs: Inputs) -> Path:
     """The file of calibrate.tie_points.
 
     Raises:
         StudioError: `settings.file_not_found`.
     """
-    return _named(context, "tie_points")
+    return _named(inputs, "tie_points")
 
 
-def _named(context: Context, setting: str) -> Path:
-    name = getattr(context.config.calibrate, setting)
-    path: Path = whole_file(context.footage.capture.root / name)
+def _named(inputs: Inputs, setting: str) -> Path:
+    name = getattr(inputs.config.calibrate, setting)
+    path: Path = whole_file(inputs.footage.capture.root / name)
     if not path.exists():
         raise StudioError(
             "settings.file_not_found",
@@ -49,7 +49,7 @@ def _named(context: Context, setting: str) -> Path:
     return path
 
 
-def known_cameras(context: Context) -> Rig | None:
+def known_cameras(inputs: Inputs) -> Rig | None:
     """The cameras of calibrate.known_cameras with the footage's image size and camera names; None if it is empty.
 
     Raises:
@@ -60,7 +60,7 @@ def known_cameras(context: Context) -> Rig | None:
     from studio.cameras import Rig
     from studio.capture import match_rig
 
-    section = context.config.calibrate
+    section = inputs.config.calibrate
     if not section.known_cameras:
         if section.known_poses:
             raise StudioError(
@@ -70,12 +70,12 @@ def known_cameras(context: Context) -> Rig | None:
                 setting="calibrate.known_cameras",
             )
         return None
-    footage = context.footage.raw
-    found = match_rig(read_rig(known_file(context)), footage.camera_names)
-    return Rig(tuple(at_footage_size(context, name, camera) for name, camera in found.items()))
+    footage = inputs.footage.raw
+    found = match_rig(read_rig(known_file(inputs)), footage.camera_names)
+    return Rig(tuple(at_footage_size(inputs, name, camera) for name, camera in found.items()))
 
 
-def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
+def at_footage_size(inputs: Inputs, name: str, camera: Camera) -> Camera:
     """Convert a camera to the image size of the footage (`capture.size_rule`).
 
     Raises:
@@ -83,15 +83,15 @@ def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
     """
     from studio.capture.warp import Warp, fit_size
 
-    footage = context.footage.raw
+    footage = inputs.footage.raw
     width, height = footage.raw_size(name)
-    rule = context.config.capture.size_rule
+    rule = inputs.config.capture.size_rule
     same_shape = width * camera.height == height * camera.width
     image = footage.raw_image(name, footage.frames[0]) if rule == "auto" and not same_shape else None
     return Warp(camera, width, height, 1.0, fit_size(camera, width, height, rule, image)).source
 
 
-def check_sizes(context: Context, rig: Rig, path: Path) -> None:
+def check_sizes(inputs: Inputs, rig: Rig, path: Path) -> None:
     """Check that cameras of another image size can be used with the footage, before later stages fail.
 
     With the same aspect ratio they always can. The cameras themselves are not changed.
@@ -107,7 +107,7 @@ def check_sizes(context: Context, rig: Rig, path: Path) -> None:
 
     with naming(path):
         for camera in rig:
-            at_footage_size(context, camera.name, camera)
+            at_footage_size(inputs, camera.name, camera)
 
 
 def known_distance(section: CalibrateSettings, names: Sequence[str]) -> tuple[str, str, float] | None:

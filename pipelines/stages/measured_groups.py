@@ -19,7 +19,7 @@ from studio.errors import StudioError
 if TYPE_CHECKING:
     from torch import Tensor
 
-_IMAGES = ("truth", "trained", "decoded")
+_IMAGES = ("footage", "trained", "decoded")
 
 
 @dataclass

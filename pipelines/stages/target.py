@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
@@ -18,15 +19,13 @@ if TYPE_CHECKING:
     from studio.capture import Footage
 
 
-def target_digest(context: Context) -> list[str]:
+def target_digest(inputs: Inputs) -> list[str]:
     """Digests of the files with the calibration target."""
-    section = context.config.calibrate
-    return [
-        _open(context, pattern).digest() for pattern in (section.board_images, section.intrinsics_images) if pattern
-    ]
+    section = inputs.config.calibrate
+    return [_open(inputs, pattern).digest() for pattern in (section.board_images, section.intrinsics_images) if pattern]
 
 
-def calibrate_with_target(context: Context, reporter: StageReporter) -> CalibrationResult:
+def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> CalibrationResult:
     """Calibrate the cameras from `calibrate.board_images`, and their intrinsics from `calibrate.intrinsics_images` too.
 
     Raises:
@@ -35,10 +34,10 @@ def calibrate_with_target(context: Context, reporter: StageReporter) -> Calibrat
     """
     from studio.calibration import calibrate_from_target
 
-    section = context.config.calibrate
-    views, sizes = _views(context, section.board_images, reporter, 0.0, 0.6 if section.intrinsics_images else 0.8)
+    section = inputs.config.calibrate
+    views, sizes = _views(inputs, section.board_images, reporter, 0.0, 0.6 if section.intrinsics_images else 0.8)
     if section.intrinsics_images:
-        own, own_sizes = _views(context, section.intrinsics_images, reporter, 0.6, 0.8)
+        own, own_sizes = _views(inputs, section.intrinsics_images, reporter, 0.6, 0.8)
         for name, size in own_sizes.items():
             if sizes[name] != size:
                 raise StudioError(
@@ -59,7 +58,7 @@ def calibrate_with_target(context: Context, reporter: StageReporter) -> Calibrat
         views,
         sizes,
         settings=section,
-        threads=context.config.run.threads,
+        threads=inputs.config.run.threads,
         progress=reporter.part("solving", 0.8, 1.0),
     )
     target = result.report.target
@@ -80,7 +79,7 @@ def calibrate_with_target(context: Context, reporter: StageReporter) -> Calibrat
 
 
 def intrinsics_from_target(
-    context: Context, reporter: StageReporter, start: float, stop: float
+    inputs: Inputs, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
     """Calibrate intrinsics from `calibrate.intrinsics_images`.
 
@@ -92,16 +91,16 @@ def intrinsics_from_target(
     """
     from studio.calibration import calibrate_intrinsics
 
-    section = context.config.calibrate
-    views, sizes = _views(context, section.intrinsics_images, reporter, start, stop)
+    section = inputs.config.calibrate
+    views, sizes = _views(inputs, section.intrinsics_images, reporter, start, stop)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
-    return calibrate_intrinsics(section.board, own, sizes, section, context.config.run.threads)
+    return calibrate_intrinsics(section.board, own, sizes, section, inputs.config.run.threads)
 
 
-def _open(context: Context, pattern: str) -> Footage:
+def _open(inputs: Inputs, pattern: str) -> Footage:
     from studio.capture import CaptureSettings, open_footage
 
-    capture = context.footage.capture
+    capture = inputs.footage.capture
     spec = CaptureSettings(
         root=capture.root,
         images=pattern,
@@ -114,12 +113,12 @@ def _open(context: Context, pattern: str) -> Footage:
 
 
 def _views(
-    context: Context, pattern: str, reporter: StageReporter, start: float, stop: float
+    inputs: Inputs, pattern: str, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
     from studio.calibration import detect_target
 
-    footage = _open(context, pattern)
-    names = context.footage.raw.camera_names
+    footage = _open(inputs, pattern)
+    names = inputs.footage.raw.camera_names
     missing = [name for name in names if name not in footage.camera_names]
     if missing:
         raise StudioError(
@@ -131,7 +130,7 @@ def _views(
             camera=missing[0],
             found=list(footage.camera_names),
         )
-    most = context.config.calibrate.board_frames
+    most = inputs.config.calibrate.board_frames
     # the same frames for all cameras
     frames = sorted({frame for name in names for frame in footage.frames_of(name)})
     chosen = {frames[int(index)] for index in np.linspace(0, len(frames) - 1, min(most, len(frames)))}
@@ -144,7 +143,7 @@ def _views(
         return detect_target(
             readers,
             sync_frames,
-            context.config.calibrate.board,
+            inputs.config.calibrate.board,
             reporter.part("detecting the target", start, stop),
         )
     finally:

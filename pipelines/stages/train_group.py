@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.pictures import draw, write_picture
-from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed
-from pipelines.stages.train_clock import TrainClock
+from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import read_model, remove, write_model
 from pipelines.takes.frame_files import FrameMetadata, read_frame, read_tensors, write_frame, write_tensors
@@ -26,18 +26,88 @@ from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
-    from studio.training import TrainingView, TrainSettings
+    from studio.training import TrainingView
+    from studio.training.settings import TrainSettings
 
 
 _MANY_PIXELS, _GOOD_PIXELS = 600_000, 150_000
 """Pixels of the performer's bounding box: above the first, training on a CPU is too slow; the second works well."""
+
+_MOTION_NETWORK, _MOTION_VIEW = 0.5, 0.75
+"""Time of a step of motion in steps of keyframes or fine-tuning: that of its network, and of each view (sample capture,
+quickstart with two views, 2 cores: 78 s for the 3200 steps of a keyframe, 14 s for 170 steps of motion and 250 of
+fine-tuning; the network takes a quarter of a motion step, docs/measurements/training.md)."""
+
+_HALF_SIZE = 0.57
+"""Time of a view at half size in that of one at full size (docs/measurements/training.md: 19 ms instead of 33.5)."""
+
+
+class TrainClock:
+    """Elapsed fraction of the training time.
+
+    At first, frames are weighted by their number of training steps, where one of motion counts as several; then by
+    measured seconds per kind of frame (keyframe or other).
+
+    Args:
+        groups: all groups of the take.
+        finished: number of frames trained before this run, by group index.
+        settings: training settings.
+    """
+
+    def __init__(self, groups: Sequence[Group], finished: Mapping[int, int], settings: TrainSettings) -> None:
+        todo = [position for group in groups for position in range(finished[group.index], len(group.frames))]
+        self._left = {True: todo.count(0), False: len(todo) - todo.count(0)}
+        rounds = max(1, settings.prune_rounds)
+        self._steps = {
+            True: settings.keyframe_iterations + rounds * settings.prune_finetune_iterations,
+            False: _motion_step(settings) * settings.motion_iterations + settings.finetune_iterations,
+        }
+        self._seconds: dict[bool, list[float]] = {True: [], False: []}
+        self._current: dict[int, tuple[bool, float]] = {}
+
+    def reached(self, group: Group, position: int, share: float) -> None:
+        """The fraction `share` (0 to 1) of the group's frame `position` is trained."""
+        self._current[group.index] = (position == 0, share)
+
+    def finished(self, group: Group, position: int, seconds: float) -> None:
+        """Frame `position` of the group is trained and took `seconds`."""
+        kind = position == 0
+        self._seconds[kind].append(seconds)
+        self._left[kind] -= 1
+        self._current.pop(group.index, None)
+
+    @property
+    def fraction(self) -> float:
+        """0 to 1."""
+        behind = sum(len(self._seconds[kind]) * self._weight(kind) for kind in (True, False))
+        ahead = sum(self._left[kind] * self._weight(kind) for kind in (True, False))
+        for kind, share in self._current.values():
+            part = share * self._weight(kind)
+            behind, ahead = behind + part, ahead - part
+        return min(1.0, behind / (behind + ahead)) if behind + ahead > 0 else 1.0
+
+    def _weight(self, kind: bool) -> float:
+        """Seconds per frame of this kind; estimated from the other kind until one is measured."""
+        if self._seconds[kind]:
+            return sum(self._seconds[kind]) / len(self._seconds[kind])
+        other = self._seconds[not kind]
+        if other:
+            return self._steps[kind] * (sum(other) / len(other)) / max(1, self._steps[not kind])
+        return float(self._steps[kind])
+
+
+def _motion_step(settings: TrainSettings) -> float:
+    """Mean time of a step of motion, in steps of keyframes or fine-tuning."""
+    share = settings.motion_half_size
+    return _MOTION_NETWORK + _MOTION_VIEW * settings.motion_views * (1 - share + share * _HALF_SIZE)
 
 
 class GroupWork:
     """Trains groups; several threads may train one group each.
 
     Args:
-        context, reporter: of the stage.
+        inputs: what the stage reads.
+        reporter: of the stage.
         clock: progress of all groups together.
         readers: threads that read the images of a frame, per group.
         written: called with the index of a group and the number of its finished frames, after each frame.
@@ -48,15 +118,15 @@ class GroupWork:
 
     def __init__(
         self,
-        context: Context,
+        inputs: Inputs,
         reporter: StageReporter,
         clock: TrainClock,
         readers: int = 1,
         written: Callable[[int, int], None] = lambda group, frames: None,
     ) -> None:
-        self.context, self.reporter, self.clock, self._written = context, reporter, clock, written
+        self.inputs, self.reporter, self.clock, self._written = inputs, reporter, clock, written
         self._readers = readers
-        self.settings: TrainSettings = context.config.train
+        self.settings: TrainSettings = inputs.config.train
         self.stop = Cancellation()
         self._lock = threading.Lock()  # guards the clock, the labels and the time of the last preview
         self._labels: dict[int, str] = {}
@@ -66,7 +136,7 @@ class GroupWork:
     def check(self) -> None:
         """Raise Cancelled if the run was cancelled, or another group failed."""
         self.stop.check()
-        self.context.cancellation.check()
+        self.reporter.check()
 
     def train(self, group: Group, finished: int, keys: list[str]) -> None:
         """Train the frames of a group and write each as soon as it is finished.
@@ -80,7 +150,7 @@ class GroupWork:
             StudioError: unusable footage, or training diverged.
             Cancelled: the run was cancelled.
         """
-        take = self.context.take
+        take = self.inputs.take
         timings = self._timings(group, finished)
         previous = read_frame(take.trained_frame(group.index, group.first + finished - 1)) if finished else None
         before = read_frame(take.trained_frame(group.index, group.first + finished - 2)) if finished > 1 else None
@@ -93,9 +163,9 @@ class GroupWork:
                 self._advise(current)
                 if position + 1 < len(group.frames):
                     views = ahead.submit(self._views, group.frames[position + 1])
-                started = self.context.clock()
+                started = self.reporter.clock()
                 gaussians = self._frame(group, position, previous, before, third, current, keys)
-                seconds = self.context.clock() - started
+                seconds = self.reporter.clock() - started
                 with self._lock:
                     self.clock.finished(group, position, seconds)
                     self._labels.pop(group.index, None)
@@ -117,9 +187,9 @@ class GroupWork:
     ) -> Gaussians:
         from studio.training import train_interframe
 
-        take, index = self.context.take, group.first + position
-        device = self.context.device
-        seed = derived_seed(self.context.config.run.seed, "train", group.index, position)
+        take, index = self.inputs.take, group.first + position
+        device = self.inputs.device
+        seed = derived_seed(self.inputs.config.run.seed, "train", group.index, position)
 
         def snapshot(iteration: int, gaussians: Gaussians) -> None:
             self._preview(group, position, gaussians, iteration)
@@ -154,7 +224,7 @@ class GroupWork:
 
         from studio.training import train_keyframe
 
-        take, device = self.context.take, self.context.device
+        take, device = self.inputs.take, self.inputs.device
         path = take.keyframe_checkpoint(group.index)
 
         def keep(step: int, state: dict[str, torch.Tensor]) -> None:
@@ -216,17 +286,17 @@ class GroupWork:
                     fraction = self.clock.fraction
                 self.reporter.progress(fraction, f"reading frame {frame}: image {number} of {images}")
 
-        return training_views(self.context, self.reporter, frame, reading, self._readers)
+        return training_views(self.inputs, self.reporter, frame, reading, self._readers)
 
     def _advise(self, views: list[TrainingView]) -> None:
         """Without a GPU, warn once if the images are too large to train on."""
         with self._lock:
-            if self._advised or self.context.device != "cpu":
+            if self._advised or self.inputs.device != "cpu":
                 return
             self._advised = True
         pixels = sorted(view.camera.width * view.camera.height for view in views)[len(views) // 2]
         if pixels > _MANY_PIXELS:
-            scale = self.context.config.capture.scale
+            scale = self.inputs.config.capture.scale
             better = max(0.01, math.floor(100 * scale * math.sqrt(_GOOD_PIXELS / pixels)) / 100)
             self.reporter.warn(
                 Message(
@@ -239,12 +309,12 @@ class GroupWork:
 
     def _timings(self, group: Group, finished: int) -> list[float]:
         """Training time of the finished frames; 0 where unknown."""
-        path = self.context.take.train_group(group.index) / "group.json"
+        path = self.inputs.take.train_group(group.index) / "group.json"
         known = read_model(path, TrainedGroup).seconds if path.is_file() else ()
         return [*known[:finished], *[0.0] * (finished - len(known))]
 
     def _write(self, group: Group, position: int, gaussians: Gaussians, key: str, timings: list[float]) -> None:
-        take = self.context.take
+        take = self.inputs.take
         about = FrameMetadata(key=key, group=group.index, index=group.first + position, frame=group.frames[position])
         folder = take.train_group(group.index)
         folder.mkdir(parents=True, exist_ok=True)
@@ -271,19 +341,19 @@ class GroupWork:
 
     def _preview(self, group: Group, position: int, gaussians: Gaussians, iteration: int | None) -> None:
         """Render a preview from the first held-out camera (or training camera), at most every run.preview_seconds."""
-        pause = self.context.config.run.preview_seconds
+        pause = self.inputs.config.run.preview_seconds
         with self._lock:
             if pause == 0 or time.monotonic() - self._last_preview < pause:
                 return
             self._last_preview = time.monotonic()
-        footage = self.context.footage.calibrated
+        footage = self.inputs.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         frame = group.frames[position]
         picture = draw(
-            gaussians, footage.rig[camera], self.context.config.capture.background, self.context.device, width=640
+            gaussians, footage.rig[camera], self.inputs.config.capture.background, self.inputs.device, width=640
         )
         name = f"{group.first + position:06d}{'' if iteration is None else f'_{iteration:06d}'}.png"
-        path = self.context.take.previews / name
+        path = self.inputs.take.previews / name
         write_picture(path, picture)
         self.reporter.preview(
             path,

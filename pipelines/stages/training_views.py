@@ -4,23 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.edited import details_at, within_box
+import numpy as np
+
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
+from studio.edits.edit_list import EditList
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from studio.capture import FootageView
+    from studio.edits import CropBox
     from studio.training import TrainingView
     from studio.vignette import Vignette
 
 
 def training_views(
-    context: Context,
+    inputs: Inputs,
     reporter: StageReporter,
     frame: int,
     reading: Callable[[int, int], None],
@@ -30,7 +36,7 @@ def training_views(
     """Views of all training cameras that see the performer, with the take's details.
 
     Args:
-        context: of the stage.
+        inputs: of the stage.
         reporter: gets a warning for each camera that does not see the performer.
         frame: frame number in the footage.
         reading: called with images read and images before each image, by any thread; may raise Cancelled.
@@ -43,17 +49,17 @@ def training_views(
     """
     from studio.training import Detail, TrainingView
 
-    footage, settings = context.footage.calibrated, context.config.train
+    footage, settings = inputs.footage.calibrated, inputs.config.train
     cameras = footage.train_cameras
-    marked = details_at(context.edits, context.footage.raw.frames.index(frame)) if colored else []
+    marked = details_at(inputs.edits, inputs.footage.raw.frames.index(frame)) if colored else []
     details = [Detail(*one) for one in marked]
-    colors = read_camera_colors(context) if colored and settings.camera_colors else {}
-    closer = bool(details) and settings.full_size_details and context.config.capture.scale < 1
+    colors = read_camera_colors(inputs) if colored and settings.camera_colors else {}
+    closer = bool(details) and settings.full_size_details and inputs.config.capture.scale < 1
 
     def read(number: int) -> TrainingView | None:
-        context.cancellation.check()
+        reporter.check()
         reading(number, len(cameras))
-        name, box = cameras[number], context.training_box
+        name, box = cameras[number], inputs.training_box
         # first, since what it decodes serves the smaller view, too
         large = within_box(footage.full_size_view(name, frame), box) if closer else None
         view = within_box(footage.view(name, frame), box)
@@ -61,7 +67,7 @@ def training_views(
             return None
         sampling = settings.chroma_siting != "none"
         chroma = footage.chroma(name) if sampling else None
-        seen = TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates, chroma)
+        seen = TrainingView.from_view(view, inputs.device, settings.crop_margin, settings.use_plates, chroma)
         # a camera that did not see the performer in the frame that was fitted has no matrix
         seen = seen.with_color(*colors[name]) if name in colors else seen
         seen = seen.with_details(details) if details else seen
@@ -99,7 +105,7 @@ def training_views(
     return views
 
 
-def read_camera_colors(context: Context) -> dict[str, tuple[Tensor, Vignette | None]]:
+def read_camera_colors(inputs: Inputs) -> dict[str, tuple[Tensor, Vignette | None]]:
     """(3, 4) float64 color matrix and vignette by camera.
 
     Raises:
@@ -109,8 +115,27 @@ def read_camera_colors(context: Context) -> dict[str, tuple[Tensor, Vignette | N
 
     from studio.vignette import Vignette
 
-    found = read_model(context.take.camera_colors, CameraColors)
+    found = read_model(inputs.take.camera_colors, CameraColors)
     vignettes = {name: Vignette(*one) for name, one in found.vignettes.items()}
     return {
         name: (torch.tensor(matrix, dtype=torch.float64), vignettes.get(name)) for name, matrix in found.cameras.items()
     }
+
+
+def details_at(edits: EditList, frame: int) -> list[tuple[tuple[float, float, float], float, float]]:
+    """Center, radius and weight of each marked detail in a frame, counted from 0 in the take."""
+    return [(_rounded(one.at(frame)), one.radius, one.weight) for one in edits.details]
+
+
+def _rounded(point: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (round(float(value), 6) for value in point)
+    return x, y, z
+
+
+def within_box(view: FootageView, box: CropBox | None) -> FootageView:
+    """A view in which the mask ends where the camera does not see the box; None: the view as it is."""
+    from studio.edits import silhouette
+
+    if box is None:
+        return view
+    return replace(view, mask=np.where(silhouette(view.camera, box), view.mask, 0).astype(view.mask.dtype))

@@ -21,7 +21,7 @@ from gui.models.take.inspector import figures_picture, review_blocks
 from gui.models.take.log import LogRow, log_rows
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.marks import Mark, MarkView, change_mark
 from pipelines.takes.take import Take
@@ -35,7 +35,7 @@ def player(finished_project: Path) -> Iterator[PlayerPresenter]:
     presenter = PlayerPresenter()
     assert presenter.open(finished_project / "take"), presenter.message
     take = Take.open(finished_project / "take")
-    presenter.context = Context(take, load_config(take.config))
+    presenter.context = Inputs(take, load_config(take.config))
     presenter.resize(256, 192)
     yield presenter
     assert presenter.close()

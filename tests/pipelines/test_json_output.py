@@ -30,11 +30,12 @@ atexit.register(lambda: print("Python library at exit"))
 
 NOISY_STAGE = """
 from pipelines.stages import stage_named
-stage, quiet = type(stage_named("bake")), type(stage_named("bake")).run
+stage = stage_named("bake").code
+quiet = stage.run
 
-def run(self, context, reporter):
+def run(inputs, reporter, executor):
     noise()
-    summary = quiet(self, context, reporter)
+    summary = quiet(inputs, reporter, executor)
     noise()
     return summary
 

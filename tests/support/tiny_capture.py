@@ -40,7 +40,6 @@ train:
   finetune_iterations: 20
   hash_levels: 4
   hash_log2_size: 8
-evaluate: {report_frames: 2}
 run: {threads: 1, preview_seconds: 0}
 """
 

@@ -19,8 +19,8 @@ from gui.models.scene.contents import SceneWanted
 from gui.models.scene.native import NativeScene
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.render import Place, SceneRenderer
-from pipelines.stages.base import Context
 from pipelines.stages.footage import performer_over
+from pipelines.stages.inputs import Inputs
 from studio.cameras import Camera, Rig
 from studio.coverage import ViewRange
 from studio.errors import StudioError
@@ -68,7 +68,7 @@ class RenderRequest:
     size: tuple[int, int]
     background: Color
     wipe: float
-    context: Context | None
+    context: Inputs | None
     rig: Rig | None
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     home: OrbitCamera = field(default_factory=OrbitCamera)

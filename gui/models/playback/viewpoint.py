@@ -11,7 +11,7 @@ from gui.models.playback.other_source import OTHER
 from gui.models.playback.sources import FrameSource, Opened
 from gui.models.scene.contents import SHOWN_AT_FIRST
 from gui.models.scene.orbit import OrbitCamera
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from studio.cameras import Camera
 
 BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
@@ -40,7 +40,7 @@ class Viewpoint:
 
     def __init__(self) -> None:
         self.opened: Opened | None = None
-        self.context: Context | None = None
+        self.context: Inputs | None = None
         self._held_out = HeldOut()
         self.what = "decoded"
         self.mode = "single"

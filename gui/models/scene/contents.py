@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from gui.drawing.palette import AXES, FAIR, HELD_OUT, LINE, RGB
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
 
@@ -54,7 +54,7 @@ class SceneWanted:
     """
 
     take: Take | None
-    context: Context | None
+    context: Inputs | None
     rig: Rig | None
     camera: str
     group: int

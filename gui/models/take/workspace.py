@@ -24,7 +24,7 @@ from pipelines.config.loading import COMMAND_LINE
 from pipelines.events import RunFinished
 from pipelines.events.log_follower import LogFollower
 from pipelines.reports.terminal import duration
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.cancel_request import request_cancel
 from pipelines.takes.settings_file import save_config
@@ -62,17 +62,17 @@ class Workspace:
         self, start_job: Callable[[Take, tuple[str, ...]], Job] = Job, now: Callable[[], float] = time.monotonic
     ) -> None:
         self._start_job, self._now = start_job, now
-        self._worker: LatestWorker[Context, Assessment] = LatestWorker(assess, "v3studio assess")
+        self._worker: LatestWorker[Inputs, Assessment] = LatestWorker(assess, "v3studio assess")
         self.opening = ""
         self._clear()
 
     def _clear(self) -> None:
         self.history = History()
         self.take: Take | None = None
-        self.context: Context | None = None
+        self.context: Inputs | None = None
         self.assessment = Assessment()
         self.assessed = self.checked = self._assess_failed = False
-        self._asked: Context | None = None  # for the assessment of the take as it is now
+        self._asked: Inputs | None = None  # for the assessment of the take as it is now
         self.run = RunState()
         self.job: Job | None = None
         self.holder: dict[str, object] | None = None
@@ -117,9 +117,9 @@ class Workspace:
         """Whether the take's settings or the status of its stages cannot be read."""
         return self.take is not None and (self.context is None or self._assess_failed)
 
-    def _new_context(self, config: Config) -> Context:
+    def _new_context(self, config: Config) -> Inputs:
         assert self.take is not None
-        return Context(self.take, config, most_cached=FOOTAGE_CACHE)
+        return Inputs(self.take, config, most_cached=FOOTAGE_CACHE)
 
     def _read_config(self) -> None:
         assert self.take is not None

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gui.models.take.workspace import Workspace
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from pipelines.stages.bake import Part
+    from pipelines.stages.baking.plan import Part
     from studio.stream.settings import BakeSettings
 
 TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
@@ -74,13 +74,13 @@ class QpTrial:
         Raises:
             StudioError: `take.not_trained`.
         """
-        from pipelines.stages.bake import BakeStage
+        from pipelines.stages.baking.plan import planned_parts
 
         take, context = workspace.take, workspace.context
         assert take is not None
         assert context is not None
         files, _ = take.trained_files()
-        trained = [part for part in BakeStage().parts(context) if part.indices[-1] < len(files)]
+        trained = [part for part in planned_parts(context) if part.indices[-1] < len(files)]
         if not trained:
             raise StudioError("take.not_trained", "no trained group to bake yet", fix="Run Train.")
         part = max(trained, key=lambda part: len(part.indices))
@@ -101,7 +101,7 @@ class QpTrial:
         self._stop = threading.Event()
         self._thread = threading.Thread(
             target=self._run,
-            args=(Context(take, context.config), part, self.results, self._stop),
+            args=(Inputs(take, context.config), part, self.results, self._stop),
             name="v3studio trial",
             daemon=True,
         )
@@ -111,7 +111,7 @@ class QpTrial:
         """Stop before the next QP."""
         self._stop.set()
 
-    def _run(self, context: Context, part: Part, results: dict[int, Trial], stop: threading.Event) -> None:
+    def _run(self, context: Inputs, part: Part, results: dict[int, Trial], stop: threading.Event) -> None:
         try:
             qps = sorted({*TRIED_QPS, context.config.bake.qp})
             # the extremes and the current one first: a curve is there early
@@ -127,7 +127,7 @@ class QpTrial:
         self.changes += 1
 
 
-def measure(context: Context, part: Part, settings: BakeSettings) -> Trial:
+def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
     """Bake a group into a temporary folder and compare some of its decoded frames with the trained ones.
 
     Args:
@@ -135,13 +135,14 @@ def measure(context: Context, part: Part, settings: BakeSettings) -> Trial:
         part: the group.
         settings: with the QP to try, without targets.
     """
-    from pipelines.stages.bake import DrawnError, edited_group, stream_cameras
-    from pipelines.stages.contribution import DrawnContribution
+    from pipelines.stages.baking.measures import RenderedError, rendered_contribution
+    from pipelines.stages.baking.plan import edited_group, stream_cameras
     from pipelines.takes.edited import EditedFrames
     from studio.stream import StreamReader, bake_group, write_manifest
 
     frames = EditedFrames(edited_group(context, part), part.indices)
-    error = DrawnError(context, frames)
+    cameras, background = stream_cameras(context), context.config.capture.background
+    error = RenderedError(frames, cameras, background, context.device)
     fps = float(context.footage.raw.fps)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "stream"
@@ -153,7 +154,7 @@ def measure(context: Context, part: Part, settings: BakeSettings) -> Trial:
             settings,
             threads=1,
             fps=fps,
-            contribution=DrawnContribution(context, frames, stream_cameras(context)),
+            contribution=lambda: rendered_contribution(frames, cameras, context.device, lambda: None),
         )
         write_manifest(folder, [entry], fps, settings, {})
         last = len(part.indices) - 1

@@ -15,7 +15,7 @@ from gui.pages.calibrate.magnifier import Magnifier
 from gui.pages.calibrate.marks import TieMarks, advice, expected
 from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
 from gui.pages.stage_view import Size, StageView
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.calibration import read_cameras_report
 from studio.calibration.report import CalibrationReport, TiePointReport
 from studio.cameras import Rig
@@ -48,7 +48,7 @@ class PointsView(StageView):
         self._refused: tuple[Path, int] | None = None  # a damaged file is read only once
         self._rig: tuple[float, Rig | None] = (0.0, None)
         self._figures: tuple[float, Mapping[str, TiePointReport]] = (0.0, {})
-        self._footage: tuple[Context | None, tuple[str, ...]] = (None, ())
+        self._footage: tuple[Inputs | None, tuple[str, ...]] = (None, ())
 
     # What it depends on
 

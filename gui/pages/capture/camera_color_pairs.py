@@ -15,7 +15,7 @@ from gui.models.remembered import Remembered
 from gui.models.take.workspace import Workspace
 from gui.pages.capture.view import grid
 from gui.pages.stage_view import Size, rectangle, sentence
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
 from studio.errors import StudioError
@@ -69,7 +69,7 @@ class CameraColorPairs:
         pairs = self._pairs
         return (*self._of(context), len(pairs.pictures) if pairs is not None else 0)
 
-    def _of(self, context: Context) -> tuple[Hashable, ...]:
+    def _of(self, context: Inputs) -> tuple[Hashable, ...]:
         path = context.take.camera_colors
         return (path, self._modified.get(path), context.config.train.camera_colors, context.config.capture)
 
@@ -93,7 +93,7 @@ class CameraColorPairs:
         self._read(context, self._pairs)
         return self._drawn(size, em, self._pairs)
 
-    def _read(self, context: Context, pairs: _Pairs) -> None:
+    def _read(self, context: Inputs, pairs: _Pairs) -> None:
         footage, frame = context.footage.calibrated, context.groups[0].keyframe
         until = time.monotonic() + SECONDS
         for name in pairs.colors.cameras:

@@ -14,7 +14,7 @@ from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
 from gui.models.take.workspace import Workspace
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from studio.capture import Footage, check_footage, open_footage
 from studio.capture.color_drift import ColorDrift
 from studio.capture.lru_cache import ByteCache
@@ -310,7 +310,7 @@ class FootageCheck:
         """Whether it is running."""
         return self._thread is not None and self._thread.is_alive()
 
-    def start(self, context: Context) -> None:
+    def start(self, context: Inputs) -> None:
         """Start, unless it is running."""
         if self.running:
             return
@@ -323,7 +323,7 @@ class FootageCheck:
         """Stop at the next image."""
         self._stop.set()
 
-    def _run(self, context: Context) -> None:
+    def _run(self, context: Inputs) -> None:
         def progress(done: int, total: int, **figures: object) -> None:
             if self._stop.is_set():
                 raise Cancelled

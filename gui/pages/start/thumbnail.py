@@ -15,7 +15,7 @@ from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw
 from pipelines.config import load_config
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from studio.atomic_files import write_bytes
 from studio.stream import is_address
 
@@ -86,7 +86,7 @@ def _splats(opened: Opened) -> np.ndarray:
 
 def _footage(opened: Opened) -> np.ndarray:
     assert opened.take is not None
-    footage = Context(opened.take, load_config(opened.take.config)).footage.raw
+    footage = Inputs(opened.take, load_config(opened.take.config)).footage.raw
     try:
         return cropped(footage.raw_image(footage.camera_names[0], footage.frames[0]))
     finally:

@@ -20,8 +20,10 @@ from pipelines.runs.cluster.lanes import Lanes
 from pipelines.runs.cluster.nodes import Nodes, Wanted
 from pipelines.runs.cluster.task import NODE_CODES, NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
 from pipelines.runs.work import cpus_of_group
-from pipelines.stages.base import Context, GroupStage, StageReporter
+from pipelines.stages import Stage
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import remove
 from pipelines.takes.groups import Group
 from studio.errors import Message, StudioError
@@ -48,7 +50,7 @@ class _Job:
 
     Attributes:
         group: the group.
-        key: its `GroupStage.group_key`.
+        key: its `GroupStageCode.group_key`.
         cpus: that it takes.
         attempt: 1 at first.
         lost: how often its worker was lost.
@@ -69,7 +71,7 @@ class _Job:
 
 @dataclass
 class RayExecutor:
-    """See `pipelines.stages.base.Executor`.
+    """See `pipelines.stages.Executor`.
 
     Attributes:
         ray: the package, connected.
@@ -86,14 +88,14 @@ class RayExecutor:
 
     def run(
         self,
-        stage: GroupStage,
-        context: Context,
+        stage: Stage,
+        inputs: Inputs,
         groups: Sequence[Group],
         reporter: StageReporter,
         finished: Callable[[Group], None] = lambda group: None,
     ) -> None:
-        """See `pipelines.stages.base.Executor.run`."""
-        _Run(self, stage, context, reporter, finished).go(groups)
+        """See `pipelines.stages.Executor.run`."""
+        _Run(self, stage, inputs, reporter, finished).go(groups)
 
 
 class _Run:
@@ -102,17 +104,17 @@ class _Run:
     def __init__(
         self,
         executor: RayExecutor,
-        stage: GroupStage,
-        context: Context,
+        stage: Stage,
+        inputs: Inputs,
         reporter: StageReporter,
         finished: Callable[[Group], None],
     ) -> None:
         self._executor, self._ray, self._nodes = executor, executor.ray, executor.nodes
-        self._stage, self._context, self._reporter, self._finished = stage, context, reporter, finished
+        self._stage, self._inputs, self._reporter, self._finished = stage, inputs, reporter, finished
         self._queue: deque[_Job] = deque()
         self._running: dict[Any, _Job] = {}
         self._warned: set[str] = set()
-        self._lanes = Lanes(stage.name, context.emit)
+        self._lanes = Lanes(stage.name, reporter.emit)
         self._figures: dict[str, Any] = {}
         self._waiting: dict[str, float] = {}
 
@@ -138,15 +140,15 @@ class _Run:
 
     def _go(self, groups: Sequence[Group]) -> None:
         ray = self._ray
-        remove(self._context.take.group_events)
+        remove(self._inputs.take.group_events)
         for group in groups:
-            cpus = cpus_of_group(self._stage.name, self._context, group.index)
-            self._queue.append(_Job(group, self._stage.group_key(self._context, group), cpus))
+            cpus = cpus_of_group(self._stage.name, self._inputs, group.index)
+            self._queue.append(_Job(group, self._stage.group_code.group_key(self._inputs, group), cpus))
             self._lanes.queued(group)
         self._task = ray.remote(_task)
         try:
             while self._queue or self._running:
-                self._context.cancellation.check()
+                self._reporter.check()
                 self._submit()
                 self._check_waiting()
                 done, _ = ray.wait(list(self._running), timeout=_WAIT, fetch_local=False)
@@ -175,9 +177,9 @@ class _Run:
             self._queue.popleft()
             job.wanted = wanted
             task = GroupTask(
-                take=str(self._context.take.root),
-                footage=str(self._context.config.capture.root),
-                paths=tuple(self._context.config.run.paths.items()),
+                take=str(self._inputs.take.root),
+                footage=str(self._inputs.config.capture.root),
+                paths=tuple(self._inputs.config.run.paths.items()),
                 stage=self._stage.name,
                 group=job.group.index,
                 attempt=job.attempt,
@@ -186,7 +188,7 @@ class _Run:
                 version=versions()[0],
                 python=versions()[1],
             )
-            job.log = LogFollower(self._context.take.group_events / task.events)
+            job.log = LogFollower(self._inputs.take.group_events / task.events)
             self._running[self._task.options(**options).remote(task)] = job
 
     def _check_waiting(self) -> None:
@@ -231,28 +233,28 @@ class _Run:
 
     def _settings(self) -> tuple[tuple[str, Any], ...]:
         """What a node must not choose itself: the bytes of training depend on the number of threads."""
-        context = self._context
-        device = context.config.run.device
+        inputs = self._inputs
+        device = inputs.config.run.device
         return (
-            ("run.threads", context.threads),
-            ("run.groups_at_once", groups_at_once(context)),
+            ("run.threads", inputs.threads),
+            ("run.groups_at_once", groups_at_once(inputs)),
             ("run.device", "cuda" if device.startswith("cuda") else device),  # Ray says which one
-            ("run.preview_seconds", context.config.run.preview_seconds),
+            ("run.preview_seconds", inputs.config.run.preview_seconds),
         )
 
     def _wanted(self, job: _Job) -> Wanted:
-        settings = self._context.config.run
+        settings = self._inputs.config.run
         memory = (settings.memory_per_group or 0.0) * 1e9
         if not memory:
             memory = _PROGRAM_BYTES
             if self._stage.name == "train" and settings.device in ("auto", "cpu"):
-                memory += memory_of_group(self._context)
+                memory += memory_of_group(self._inputs)
         gpus = settings.gpus_per_group
         if gpus is None:
             gpus = 1.0 if settings.device != "cpu" and self._nodes.most("GPU") > 0 else 0.0
         return Wanted(
             cpus=min(job.cpus, max(1, int(self._nodes.most("CPU")))),
-            gpus=0.0 if self._stage.name == "initialize" else gpus,
+            gpus=gpus if self._stage.renders else 0.0,
             memory=int(min(max(memory, self._executor.memory_floor), self._nodes.most("memory") or memory)),
         )
 
@@ -274,12 +276,12 @@ class _Run:
             self._figures = dict(event.figures)
         elif isinstance(event, Metrics):
             self._lanes.metrics(job.group, event)
-            self._context.emit(event)
+            self._reporter.emit(event)
         elif isinstance(event, Preview) and Path(event.path).is_file():  # not in a folder of that node only
-            self._context.emit(event)
+            self._reporter.emit(event)
         elif isinstance(event, Warned) and event.message not in self._warned:
             self._warned.add(event.message)  # every group says what a local run says once
-            self._context.emit(event)
+            self._reporter.emit(event)
 
     def _end(self, job: _Job, reference: Any) -> None:
         from ray.exceptions import OutOfMemoryError, RayError, RayTaskError
@@ -308,14 +310,14 @@ class _Run:
 
     def _arrived(self, job: _Job) -> None:
         until = time.monotonic() + VISIBLE_SECONDS
-        while not self._stage.group_done(self._context, job.group):
-            self._context.cancellation.check()
+        while not self._stage.group_code.group_done(self._inputs, job.group):
+            self._reporter.check()
             if time.monotonic() > until:
                 raise StudioError(
                     "cluster.result_missing",
                     f"group {job.group.index} was finished on {self._nodes.name(job.node)}, but its files are not "
                     "here, or the take has changed meanwhile",
-                    file=self._context.take.root,
+                    file=self._inputs.take.root,
                     fix="Use a folder that all nodes share, and do not change settings or footage during a run.",
                     group=job.group.index,
                 )
@@ -342,7 +344,7 @@ class _Run:
         name = self._nodes.name(job.node)
         where = f" on {name}" if job.node else ""
         told = f"group {job.group.index}: its worker{where} was lost ({reason})"
-        if job.lost > self._context.config.run.retries:
+        if job.lost > self._inputs.config.run.retries:
             if job.lost > 1:
                 told = f"group {job.group.index} lost {job.lost} workers, the last{where} ({reason})"
             self._lanes.failed(job.group, told)

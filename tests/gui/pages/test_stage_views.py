@@ -34,7 +34,7 @@ from gui.shell import Shell
 from gui.widgets.raycast import MeshPicture
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config.loading import all_names
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.take import Take
 from studio.calibration.report import CameraReport
@@ -447,7 +447,7 @@ def test_the_check_tells_of_white_balance_that_changes(tmp_path: Path) -> None:
                 cv2.imwrite(str(path), pixels)
     config = Config.model_validate({"capture": {"root": str(tmp_path / "capture"), "masks": "files"}})
     check = FootageCheck()
-    check.start(Context(Take.create(tmp_path / "take"), config))
+    check.start(Inputs(Take.create(tmp_path / "take"), config))
     wait_until("the check", lambda: not check.running)
     (problem,) = check.problems
     assert "Camera 'b'" in problem

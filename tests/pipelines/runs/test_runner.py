@@ -13,11 +13,10 @@ from PIL import Image
 
 from pipelines.config import load_config, parse_override
 from pipelines.events import Event, Metrics, Progress, RunFinished, RunStarted, StageFinished, StageStarted, Warned
-from pipelines.runs.runner import ALL_STAGES, run, status
+from pipelines.runs.runner import run, status
 from pipelines.runs.work import work
-from pipelines.stages import stage_named
-from pipelines.stages.base import Context
-from pipelines.stages.evaluate import EvaluateStage
+from pipelines.stages import STAGE_NAMES, evaluate, stage_named
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.kept_bakes import keep_bake, kept_bake
 from pipelines.takes.point_files import read_points
@@ -171,7 +170,7 @@ def test_running_again_does_nothing(project):
     assert ran(events) == []
     assert isinstance(events[0], RunStarted)
     assert events[0].stages == ()
-    assert events[0].done == ALL_STAGES
+    assert events[0].done == STAGE_NAMES
     assert project.bytes_of("train", "stream", "initialize", "calibrate") == before
     assert project.written("train") == times
     assert set(project.states().values()) == {"done"}
@@ -288,10 +287,10 @@ def test_one_stage_alone_needs_those_before_it(project):
         project.run(stages=("bake",), force=True)
 
 
-@pytest.mark.parametrize("name", ALL_STAGES)
+@pytest.mark.parametrize("name", STAGE_NAMES)
 def test_force_makes_all_results_of_a_stage_anew_and_gives_the_same(project, name):
     config = load_config(project.folder / "ball.yaml", [])
-    paths = stage_named(name).results(Context(project.take, config))
+    paths = stage_named(name).code.results(Inputs(project.take, config))
     before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in paths}
     assert before
     events = project.run(stages=(name,), force=True)
@@ -409,7 +408,7 @@ def test_cancelled_from_another_thread(project):
 def test_a_group_that_a_worker_measures_meanwhile_is_not_measured_again(
     project: Project, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lock, measure = Take.group_locked, EvaluateStage._measure
+    lock, measure = Take.group_locked, evaluate._measure
     measured: list[int] = []
     config = load_config(project.folder / "ball.yaml", [])
 
@@ -422,12 +421,12 @@ def test_a_group_that_a_worker_measures_meanwhile_is_not_measured_again(
         with lock(take, stage, group, waiting):
             yield
 
-    def counted(stage: EvaluateStage, context: Context, group: Any, *arguments: Any) -> Any:
+    def counted(inputs: Inputs, group: Any, *arguments: Any) -> Any:
         measured.append(group.index)
-        return measure(stage, context, group, *arguments)
+        return measure(inputs, group, *arguments)
 
     monkeypatch.setattr(Take, "group_locked", later)
-    monkeypatch.setattr(EvaluateStage, "_measure", counted)
+    monkeypatch.setattr(evaluate, "_measure", counted)
     before = project.bytes_of(".")["evaluation.json"]
     project.run(stages=["evaluate"], force=True)
     assert measured == [0, 1]

@@ -13,8 +13,6 @@ import pytest
 
 from pipelines.events import Metrics, StageFinished, StageStarted, read_line
 from pipelines.runs.print_commands import ranges
-from pipelines.runs.work_choices import CHAIN, GROUP_STAGE_NAMES
-from pipelines.stages import GROUP_STAGES
 from pipelines.takes.take import Take
 from tests.support.tiny_capture import ROOT, environment
 from tests.support.warm_python import warm_python
@@ -131,11 +129,6 @@ def test_printed_commands_name_the_settings(project, here, monkeypatch):
     three = here(*batch, "--train.group_size", "2").stdout
     assert "#SBATCH --array=0-2\n" in three
     assert "#SBATCH --cpus-per-task=4\n" in three
-
-
-def test_stages_of_groups_are_named():
-    assert tuple(stage.name for stage in GROUP_STAGES) == GROUP_STAGE_NAMES
-    assert tuple(name for name in GROUP_STAGE_NAMES if name != "evaluate") == CHAIN
 
 
 def test_what_cannot_be_done_is_refused(project, here):

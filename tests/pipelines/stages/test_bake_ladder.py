@@ -1,12 +1,10 @@
-"""The bake stage and streams of version 3: in place of version 2 and back, and only what changed is baked again."""
+"""The stage bake with ladders: only what changed is baked again."""
 
 import json
 import shutil
 
 import pytest
 
-from pipelines.stages import bake
-from pipelines.takes.atomic_files import remove
 from studio.stream import StreamReader
 
 
@@ -32,39 +30,6 @@ def done(result):
 
 def contents(take):
     return {name: (take / "stream" / name).read_bytes() for name in names(take)}
-
-
-def test_a_take_of_version_2_becomes_version_3_and_back(here, take, monkeypatch):
-    three = contents(take)
-    assert manifest_of(take)["version"] == 3
-    done(here("bake", take, "--stream-version", "2"))
-    two = contents(take)
-    assert set(two) == {"manifest.json"} | {
-        f"group_00{group}/{name}" for group in (0, 1) for name in ("motion.bin", "video.mp4")
-    }
-    done(here("evaluate", take))
-
-    # as the program wrote it before the setting existed
-    config = take / "config.yaml"
-    config.write_text(config.read_text().replace("  stream_version: 2\n", ""))
-    assert "bake.stream_version changed from 2 to 3, now the default" in " ".join(
-        done(here("status", take)).stdout.split()
-    )
-
-    def killed(path):
-        if path.parent.name == "stream":
-            raise KeyboardInterrupt
-        remove(path)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(bake, "remove", killed)
-        assert here("bake", take).returncode != 0
-    assert three.items() <= contents(take).items()  # whole, with left-overs of version 2
-    done(here("bake", take))
-    assert contents(take) == three
-    assert not list((take / "stream").glob("group_*"))
-    done(here("bake", take, "--stream-version", "2"))
-    assert contents(take) == two
 
 
 def test_a_take_is_baked_as_a_ladder(here, take):

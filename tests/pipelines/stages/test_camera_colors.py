@@ -15,8 +15,9 @@ from pipelines.events import Warned
 from pipelines.events.cancellation import Cancellation
 from pipelines.events.event_types import Log
 from pipelines.runs.runner import run, status
-from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.camera_colors import ensure_camera_colors
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import read_json
 from pipelines.takes.take import Take
@@ -95,15 +96,15 @@ def test_vignettes_are_kept_told_and_seen_in_all_frames(
     shutil.copytree(finished, tmp_path / "project")
     take, events = Take.open(tmp_path / "project" / "take"), []
     config = load_config(tmp_path / "project" / "ball.yaml", [parse_override(text) for text in OPTIONS])
-    context = Context(take, config, events.append)
-    ensure_camera_colors(context, StageReporter("train", context), "key", Cancellation())
+    context = Inputs(take, config)
+    ensure_camera_colors(context, StageReporter("train", events.append), "key", Cancellation())
     assert read_json(take.camera_colors)["vignettes"] == {"cam2": [-0.2, -0.4, 0.5]}
     lines = [event.message for event in events if isinstance(event, Log)]
     assert lines[-1].endswith("middle of the image: cam2 -20%")
 
     for frame, colored in ((0, True), (3, True), (0, False)):
         seen = training_views(
-            context, StageReporter("train", context), frame, lambda number, images: None, colored=colored
+            context, StageReporter("train", events.append), frame, lambda number, images: None, colored=colored
         )
         vignettes = {view.camera.name: view.vignette for view in seen if view.vignette is not None}
         assert vignettes == ({"cam2": vignette} if colored else {})
@@ -128,8 +129,8 @@ def test_a_camera_that_is_not_corrected_is_named(finished: Path, tmp_path: Path)
     train(tmp_path / "project", until="initialize")
     config = load_config(tmp_path / "project" / "ball.yaml", [parse_override(text) for text in OPTIONS])
     events: list = []
-    context = Context(Take.open(tmp_path / "project" / "take"), config, events.append)
-    ensure_camera_colors(context, StageReporter("train", context), "key", Cancellation())
+    context = Inputs(Take.open(tmp_path / "project" / "take"), config)
+    ensure_camera_colors(context, StageReporter("train", events.append), "key", Cancellation())
     (warning,) = [one for one in events if isinstance(one, Warned) and one.code == "training.no_camera_color"]
     assert "the colors of cam1 are not corrected" in warning.message
 
@@ -172,8 +173,8 @@ def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndar
     views = {}
     for options in (CHART[:2], CHART):
         config = load_config(project / "ball.yaml", [parse_override(text) for text in options])
-        context = Context(take, config, events.append)
-        seen = training_views(context, StageReporter("train", context), 0, lambda number, images: None)
+        context = Inputs(take, config)
+        seen = training_views(context, StageReporter("train", events.append), 0, lambda number, images: None)
         views[len(options)] = {view.camera.name: view.color for view in seen}
     assert all(color is None for color in views[2].values())
     assert [name for name, color in views[4].items() if color is None] == ["cam3"]

@@ -11,6 +11,7 @@ import pytest
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.footage_check import footage_check
+from pipelines.stages.reporter import StageReporter
 from studio.capture import CaptureSettings, open_footage
 from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
@@ -29,14 +30,17 @@ def folders(tmp_path: Path) -> Path:
     return tmp_path
 
 
+REPORTER = StageReporter("train")
+
+
 def context_of(folder: Path) -> Any:
     footage = open_footage(CaptureSettings(root=folder, masks="files"))
-    return cast(Any, SimpleNamespace(footage=SimpleNamespace(calibrated=footage), cancellation=Cancellation()))
+    return cast(Any, SimpleNamespace(footage=SimpleNamespace(calibrated=footage)))
 
 
 def test_sound_footage_does_not_disturb(folders: Path) -> None:
     stop, trained = Cancellation(), []
-    with footage_check(context_of(folders), (0, 1, 2), stop):
+    with footage_check(context_of(folders), (0, 1, 2), stop, REPORTER):
         trained.append(1)
     assert trained
     assert not stop.cancelled
@@ -45,35 +49,44 @@ def test_sound_footage_does_not_disturb(folders: Path) -> None:
 def test_a_problem_ends_training_and_is_reported(folders: Path) -> None:
     (folders / "images" / "right" / "002.png").write_bytes(b"not an image")
     stop = Cancellation()
-    with refuses("footage.image_unreadable", count=1), footage_check(context_of(folders), (0, 1, 2), stop):
+    with (
+        refuses("footage.image_unreadable", count=1),
+        footage_check(context_of(folders), (0, 1, 2), stop, StageReporter("train")),
+    ):
         while True:  # training, which only ends when it is told to
             stop.check()
 
 
 def test_frames_that_are_not_asked_for_are_not_checked(folders: Path) -> None:
     (folders / "images" / "right" / "002.png").write_bytes(b"not an image")
-    with footage_check(context_of(folders), (0, 1), Cancellation()):
+    with footage_check(context_of(folders), (0, 1), Cancellation(), REPORTER):
         pass
 
 
 def test_all_problems_are_named_if_training_meets_one_first(folders: Path) -> None:
     for frame in (1, 2):
         (folders / "images" / "left" / f"{frame:03d}.png").write_bytes(b"not an image")
-    with refuses("footage.image_unreadable", count=2), footage_check(context_of(folders), (0, 1, 2), Cancellation()):
+    with (
+        refuses("footage.image_unreadable", count=2),
+        footage_check(context_of(folders), (0, 1, 2), Cancellation(), StageReporter("train")),
+    ):
         raise StudioError("footage.image_unreadable", "cannot read frame 1")
 
 
 def test_other_errors_of_training_pass(folders: Path) -> None:
-    with refuses("training.diverged"), footage_check(context_of(folders), (0, 1, 2), Cancellation()):
+    with (
+        refuses("training.diverged"),
+        footage_check(context_of(folders), (0, 1, 2), Cancellation(), StageReporter("train")),
+    ):
         raise StudioError("training.diverged", "the loss is NaN")
 
 
 def test_cancelling_ends_the_check(folders: Path) -> None:
-    context = context_of(folders)
+    context, reporter = context_of(folders), StageReporter("train")
 
     def train() -> None:
-        with footage_check(context, (0, 1, 2), Cancellation()):
-            context.cancellation.cancel()
+        with footage_check(context, (0, 1, 2), Cancellation(), reporter):
+            reporter.cancellation.cancel()
             raise Cancelled
 
     with pytest.raises(Cancelled):

@@ -9,9 +9,10 @@ import pytest
 from PIL import Image
 
 from pipelines.config import Config
-from pipelines.stages.base import Context
-from pipelines.stages.calibrate import CalibrateStage
+from pipelines.stages import calibrate
+from pipelines.stages.inputs import Inputs
 from pipelines.stages.known_cameras import focal_lengths, known_cameras, known_distance
+from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
 from studio.calibration.settings import CalibrateSettings
 from studio.camera_files import write_rig
@@ -20,7 +21,7 @@ from studio.errors import StudioError
 from tests.support.errors import refuses
 
 
-def context(tmp_path: Path, filmed: int = 1, suffix: str = "png", **calibrate) -> Context:
+def context(tmp_path: Path, filmed: int = 1, suffix: str = "png", **settings) -> Inputs:
     for name in ("a", "b"):
         folder = tmp_path / "capture" / "images" / name
         folder.mkdir(parents=True, exist_ok=True)
@@ -30,8 +31,8 @@ def context(tmp_path: Path, filmed: int = 1, suffix: str = "png", **calibrate) -
             exif[0xA405] = 50  # focal length on 35 mm film
             picture.save(folder / f"{frame}.{suffix}", **({"exif": exif} if suffix == "jpg" else {}))
     capture = {"root": str(tmp_path / "capture"), "rig": None, "masks": "none"}
-    config = Config.model_validate({"capture": capture, "calibrate": calibrate})
-    return Context(Take.create(tmp_path / "take"), config)
+    config = Config.model_validate({"capture": capture, "calibrate": settings})
+    return Inputs(Take.create(tmp_path / "take"), config)
 
 
 def rig(names: tuple[str, ...], width: int = 160) -> Rig:
@@ -66,8 +67,8 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
         K = np.array([[100.0, 0, width / 2], [0, 100, 30], [0, 0, 1]])
         write_rig(Rig(tuple(Camera(name, width, 60, K, np.eye(4)) for name in ("a", "b"))), file)
         section = made.config.capture.model_copy(update=capture)
-        fresh = Context(made.take, made.config.model_copy(update={"capture": section}))
-        return CalibrateStage()._from_file(fresh, file)[0]
+        fresh = Inputs(made.take, made.config.model_copy(update={"capture": section}))
+        return calibrate._from_file(fresh, file)[0]
 
     with pytest.raises(StudioError) as caught:
         calibrated(88)
@@ -75,7 +76,7 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
     assert "set capture.size_rule to stretch, crop or letterbox" in str(caught.value)
     assert calibrated(88, size_rule="crop")["a"].width == 88
     write_rig(rig(("a", "b")), file)
-    assert CalibrateStage()._from_file(made, file)[0]["b"].width == 160
+    assert calibrate._from_file(made, file)[0]["b"].width == 160
 
 
 def test_a_known_distance_needs_both_parts() -> None:
@@ -95,13 +96,9 @@ def test_a_known_distance_needs_both_parts() -> None:
 
 
 def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:
-    from pipelines.stages.base import StageReporter
-    from pipelines.stages.calibrate import CalibrateStage
-
     made = context(tmp_path, look_at="room")
-    stage = CalibrateStage()
     with refuses("settings.conflict", value="room", setting="calibrate.look_at", other="capture.masks"):
-        stage.run(made, StageReporter(stage.name, made))
+        calibrate.run(made, StageReporter("calibrate"), None)
 
 
 def test_focal_lengths_from_exif(tmp_path: Path) -> None:
@@ -117,12 +114,12 @@ def test_focal_lengths_from_exif(tmp_path: Path) -> None:
     [({}, [0]), ({"frames": 3}, [2, 6, 10]), ({"frames": 50}, list(range(12))), ({"frame": 7}, [7])],
 )
 def test_which_frames(tmp_path: Path, settings: dict, expected: list[int]) -> None:
-    assert CalibrateStage()._frames(context(tmp_path, filmed=12, **settings)) == expected
+    assert calibrate.calibrated_frames(context(tmp_path, filmed=12, **settings)) == expected
 
 
 def test_frames_that_contradict_each_other(tmp_path: Path) -> None:
     with refuses("settings.conflict", setting="calibrate.frame", other="calibrate.frames"):
-        CalibrateStage()._frames(context(tmp_path, filmed=3, frame=1, frames=2))
+        calibrate.calibrated_frames(context(tmp_path, filmed=3, frame=1, frames=2))
 
 
 def test_intrinsics_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
@@ -135,6 +132,6 @@ def test_intrinsics_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> No
     with refuses("footage.aspect_ratio", value=(80, 60), camera="a", expected=(88, 60)):
         at_footage_size(made, "a", wide)
     section = made.config.capture.model_copy(update={"size_rule": "crop"})
-    made = Context(made.take, made.config.model_copy(update={"capture": section}))
+    made = Inputs(made.take, made.config.model_copy(update={"capture": section}))
     found = at_footage_size(made, "a", wide)
     assert (found.width, found.height, found.fx, found.cx, found.cy) == (80, 60, 100, 40, 30)

@@ -8,9 +8,11 @@ import pytest
 from pipelines.config import load_config
 from pipelines.config.config import BakeStageSettings
 from pipelines.events import Warned
-from pipelines.stages.bake import BakeStage
-from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.live_bake import LiveBake
+from pipelines.stages.baking import live as live_bake
+from pipelines.stages.baking.live import LiveBake
+from pipelines.stages.baking.plan import BakePlan
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from studio.stream import StreamReader
@@ -41,20 +43,21 @@ def groups_of(take):
 def published(monkeypatch, take):
     """What has been published so far, as `groups_of` tells it."""
     found = []
-    publish = BakeStage.publish
+    publish = live_bake.publish
 
     def watched(*arguments):
         publish(*arguments)
         found.append(groups_of(take))
 
-    monkeypatch.setattr(BakeStage, "publish", watched)
+    monkeypatch.setattr(live_bake, "publish", watched)
     return found
 
 
 def live(take, finished, events=None, **settings):
     config = load_config(take.config, [*FAST, *((f"bake.{name}", value) for name, value in settings.items())])
-    context = Context(take, config, emit=(events if events is not None else []).append)
-    return LiveBake(context, StageReporter("train", context), finished)
+    return LiveBake(
+        Inputs(take, config), StageReporter("train", (events if events is not None else []).append), finished
+    )
 
 
 def interrupted(baking, when):
@@ -106,7 +109,7 @@ def test_training_outlives_a_failure(take, published, monkeypatch):
     def fails(*arguments):
         raise StudioError("bake.write_failed", "the disk is full")
 
-    monkeypatch.setattr(BakeStage, "publish", fails)
+    monkeypatch.setattr(live_bake, "publish", fails)
     events = []
     with live(take, {0: 3, 1: 2}, events):
         pass
@@ -125,10 +128,10 @@ def test_training_with_live_gives_the_stream_of_a_bake(here, take, published):
 
 def test_what_is_trained_on_frames_of_the_whole_group_waits_for_all_of_them(take):
     settings = [*FAST, ("bake.first_group_size", 1)]
-    stage, needed = BakeStage(), []
+    needed = []
     for ladder in ([], [{"qp": 24}, {"qp": 30, "splats": 0.5, "finetune_iterations": 10}]):
-        context = Context(take, load_config(take.config, [*settings, ("bake.ladder", ladder)]), emit=lambda _: None)
-        needed.append([stage.frames_needed(context, part) for part in stage.parts(context)])
+        plan = BakePlan(Inputs(take, load_config(take.config, [*settings, ("bake.ladder", ladder)])))
+        needed.append([plan.frames_needed(part) for part in plan.parts])
     assert needed == [[1, 3, 2], [3, 3, 2]]
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pipelines.stages.train_clock import TrainClock
+from pipelines.stages.train_group import TrainClock
 from pipelines.takes.groups import Group
 from studio.training.settings import TrainSettings
 

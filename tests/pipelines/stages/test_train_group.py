@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from pipelines.config import Config
-from pipelines.events.cancellation import Cancellation
-from pipelines.stages.train_clock import TrainClock
-from pipelines.stages.train_group import GroupWork
+from pipelines.stages.reporter import StageReporter
+from pipelines.stages.train_group import GroupWork, TrainClock
 from studio.edits import EditList
 from tests.support.rigs import camera_at
 
@@ -33,8 +32,7 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
         edits=EditList(),
         training_box=None,
         device="cpu",
-        cancellation=Cancellation(),
     )
-    trainer = GroupWork(cast(Any, context), cast(Any, None), cast(TrainClock, None))
+    trainer = GroupWork(cast(Any, context), StageReporter("train"), cast(TrainClock, None))
     (found,) = trainer._views(0)
     assert (found.plate is not None) == use_plates

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pipelines.config import load_config, parse_override
-from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
@@ -27,8 +28,8 @@ def views_of(project: Path, *options: str, details: int = 1, colored: bool = Tru
     take = Take.open(project / "take")
     mark = DetailMark(radius=0.1, path=((0, (0.0, 0.0, 0.0)),))
     change_edits(take.edits, EditList(details=(mark,) * details), "details")
-    context = Context(take, load_config(project / "ball.yaml", [parse_override(one) for one in options]), print)
-    return training_views(context, StageReporter("train", context), 0, lambda number, images: None, colored=colored)
+    context = Inputs(take, load_config(project / "ball.yaml", [parse_override(one) for one in options]))
+    return training_views(context, StageReporter("train"), 0, lambda number, images: None, colored=colored)
 
 
 HALF, CLOSER = "capture.scale=0.5", "train.full_size_details=true"

@@ -13,7 +13,7 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import load_file
 
-from pipelines.runs.runner import ALL_STAGES
+from pipelines.stages import STAGE_NAMES
 from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.integrity import check_take, refuse_damage
@@ -41,7 +41,7 @@ def flip(path: Path, place: int = -5) -> None:
 
 
 def test_a_take_as_it_was_written_is_whole(take: Take) -> None:
-    found = check_take(take, ALL_STAGES)
+    found = check_take(take, STAGE_NAMES)
     assert (found.damage, found.unchecked) == ((), ())
     files = [path for path in take.root.rglob("*") if path.is_file() and ".v3studio" not in path.parts]
     notes = {"take.json", "config.yaml", "report.json", "group.json"}  # no stage uses them as input
@@ -51,11 +51,11 @@ def test_a_take_as_it_was_written_is_whole(take: Take) -> None:
 def test_one_bit_in_any_result_is_found(take: Take) -> None:
     for name in ("calibrate/rig.json", "initialize/group_001/points.ply", FRAME, "evaluation.json"):
         flip(take.root / name)
-        found = check_take(take, ALL_STAGES)
+        found = check_take(take, STAGE_NAMES)
         assert [(damage.file, damage.problem) for damage in found.damage] == [(name, "changed")]
         flip(take.root / name)
     (take.root / FRAME).unlink()
-    assert [damage.problem for damage in check_take(take, ALL_STAGES).damage] == ["missing"]
+    assert [damage.problem for damage in check_take(take, STAGE_NAMES).damage] == ["missing"]
 
 
 def test_a_damaged_frame_is_refused_where_it_is_read(take: Take) -> None:
@@ -69,7 +69,7 @@ def test_a_damaged_frame_is_refused_where_it_is_read(take: Take) -> None:
 def test_a_frame_of_an_unfinished_take_is_checked_by_itself(take: Take) -> None:
     take.forget("train")
     flip(take.root / FRAME)
-    found = check_take(take, ALL_STAGES)
+    found = check_take(take, STAGE_NAMES)
     assert found.unchecked == ("train",)
     assert [(damage.file, damage.problem) for damage in found.damage] == [(FRAME, "damaged")]
 
@@ -87,7 +87,7 @@ def test_files_without_checksums_are_still_read(take: Take) -> None:
     record = json.loads(take.record("train").read_text())
     del record["digests"]
     take.record("train").write_text(json.dumps(record))
-    found = check_take(take, ALL_STAGES)  # the digest of all results is all that there is
+    found = check_take(take, STAGE_NAMES)  # the digest of all results is all that there is
     assert [(damage.file, damage.stage, damage.problem) for damage in found.damage] == [("", "train", "changed")]
 
 
@@ -122,12 +122,12 @@ def test_what_people_made_is_read(take: Take, here: Callable) -> None:
     change_edits(take.edits, EditList(trim=Trim(first=1, last=3)), "trim")
     write_path_keys([Key(0.0, next(iter(read_rig(take.rig))))], take.camera_path)
     take.garbage.write_text("cam1: {remove: [[[0, 0], [64, 0], [64, 48]]]}")
-    assert check_take(take, ALL_STAGES).damage == ()
+    assert check_take(take, STAGE_NAMES).damage == ()
     take.garbage.write_text("cam1: {remove: [[[0, 0], [64, 0]]]}")
     take.marks.write_text('{"marks": [{"frame": -1, "note": "good"}]}')
     take.edits.write_text("{")
     take.camera_path.write_text("")
-    found = check_take(take, ALL_STAGES).damage
+    found = check_take(take, STAGE_NAMES).damage
     own = [(damage.file, damage.stage, damage.problem, bool(damage.detail)) for damage in found]
     assert own == [
         (name, "", "damaged", True) for name in ("edits.json", "marks.json", "garbage.yaml", "camera_path.json")
@@ -155,7 +155,7 @@ def test_a_record_names_files_of_its_take_only(take: Take, here: Callable, name:
     here("check", take.root, "--remove")
     assert (victim / "file").read_text() == "mine"
     assert (take.root / "take.json").is_file()
-    assert check_take(take, ALL_STAGES).unchecked == ("bake",)
+    assert check_take(take, STAGE_NAMES).unchecked == ("bake",)
 
 
 def test_what_a_record_names_behind_a_link_is_not_removed(take: Take, here: Callable) -> None:

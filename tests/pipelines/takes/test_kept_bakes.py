@@ -12,7 +12,7 @@ import pytest
 
 from pipelines.cli import execute
 from pipelines.config import load_config
-from pipelines.runs.runner import ALL_STAGES
+from pipelines.stages import STAGE_NAMES
 from pipelines.takes.chosen_bake import choose_bake, remarks
 from pipelines.takes.edits import change_edits
 from pipelines.takes.integrity import check_take
@@ -63,11 +63,11 @@ def test_two_bakes_are_kept_and_either_is_chosen(finished: Path, take: Take, her
     assert contents(take.stream) == first
     assert load_config(take.config).bake.qp == 20
     assert set(states(here, take.root).values()) == {"done"}, "also the evaluation"
-    found = check_take(take, ALL_STAGES)
+    found = check_take(take, STAGE_NAMES)
     assert found.damage == ()
     assert here("bakes", "choose", take.root, "coarse").returncode == 0
     assert (contents(take.stream), load_config(take.config).bake.qp) == (second, 40)
-    assert states(here, take.root) == {**dict.fromkeys(ALL_STAGES, "done"), "evaluate": "missing"}
+    assert states(here, take.root) == {**dict.fromkeys(STAGE_NAMES, "done"), "evaluate": "missing"}
     assert here("evaluate", take.root).returncode == 0
     coarse = kept_bake(take, "coarse").psnr
     assert coarse is not None
@@ -180,7 +180,7 @@ def test_check_names_damage_of_a_kept_bake(take: Take, here: Callable) -> None:
     note = next((take.bakes / "fine" / "notes").iterdir())
     note.unlink()
     (take.bakes / ".fine.partial").mkdir()
-    found = check_take(take, ALL_STAGES).damage
+    found = check_take(take, STAGE_NAMES).damage
     assert [(damage.file, damage.problem) for damage in found] == [
         (path.relative_to(take.root).as_posix(), "changed"),
         (note.relative_to(take.root).as_posix(), "missing"),

@@ -13,7 +13,7 @@ from pipelines.config import Config, dump_config, load_config
 from pipelines.config.loading import digest_text
 from pipelines.runs.staleness import assess_all
 from pipelines.stages import STAGES
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed, key_of
 from pipelines.takes import migration
 from pipelines.takes.atomic_files import digest_of, digest_of_file, read_json, write_json, write_text
@@ -172,7 +172,7 @@ def test_a_migration_that_was_killed_anywhere_goes_on(root: Path, monkeypatch: p
 def test_a_stage_that_has_not_changed_is_not_stale(root: Path) -> None:
     """Old and current names in a stage's record compare equal."""
     take = Take.open(root)
-    context = Context(take, load_config(take.config))
+    context = Inputs(take, load_config(take.config))
     found = assess_all(STAGES[:1], context)["calibrate"]
     assert found.state == "missing"
     from pipelines.runs.staleness import differences

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.config import load_config
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.path_here import path_here, places_to_look
 from pipelines.takes.take import Take
 from studio.errors import StudioError
@@ -28,7 +28,7 @@ def test_a_take_opens_footage_that_is_mounted_elsewhere(project: Path):
     take = Take.create(project / "take")
     config = load_config(project / "ball.yaml", [("run.paths", {str(project / "capture"): str(project / "mounted")})])
     assert config.run.paths == {str(project / "capture"): (str(project / "mounted"),)}
-    footage = Context(take, config).footage
+    footage = Inputs(take, config).footage
     assert footage.raw.frames == (0, 1, 2, 3, 4)
     assert config.capture.root == project / "capture", "settings keep the path that they were written with"
 

@@ -22,7 +22,7 @@ from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
 from gui.widgets.raycast import MeshPicture
 from pipelines.config import load_config
-from pipelines.stages.base import Context
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from studio.yaml_text import dump_yaml, parse_yaml
@@ -203,7 +203,7 @@ def test_cameras_held_out_by_name_are_known_without_the_footage(finished_project
     take = Take.open(finished_project / "take")
     config = load_config(take.config)
     gone = config.replace(capture=config.capture.replace(root=str(tmp_path / "gone")))
-    assert HeldOut().of(Context(take, gone)) == ("cam4",)
+    assert HeldOut().of(Inputs(take, gone)) == ("cam4",)
 
 
 def test_frusta_have_the_images_of_the_frame_once_the_view_rests(scene: Scene) -> None:

@@ -24,8 +24,8 @@ from gui.pages.stage_views import StageViews
 from gui.widgets.raycast import MeshPicture
 from pipelines.config import load_config
 from pipelines.runs.runner import status
-from pipelines.stages.base import Context
 from pipelines.stages.footage import TakeFootage
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.drawn_masks import DRAWN
 from pipelines.takes.take import Take
 from studio.yaml_text import parse_yaml
@@ -270,7 +270,7 @@ def test_polygons_of_footage_in_object_storage_are_seen_to_change(take_copy: Pat
     """Without a store: it is not asked."""
     settings: list[tuple[str, Any]] = [("capture.root", "s3://none/footage"), ("capture.garbage_masks", DRAWN)]
     take = Take.open(take_copy)
-    context = Context(take, load_config(take.config, settings))
+    context = Inputs(take, load_config(take.config, settings))
     drawing = GarbageDrawing(cast(Workspace, SimpleNamespace(context=context, take=take)))
     assert drawing.stamp is None
     take.garbage.write_text("cam1: {remove: [[[0, 0], [64, 0], [64, 48]]]}")

@@ -18,7 +18,7 @@ from pipelines.runs.cluster import executor as module
 from pipelines.runs.cluster import task as task_module
 from pipelines.runs.cluster.executor import RayExecutor
 from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
-from pipelines.stages.base import StageReporter
+from pipelines.stages.reporter import StageReporter
 from pipelines.takes.groups import cut_into_groups
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, Message, StudioError
@@ -89,15 +89,19 @@ class FakeRay:
 class Bake:
     """A stage whose groups are done as soon as their task has returned."""
 
-    name = "bake"
+    name, renders = "bake", True
 
     def __init__(self) -> None:
         self.there = True
 
-    def group_key(self, context: Any, group: Any) -> str:
+    @property
+    def group_code(self) -> Any:
+        return self
+
+    def group_key(self, inputs: Any, group: Any) -> str:
         return f"key {group.index}"
 
-    def group_done(self, context: Any, group: Any) -> bool:
+    def group_done(self, inputs: Any, group: Any) -> bool:
         return self.there
 
 
@@ -123,19 +127,16 @@ class Run:
         self.ray.events = self.take.group_events
         self.take.private.mkdir(exist_ok=True)
         groups = cut_into_groups(range(6), 2)
-        context: Any = SimpleNamespace(
+        inputs: Any = SimpleNamespace(
             take=self.take,
             config=Config.model_validate({"capture": {"root": "/footage"}, "run": self.settings}),
             threads=1,
             groups=groups,
-            cancellation=self.cancellation,
-            emit=self.events.append,
-            clock=itertools.count().__next__,
         )
+        reporter = StageReporter("bake", self.events.append, self.cancellation, itertools.count().__next__)
         executor = RayExecutor(self.ray)
-        executor.run(
-            self.stage, context, groups, StageReporter("bake", context), lambda group: self.finished.append(group.index)
-        )
+        stage: Any = self.stage
+        executor.run(stage, inputs, groups, reporter, lambda group: self.finished.append(group.index))
 
     def warnings(self) -> list[str]:
         return [event.code for event in self.events if isinstance(event, Warned)]

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.contribution import DrawnContribution
+from pipelines.config import Config
+from pipelines.stages.baking.measures import rendered_contribution
+from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
+from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import digest_of_file, remove
 from pipelines.takes.edited import EditedFrames, EditedGroup
@@ -34,9 +36,9 @@ FRAMES = 5
 times the images in memory."""
 
 
-def finetuned_rungs(context: Context) -> tuple[Rung, ...]:
+def finetuned_rungs(config: Config) -> tuple[Rung, ...]:
     """Rungs whose splats are fine-tuned: one for each combination of share, SH degree and steps."""
-    rungs = {rung.kind: rung for rung in reversed(context.config.bake.ladder) if rung.finetuned}
+    rungs = {rung.kind: rung for rung in reversed(config.bake.ladder) if rung.finetuned}
     return tuple(rungs[kind] for kind in reversed(rungs))
 
 
@@ -45,12 +47,12 @@ def name_of(rung: Rung) -> str:
     return f"{rung.kept}-{rung.finetune_iterations}"
 
 
-def finetuning_params(context: Context) -> Params:
+def finetuning_params(inputs: Inputs) -> Params:
     """Settings and inputs of fine-tuning that do not depend on the rung."""
     return {
-        **context.footage.seen_by_training(),
-        **settings_affecting(context.config, "keyframe"),
-        "result of calibrate": result_of(context.take, "calibrate"),
+        **inputs.footage.seen_by_training(),
+        **settings_affecting(inputs.config, "keyframe"),
+        "result of calibrate": result_of(inputs.take, "calibrate"),
     }
 
 
@@ -62,26 +64,26 @@ class RungTraining:
     the same result.
 
     Args:
-        context: of the stage `bake`.
+        inputs: what the stage `bake` reads.
     """
 
-    def __init__(self, context: Context) -> None:
-        self._context = context
+    def __init__(self, inputs: Inputs) -> None:
+        self._inputs = inputs
         self._params: Params | None = None
         self._contents: dict[int, list[str]] = {}
 
     def key(self, group: Group, rung: Rung) -> str:
         """Digest of everything that the offsets of a rung are made from."""
         if self._params is None:
-            self._params = finetuning_params(self._context)
+            self._params = finetuning_params(self._inputs)
         if group.index not in self._contents:
-            paths = [self._context.take.trained_frame(group.index, index) for index in group.indices]
+            paths = [self._inputs.take.trained_frame(group.index, index) for index in group.indices]
             self._contents[group.index] = [digest_of_file(path) if path.is_file() else "" for path in paths]
         return key_of("rung", VERSION, self._params, list(rung.kind), group.index, self._contents[group.index])
 
     def finished(self, group: Group, rung: Rung) -> bool:
         """Whether there are valid offsets."""
-        about = read_about(self._context.take.splat_offsets(group.index, name_of(rung)))
+        about = read_about(self._inputs.take.splat_offsets(group.index, name_of(rung)))
         return about is not None and about.key == self.key(group, rung)
 
     def offsets(self, group: Group, rung: Rung, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
@@ -93,12 +95,12 @@ class RungTraining:
         """
         from studio.training.offsets import SplatOffsets
 
-        path, key = self._context.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung)
+        path, key = self._inputs.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung)
         found = read_tensors(path, key)
         if found is None:
             found = self._train(group, rung, key, reporter, progress).to_tensors()
             write_tensors(path, found, FrameMetadata(key=key, group=group.index))
-            remove(self._context.take.splat_offsets_checkpoint(group.index, name_of(rung)))
+            remove(self._inputs.take.splat_offsets_checkpoint(group.index, name_of(rung)))
         return SplatOffsets.from_tensors(found)
 
     def _train(self, group: Group, rung: Rung, key: str, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
@@ -107,8 +109,8 @@ class RungTraining:
         from studio.stream.bake_ladder import most_visible, ranking_of
         from studio.training.offsets import train_offsets
 
-        context = self._context
-        checkpoint = context.take.splat_offsets_checkpoint(group.index, name_of(rung))
+        inputs = self._inputs
+        checkpoint = inputs.take.splat_offsets_checkpoint(group.index, name_of(rung))
 
         def keep(step: int, state: dict[str, Tensor]) -> None:
             write_tensors(checkpoint, state, FrameMetadata(key=key, step=step, group=group.index))
@@ -119,21 +121,22 @@ class RungTraining:
         resume = read_tensors(checkpoint, key)
         if resume is not None:
             reporter.log(f"group {group.index}: resuming {rung.kept} at step {int(resume['done'])}")
-        unedited = EditedFrames(EditedGroup(context.take, group.index, group.indices, EditList()), group.indices)
-        footage = context.footage.calibrated
-        contribution = DrawnContribution(context, unedited, [footage.rig[name] for name in footage.train_cameras])()
-        kept = torch.from_numpy(most_visible(ranking_of(contribution), rung.splats)).to(context.device)
+        unedited = EditedFrames(EditedGroup(inputs.take, group.index, group.indices, EditList()), group.indices)
+        footage = inputs.footage.calibrated
+        cameras = [footage.rig[name] for name in footage.train_cameras]
+        contribution = rendered_contribution(unedited, cameras, inputs.device, reporter.check)
+        kept = torch.from_numpy(most_visible(ranking_of(contribution), rung.splats)).to(inputs.device)
         positions = sorted({round(x) for x in np.linspace(0, len(group.frames) - 1, FRAMES)})
-        frames = [read_frame(context.take.trained_frame(group.index, group.indices[at])) for at in positions]
+        frames = [read_frame(inputs.take.trained_frame(group.index, group.indices[at])) for at in positions]
         return train_offsets(
-            [frame.to(context.device) for frame in frames],
-            [training_views(context, reporter, group.frames[at], reading) for at in positions],
+            [frame.to(inputs.device) for frame in frames],
+            [training_views(inputs, reporter, group.frames[at], reading) for at in positions],
             kept,
             frames[0].sh_degree if rung.sh_degree is None else min(rung.sh_degree, frames[0].sh_degree),
             # fewer splats overfit less
-            context.config.train.replace(dropout=context.config.train.dropout * rung.splats),
+            inputs.config.train.replace(dropout=inputs.config.train.dropout * rung.splats),
             rung.finetune_iterations,
-            seed=derived_seed(context.config.run.seed, "rung", group.index, name_of(rung)),
+            seed=derived_seed(inputs.config.run.seed, "rung", group.index, name_of(rung)),
             progress=progress,
             checkpoint=keep,
             resume=resume,

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import random
-from pathlib import Path
 
 import pytest
 
 from pipelines.config import Config
 from pipelines.events import Progress
-from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.time_left import Countdown
-from pipelines.stages.train_clock import TrainClock
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.reporter import Countdown, StageReporter
+from pipelines.stages.train_group import TrainClock
 from pipelines.takes.groups import Group
-from pipelines.takes.take import Take
 
 
-def simulated(tmp_path: Path, seed: int) -> list[tuple[float, float, float]]:
+def simulated(seed: int) -> list[tuple[float, float, float]]:
     """(true seconds left, shown, as it was shown before there was a countdown) at each progress event of `train`."""
     chance, config = random.Random(seed), Config()
     groups = [
@@ -24,8 +22,7 @@ def simulated(tmp_path: Path, seed: int) -> list[tuple[float, float, float]]:
     ]
     now = [0.0]
     events = []
-    context = Context(Take.create(tmp_path / str(seed)), config, events.append, clock=lambda: now[0])
-    reporter = StageReporter("train", context, 85, 8)
+    reporter = StageReporter("train", events.append, clock=lambda: now[0], own=85, later=8)
     clock = TrainClock(groups, {0: 0, 1: 0}, config.train)
     times, plain = [], []
     for group in groups:
@@ -56,8 +53,8 @@ def jumps(left: list[float], true: list[float]) -> list[float]:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_it_does_not_jump_and_is_right_in_the_end(tmp_path: Path, seed: int) -> None:
-    rows = simulated(tmp_path, seed)
+def test_it_does_not_jump_and_is_right_in_the_end(seed: int) -> None:
+    rows = simulated(seed)
     true, shown, before = (list(column) for column in zip(*rows, strict=True))
     assert max(jumps(shown, true)) < 0.1 * max(jumps(before, true))
     assert max(jumps(shown, true)) < 0.05 * true[0]
@@ -79,18 +76,19 @@ def test_a_countdown_goes_with_the_clock_and_comes_to_new_estimates() -> None:
     assert left[-1] == pytest.approx(180, rel=0.02)
 
 
-def test_the_whole_run_keeps_its_countdown_across_stages(tmp_path: Path) -> None:
+def test_the_whole_run_keeps_its_countdown_across_stages() -> None:
     now, events = [0.0], []
-    context = Context(Take.create(tmp_path / "take"), Config(), events.append, clock=lambda: now[0])
     countdown = Countdown()
-    first = StageReporter("initialize", context, 10, 90, run=countdown)
+    first = StageReporter("initialize", events.append, clock=lambda: now[0], own=10, later=90, run=countdown)
     for step in range(1, 101):
         now[0] += 1
         first.progress(step / 100)
     assert events[-1].seconds_left == 0
     assert events[-1].total_seconds_left == pytest.approx(900, rel=0.01)
     now[0] += 1
-    second = StageReporter("train", context, 90, 0, now[0], first.total_fraction, 10, countdown)
+    second = StageReporter(
+        "train", events.append, Cancellation(), lambda: now[0], 90, 0, now[0], first.total_fraction, 10, countdown
+    )
     now[0] += 1
     second.progress(0.0001)  # too early to tell from this stage
     assert events[-1].seconds_left is None
@@ -106,11 +104,10 @@ def test_the_whole_run_keeps_its_countdown_across_stages(tmp_path: Path) -> None
     assert fractions[-1] == pytest.approx(1)
 
 
-def warming_up(tmp_path: Path, own: float, later: float) -> list[tuple[float, Progress]]:
+def warming_up(own: float, later: float) -> list[tuple[float, Progress]]:
     """Seconds and progress of a stage of 200 steps whose first ten take six times as long as the others."""
     now, events = [0.0], []
-    context = Context(Take.create(tmp_path / "take"), Config(), events.append, clock=lambda: now[0])
-    reporter = StageReporter("train", context, own, later)
+    reporter = StageReporter("train", events.append, clock=lambda: now[0], own=own, later=later)
     found = []
     for step in range(1, 201):
         now[0] += 3.0 if step <= 10 else 0.5
@@ -119,8 +116,8 @@ def warming_up(tmp_path: Path, own: float, later: float) -> list[tuple[float, Pr
     return found
 
 
-def test_warming_up_is_not_taken_for_the_pace(tmp_path: Path) -> None:
-    rows = warming_up(tmp_path, 85, 8)
+def test_warming_up_is_not_taken_for_the_pace() -> None:
+    rows = warming_up(85, 8)
     end = rows[-1][0]
     assert rows[1][1].seconds_left is None, "nothing is told before there are figures"
     now, event = next((now, event) for now, event in rows if now > 60)
@@ -129,8 +126,8 @@ def test_warming_up_is_not_taken_for_the_pace(tmp_path: Path) -> None:
     assert now * (1 - event.fraction) / event.fraction > 1.6 * (end - now), "the mean pace since the start is far off"
 
 
-def test_a_short_first_stage_does_not_foretell_the_run(tmp_path: Path) -> None:
-    rows = warming_up(tmp_path, 1, 99)
+def test_a_short_first_stage_does_not_foretell_the_run() -> None:
+    rows = warming_up(1, 99)
     assert all(event.total_seconds_left is None for _, event in rows)
     fractions = [event.total_fraction for _, event in rows]
     assert fractions == sorted(fractions)

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.bake import BakeStage
-from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.baking.encode import encode_once
+from pipelines.stages.baking.plan import BakePlan
+from pipelines.stages.baking.publish import publish
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
+from pipelines.takes.stage_files import BakedGroupNote
+from pipelines.takes.take import Take
 from studio.errors import Cancelled, Message, StudioError
 from studio.json_types import JsonData
 
 if TYPE_CHECKING:
-    from studio.stream import BakedGroup, GroupLadder
+    from studio.stream import GroupLadder
 
 
 class LiveBake:
@@ -29,15 +34,14 @@ class LiveBake:
     lost to it.
 
     Args:
-        context: of the stage `train`.
+        inputs: what the stages read.
         reporter: of the stage `train`.
         finished: number of trained frames by group.
     """
 
-    def __init__(self, context: Context, reporter: StageReporter, finished: Mapping[int, int]) -> None:
-        self._context, self._reporter = context, reporter
+    def __init__(self, inputs: Inputs, reporter: StageReporter, finished: Mapping[int, int]) -> None:
+        self._inputs, self._reporter = inputs, reporter
         self._finished = dict(finished)
-        self._stage = BakeStage()
         self._stop = Cancellation()
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="live-bake", daemon=True)
@@ -60,7 +64,7 @@ class LiveBake:
         try:
             while self._thread.is_alive():
                 self._thread.join(0.2)
-                self._context.cancellation.check()
+                self._reporter.check()
         finally:
             self._end()
             self._thread.join()
@@ -74,7 +78,7 @@ class LiveBake:
         import torch
 
         torch.get_num_threads()  # as in run_groups
-        torch.set_num_threads(self._context.threads)
+        torch.set_num_threads(self._inputs.threads)
         try:
             self._bake_all()
         except Cancelled:
@@ -90,30 +94,21 @@ class LiveBake:
             )
 
     def _bake_all(self) -> None:
-        parts = self._stage.parts(self._context)
-        old = self._published()
-        reporter = _Silent(self._reporter.stage, self._context, stop=self._stop)
-        entries: list[BakedGroup] = []
-        for part in parts:
-            self._wait_for(part.trained.index, self._stage.frames_needed(self._context, part))
-            entries.append(self._stage.bake_part(self._context, part, reporter))
-            live = len(entries) < len(parts)
-            if live and len(entries) <= len(old) and entries == list(old[: len(entries)]):
+        from studio.stream import baked_group
+
+        plan = BakePlan(self._inputs)
+        old = _published(self._inputs.take)
+        background = _BackgroundReporter(self._reporter, self._stop)
+        notes: list[BakedGroupNote] = []
+        for part in plan.parts:
+            self._wait_for(part.trained.index, plan.frames_needed(part))
+            notes.append(encode_once(plan, part, background, 0.0, 1.0))
+            live = len(notes) < len(plan.parts)
+            if live and len(notes) <= len(old) and [baked_group(note.entry) for note in notes] == old[: len(notes)]:
                 continue  # the same stream, of which more is published
-            old = ()
-            self._stage.publish(self._context, entries, live, self._reporter)
+            old = []
+            publish(plan, notes, live, self._reporter)
             self._reporter.log(f"group {part.index} of the stream is published")
-
-    def _published(self) -> Sequence[GroupLadder]:
-        """Groups of the take's stream; none if there is no valid one of version 3."""
-        from studio.stream import StreamReader
-
-        try:
-            with StreamReader.open(self._context.take.stream) as reader:
-                index = reader.index
-                return () if index is None else tuple(index.ladder(number) for number in range(len(index)))
-        except StudioError:
-            return ()
 
     def _wait_for(self, group: int, frames: int) -> None:
         with self._changed:
@@ -123,14 +118,30 @@ class LiveBake:
         self._stop.check()
 
 
-class _Silent(StageReporter):
+def _published(take: Take) -> list[GroupLadder]:
+    """Groups of the take's stream; none if there is no valid one."""
+    from studio.stream import StreamReader
+
+    try:
+        with StreamReader.open(take.stream) as reader:
+            index = reader.index
+            return [] if index is None else [index.ladder(number) for number in range(len(index))]
+    except StudioError:
+        return []
+
+
+class _BackgroundReporter(StageReporter):
     """Progress of the background work only checks for cancellation; that of training is shown."""
 
-    def __init__(self, stage: str, context: Context, stop: Cancellation) -> None:
-        super().__init__(stage, context)
+    def __init__(self, training: StageReporter, stop: Cancellation) -> None:
+        super().__init__(training.stage, training.emit, training.cancellation, training.clock)
         self._stop = stop
+
+    def check(self) -> None:
+        """Raise Cancelled if the run was cancelled, or training has ended."""
+        self._stop.check()
+        super().check()
 
     def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:
         """See `StageReporter.progress`. Raises Cancelled."""
-        self._stop.check()
-        self.context.cancellation.check()
+        self.check()

@@ -1,0 +1,1 @@
+"""Baking: planning the groups of the stream, encoding them, and publishing the stream."""

@@ -1,0 +1,115 @@
+"""Encodes a part of the plan: fine-tunes its rungs, bakes its renditions, and notes what they were made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+from pipelines.stages.baking.measures import FilmedError, RenderedError, rendered_contribution
+from pipelines.stages.baking.plan import BakePlan, Part, edited_group, stream_cameras
+from pipelines.stages.baking.rungs import FinetunedFrames, finetuned_rungs
+from pipelines.stages.reporter import StageReporter
+from pipelines.takes.atomic_files import digest_of_file, remove, write_model
+from pipelines.takes.edited import EditedFrames, EditedGroup
+from pipelines.takes.stage_files import BakedGroupNote
+from studio.counts import counted
+from studio.errors import Message
+
+
+def encode_once(plan: BakePlan, part: Part, reporter: StageReporter, start: float, stop: float) -> BakedGroupNote:
+    """The note on a baked part, which is encoded unless another process has done it meanwhile.
+
+    Args:
+        plan: of the bake.
+        part: to encode.
+        reporter: receives progress from `start` to `stop`.
+
+    Raises:
+        StudioError: it cannot be encoded.
+        Cancelled: the run was cancelled.
+    """
+    with plan.inputs.take.group_locked("bake", part.trained.index, lambda: reporter.progress(start)):
+        return plan.baked(part) or encode(plan, part, reporter, start, stop)
+
+
+def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, stop: float) -> BakedGroupNote:
+    """Encode a part into the work folder; arguments as for `encode_once`."""
+    from studio.stream import bake_group
+    from studio.stream.suggested_view import seen_box
+
+    inputs, settings = plan.inputs, plan.inputs.config.bake
+    remove(plan.note_path(part))
+    edited = edited_group(inputs, part)
+    frames = EditedFrames(edited, part.indices)
+    cameras, background = stream_cameras(inputs), inputs.config.capture.background
+    finetuned, start = _finetuned(plan, part, edited, reporter, start, stop)
+    error = None
+    if settings.max_loss is not None:
+        numbers = [inputs.footage.raw.frames[index] for index in part.indices]
+        error = FilmedError(inputs, frames, numbers, reporter.check)
+    rendered = RenderedError(frames, cameras, background, inputs.device)
+    entry = bake_group(
+        frames,
+        plan.folder,
+        part.index,
+        part.stream_first,
+        settings,
+        progress=reporter.part(f"group {part.index}", start, stop),
+        quality=rendered if settings.target_psnr is not None or settings.ladder else None,
+        threads=inputs.config.run.threads,
+        fps=float(inputs.footage.raw.fps),
+        contribution=partial(rendered_contribution, frames, cameras, inputs.device, reporter.check),
+        finetuned=lambda rung: finetuned[rung.kind],
+        error=error,
+    )
+    if error is not None and settings.max_loss is not None:
+        _report_losses(part, error.losses, settings.max_loss, reporter)
+    seen = seen_box(frames[index] for index in sorted({0, len(frames) // 2, len(frames) - 1}))
+    files = {file.path: plan.folder / file.path for file in entry.files}
+    note = BakedGroupNote(
+        key=plan.key(part),
+        files={name: path.stat().st_size for name, path in files.items()},
+        digests={name: digest_of_file(path) for name, path in files.items()},
+        entry=entry.to_dict(),
+        seen=None if seen is None else (tuple(seen[0].tolist()), tuple(seen[1].tolist())),
+    )
+    write_model(plan.note_path(part), note)
+    return note
+
+
+def _finetuned(
+    plan: BakePlan, part: Part, edited: EditedGroup, reporter: StageReporter, start: float, stop: float
+) -> tuple[dict[tuple[float, int | None, int], FinetunedFrames], float]:
+    """Frames of the fine-tuned rungs by their kind, and the progress when they are trained."""
+    found: dict[tuple[float, int | None, int], FinetunedFrames] = {}
+    rungs, training = finetuned_rungs(plan.inputs.config), plan.training
+    new = [rung for rung in rungs if not training.finished(part.trained, rung)]
+    share = 0.7 * (stop - start) / max(1, len(new))  # of the work, roughly
+    for rung in rungs:
+        end = start + share * (rung in new)
+        progress = reporter.part(f"group {part.index}: fine-tuning {rung.kept}", start, end)
+        offsets = training.offsets(part.trained, rung, reporter, progress)
+        found[rung.kind] = FinetunedFrames(edited, part.indices, offsets)
+        start = end
+    return found, start
+
+
+def _report_losses(part: Part, losses: Mapping[int, float], limit: float, reporter: StageReporter) -> None:
+    """Warn of frames that lose more than the limit in spite of lower QPs."""
+    if not losses:
+        return  # lossless, or a first rung with fewer splats
+    worst = max(losses, key=lambda index: losses[index])
+    text = f"frame {part.indices[worst]} loses most to encoding, {losses[worst]:.2f} dB"
+    over = sum(value > limit for value in losses.values())
+    if not over:
+        reporter.log(f"group {part.index}: {text}")
+        return
+    reporter.warn(
+        Message(
+            "bake.loss_above_limit",
+            f"group {part.index}: {counted(over, 'frame')} above the limit of {limit:g} dB: {text}",
+            value=round(losses[worst], 3),
+            fix="Lower bake.qp, or raise bake.max_loss.",
+            fields={"setting": "bake.max_loss", "group": part.index},
+        )
+    )

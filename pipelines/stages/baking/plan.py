@@ -1,0 +1,192 @@
+"""Plans a bake: which groups the stream has, what each is made from, and which are baked already."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipelines.stages import stage_named
+from pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.params import Params, key_of, settings_affecting
+from pipelines.takes.atomic_files import digest_of_file, read_model
+from pipelines.takes.edit_params import edit_params
+from pipelines.takes.edited import EditedGroup, edits_of_group
+from pipelines.takes.groups import Group
+from pipelines.takes.records import result_of
+from pipelines.takes.stage_files import BakedGroupNote
+from pipelines.takes.take import group_name
+from studio.edits.edit_list import Trim
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.cameras import Camera
+
+STAGE = stage_named("bake")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A group of the stream: a trained group, or a part of one (`bake.first_group_size`, or the take is trimmed).
+
+    Attributes:
+        index: number of the group in the stream.
+        trained: the trained group.
+        indices: its frames, counted from 0 in the take.
+        stream_first: its first frame, counted from 0 in the stream.
+    """
+
+    index: int
+    trained: Group
+    indices: range
+    stream_first: int
+
+    @property
+    def first(self) -> int:
+        """Its first frame."""
+        return self.indices[0]
+
+
+def parts_of(groups: Sequence[Group], first_size: int | None, trim: Trim | None = None) -> tuple[Part, ...]:
+    """The stream's groups: those of the take within its trim, the first one cut after `first_size` frames if it is
+    longer."""
+    start, stop = (trim.first, trim.last + 1) if trim is not None else (0, groups[-1].indices[-1] + 1)
+    kept = [(group, range(max(group.first, start), min(group.indices[-1] + 1, stop))) for group in groups]
+    ranges = [(group, indices) for group, indices in kept if indices]
+    if first_size is not None and ranges and len(ranges[0][1]) > first_size:
+        group, whole = ranges[0]
+        ranges[:1] = [(group, whole[:first_size]), (group, whole[first_size:])]
+    return tuple(Part(index, group, indices, indices[0] - start) for index, (group, indices) in enumerate(ranges))
+
+
+def planned_parts(inputs: Inputs) -> tuple[Part, ...]:
+    """The groups of a take's stream, in order.
+
+    Raises:
+        StudioError: the trim leaves no frame (`edits.no_frames_left`), or the edits cannot be read.
+    """
+    trim = inputs.edits.trim
+    found = parts_of(inputs.groups, inputs.config.bake.first_group_size, trim)
+    if not found and trim is not None:
+        last = len(inputs.footage.raw.frames) - 1
+        raise StudioError(
+            "edits.no_frames_left",
+            f"the take is trimmed to frames {trim.first} to {trim.last}, but it has frames 0 to {last}",
+            file=inputs.take.edits,
+            value=[trim.first, trim.last],
+            fix="Set other frames with `v3studio edit trim`, or remove the trim with `v3studio edit remove trim`.",
+            expected=[0, last],
+        )
+    return found
+
+
+def baked_frames(inputs: Inputs) -> range:
+    """The frames of the stream, counted from 0 in the take. Raises StudioError as `planned_parts`."""
+    parts = planned_parts(inputs)
+    return range(parts[0].first, parts[-1].indices[-1] + 1)
+
+
+def edited_group(inputs: Inputs, part: Part) -> EditedGroup:
+    """The trained group of a part, with the take's edits."""
+    return EditedGroup(inputs.take, part.trained.index, part.trained.indices, inputs.edits)
+
+
+def stream_cameras(inputs: Inputs) -> list[Camera]:
+    """The training cameras in the world of the stream."""
+    footage, world = inputs.footage.calibrated, inputs.edits.similarity
+    cameras = [footage.rig[name] for name in footage.train_cameras]
+    return cameras if world.is_identity else [world.camera(camera) for camera in cameras]
+
+
+def compared_footage(inputs: Inputs) -> Params:
+    """The footage with which decoded frames are compared; nothing without a limit to the loss of each frame."""
+    if inputs.config.bake.max_loss is None:
+        return {}
+    result = result_of(inputs.take, "calibrate")
+    return {"compared": inputs.footage.digest, **settings_affecting(inputs.config, "evaluation"), "cameras": result}
+
+
+class BakePlan:
+    """The parts of a stream, and the work folder in which they are baked.
+
+    Each baked part has a note beside the folder: the digest of everything that it was made from, the digests of its
+    files, and its entry for the manifest. Files are in the work folder or in the take's stream.
+
+    Args:
+        inputs: what the stage reads.
+
+    Attributes:
+        parts: in order.
+        folder: where groups are baked.
+
+    Raises:
+        StudioError: as `planned_parts`.
+    """
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self.parts = planned_parts(inputs)
+        self.folder = inputs.take.work("bake") / "stream"
+        self.training = RungTraining(inputs)
+
+    def of_group(self, group: Group) -> list[Part]:
+        """The parts of a trained group."""
+        return [part for part in self.parts if part.trained.index == group.index]
+
+    def note_path(self, part: Part) -> Path:
+        """File with the note on a baked part."""
+        return self.inputs.take.work("bake") / f"{group_name(part.index)}.json"
+
+    def baked(self, part: Part, known: Mapping[Path, str] | None = None) -> BakedGroupNote | None:
+        """The note on a part that is baked, up to date and undamaged; None if it must be baked.
+
+        Args:
+            part: the part.
+            known: digests of files that need not be read, gigabytes in a long take.
+        """
+        if not self.note_path(part).is_file():
+            return None
+        note = read_model(self.note_path(part), BakedGroupNote)
+        if note.key != self.key(part, known):
+            return None
+        return note if all(self.file(path, note, known) is not None for path in note.files) else None
+
+    def file(self, path: str, note: BakedGroupNote, known: Mapping[Path, str] | None = None) -> Path | None:
+        """An undamaged file of a baked part, in the work folder or in the stream; `known` as for `baked`."""
+        for folder in (self.folder, self.inputs.take.stream):
+            file = folder / path
+            digest = (known or {}).get(file) or (digest_of_file(file) if file.is_file() else None)
+            if digest is not None and digest == note.digests.get(path):
+                return file
+        return None
+
+    def key(self, part: Part, known: Mapping[Path, str] | None = None) -> str:
+        """Digest of everything that a part is made from; `known` as for `baked`."""
+        inputs, trained = self.inputs, part.trained
+        edits = edits_of_group(inputs.edits, trained.indices)
+        frames = [inputs.take.trained_frame(trained.index, index) for index in part.indices]
+        if edits.removes:
+            frames += [inputs.take.trained_frame(trained.index, index) for index in trained.indices]
+        content = [(known or {}).get(path) or (digest_of_file(path) if path.is_file() else None) for path in frames]
+        edited = edit_params(edits)
+        if part.stream_first != part.first:
+            edited["first frame in the stream"] = part.stream_first
+        settings = settings_affecting(inputs.config, "videos")
+        settings["frames a second"] = float(inputs.footage.raw.fps)  # the level of the video depends on it
+        finetuned = [self.training.key(trained, rung) for rung in finetuned_rungs(inputs.config)]
+        more = [one for one in (finetuned, compared_footage(inputs), edited) if one]
+        return key_of(STAGE.name, STAGE.version, settings, part.index, part.first, content, *more)
+
+    def frames_needed(self, part: Part) -> int:
+        """Number of trained frames of its group without which a part cannot be baked. All, where splats are removed,
+        since all frames decide which, and where splats are fine-tuned, on frames of the whole group."""
+        removes = edits_of_group(self.inputs.edits, part.trained.indices).removes
+        whole = removes or finetuned_rungs(self.inputs.config)
+        return len(part.trained.indices) if whole else part.indices[-1] + 1 - part.trained.first
+
+    def leftover_notes(self) -> Iterator[Path]:
+        """Notes on parts that the stream no longer has."""
+        wanted = {self.note_path(part) for part in self.parts}
+        return (path for path in self.inputs.take.work("bake").glob("group_*.json") if path not in wanted)

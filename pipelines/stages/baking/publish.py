@@ -1,0 +1,114 @@
+"""Publishes baked groups: the stream gets their files, then a manifest of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipelines.stages.baking.plan import BakePlan, stream_cameras
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy
+from pipelines.takes.stage_files import BakedGroupNote
+from studio.edits.edit_list import UP
+from studio.errors import Message
+
+if TYPE_CHECKING:
+    from studio.stream import AudioEntry, BakedGroup, Manifest, StreamMetadata
+
+SHORT_SOUND = 0.05
+"""Seconds of silence at an end of the sound that a warning reports."""
+
+
+def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporter: StageReporter) -> Manifest:
+    """Write the take's stream. If this is interrupted, the stream is still the earlier one.
+
+    Args:
+        plan: of the bake.
+        notes: on the first groups of the stream.
+        live: whether others follow. The sound is added with the last.
+        reporter: receives warnings of what the sound lacks.
+
+    Raises:
+        StudioError: the stream cannot be written.
+    """
+    from studio.stream import baked_group, write_manifest
+
+    inputs, stream = plan.inputs, plan.inputs.take.stream
+    entries = [baked_group(note.entry) for note in notes]
+    for note in notes:
+        for path, digest in note.digests.items():
+            _put(plan, path, digest)
+    audio = None if live else _sound(inputs, plan, reporter)
+    if audio is not None:
+        _put(plan, audio.path, digest_of_file(plan.folder / audio.path))
+    fps, settings = inputs.footage.calibrated.fps, inputs.config.bake
+    metadata = _metadata(plan, entries, notes).to_json()
+    return write_manifest(stream, entries, fps, settings, metadata, live=live, audio=audio)
+
+
+def _put(plan: BakePlan, path: str, digest: str) -> None:
+    """Link a file of the work folder into the stream, unless it is there."""
+    target = plan.inputs.take.stream / path
+    if not target.is_file() or digest_of_file(target) != digest:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(target) as temporary:
+            link_or_copy(str(plan.folder / path), str(temporary))
+
+
+def _sound(inputs: Inputs, plan: BakePlan, reporter: StageReporter) -> AudioEntry | None:
+    """Encode the sound into the work folder, in seconds; warns of what it lacks."""
+    from studio.stream import bake_sound
+
+    footage = inputs.footage.raw
+    if footage.sound is None:
+        return None
+    trim = inputs.edits.trim
+    frames = footage.frames if trim is None else footage.frames[trim.first : trim.last + 1]
+    cut = footage.sound.cut(frames, footage.spec.step)
+    audio = bake_sound(cut, plan.folder)
+    for seconds, where in ((cut.missing_before, "begins"), (cut.missing_after, "ends")):
+        if seconds > SHORT_SOUND:
+            when = "after the take's beginning" if where == "begins" else "before the take's end"
+            reporter.warn(
+                Message(
+                    "bake.short_sound",
+                    f"the sound {where} {seconds:.2f} s {when}; the rest is silent",
+                    file=footage.sound.path,
+                    value=seconds,
+                    fix="Use a longer file, or move the sound with capture.audio_offset.",
+                    fields={"setting": "capture.audio_offset"},
+                )
+            )
+    return audio
+
+
+def _metadata(plan: BakePlan, entries: Sequence[BakedGroup], notes: Sequence[BakedGroupNote]) -> StreamMetadata:
+    """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
+    camera: the footage does not show where the front is, and held-out cameras are chosen for other reasons."""
+    from studio.coverage import view_range
+    from studio.stream import StreamMetadata
+    from studio.stream.metadata import CapturePlace
+    from studio.stream.suggested_view import suggested_view
+
+    inputs = plan.inputs
+    footage, world = inputs.footage.calibrated, inputs.edits.similarity
+    cameras, up = stream_cameras(inputs), world.directions(footage.rig.up)
+    boxes = [
+        note.seen or (entry.bounding_box.min, entry.bounding_box.max)
+        for note, entry in zip(notes, entries, strict=True)
+    ]
+    low = np.min([box[0] for box in boxes], axis=0).tolist()
+    high = np.max([box[1] for box in boxes], axis=0).tolist()
+    if inputs.edits.world is not None and inputs.edits.world.up is not None:
+        up = np.array(UP)
+    camera = suggested_view(cameras[0], low, high, up)
+    x, y, z = up.tolist()
+    covered = None
+    if inputs.config.bake.view_range == "auto":
+        covered = view_range(cameras, (np.array(low) + np.array(high)) / 2)
+    first = plan.parts[0].first
+    place = None if first == 0 and world.is_identity else CapturePlace(first, world)
+    return StreamMetadata(camera, inputs.config.capture.background, (x, y, z), covered, place)

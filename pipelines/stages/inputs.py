@@ -1,0 +1,101 @@
+"""What stages read: the take, its settings, its footage and its edits."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from pipelines.config import Config
+from pipelines.stages.footage import TakeFootage
+from pipelines.stages.grouping import groups_of
+from pipelines.takes.groups import Group
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.edits import CropBox, EditList
+
+
+@dataclass
+class Inputs:
+    """A take with its settings; what is read from it is opened on first access.
+
+    Attributes:
+        take: the take.
+        config: all settings.
+        most_cached: see `TakeFootage`.
+    """
+
+    take: Take
+    config: Config
+    most_cached: int | None = None
+
+    @cached_property
+    def footage(self) -> TakeFootage:
+        """The footage."""
+        return TakeFootage(self.take, self.config, self.most_cached)
+
+    @property
+    def edits(self) -> EditList:
+        """The take's edits; see `TakeFootage.edits`."""
+        return self.footage.edits
+
+    @property
+    def training_box(self) -> CropBox | None:
+        """The crop box, if training sees only what is in front of it."""
+        crop = self.edits.crop
+        return crop if crop is not None and crop.training else None
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The take's frames in groups; see `pipelines.stages.grouping`."""
+        return groups_of(self.footage)
+
+    @property
+    def threads(self) -> int:
+        """Number of CPU threads to use."""
+        return self.config.run.threads or len(os.sched_getaffinity(0))
+
+    @cached_property
+    def device(self) -> str:
+        """torch device for training and rendering: "cpu", "cuda" or "cuda:1".
+
+        Raises:
+            StudioError: no such GPU (`run.no_gpu`).
+        """
+        return choose_device(self.config.run.device)
+
+
+def choose_device(name: str) -> str:
+    """An available torch device.
+
+    Args:
+        name: "auto", "cpu", "cuda" or "cuda:N".
+
+    Returns:
+        "cpu", "cuda" or "cuda:N".
+
+    Raises:
+        StudioError: a GPU that torch does not see (`run.no_gpu`).
+    """
+    import torch
+
+    from studio.rasterizer import preferred_device
+
+    if name == "auto":
+        return preferred_device().type
+    if name.startswith("cuda"):
+        count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+        if int(name.partition(":")[2] or 0) >= count:
+            found = f"torch found {count} GPUs, numbered from 0" if count else "torch found no GPU"
+            raise StudioError(
+                "run.no_gpu",
+                f"run.device is {name}, but {found}",
+                value=name,
+                fix="Set run.device to cpu or auto.",
+                setting="run.device",
+                gpus=count,
+            )
+    return name

@@ -1,0 +1,217 @@
+"""Reports what a stage does: progress with the time left, figures, previews and warnings."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipelines.events import Emit, Event, Log, Metrics, Preview, Progress, Warned
+from pipelines.events.cancellation import Cancellation
+from studio.errors import Message
+from studio.json_types import JsonData
+from studio.progress import ProgressFn
+
+_LEAST_PAUSE = 0.2
+"""Shortest interval in seconds between two progress events of a stage."""
+
+_WARM_SHARE, _WARM_SECONDS = 0.03, 30.0
+"""Progress and seconds of a stage; before either is reached, its time left is unknown. No more seconds than these, nor
+half of all, are taken for warming up."""
+
+_LEAST_SHARE = 0.03
+"""Least share of a run, by the weights of its stages, from which the time left of the whole is estimated: the first
+stages are short, and how they compare to training differs with footage and machine."""
+
+_SHARE = 0.1
+"""Time constant of corrections as a share of the time left: a correction is mostly made after a tenth of the rest."""
+
+_EARLY = 0.25
+"""The same at first, as a share of the time since the first estimate."""
+
+_LEAST_CONSTANT = 5.0
+"""Shortest time constant."""
+
+
+class Countdown:
+    """Seconds left: decreases with the clock and moves smoothly toward new estimates.
+
+    Single steps that take unusually long, and estimates that change when a new kind of step is measured for the first
+    time, change an estimate at once. Shown directly, it jumps up and down, so the difference between an estimate and
+    the countdown is corrected exponentially over time.
+    """
+
+    def __init__(self) -> None:
+        self._left: float | None = None
+        self._at = self._began = 0.0
+
+    def estimate(self, now: float, seconds: float) -> float:
+        """Take in an estimate.
+
+        Args:
+            now: seconds on any clock that does not run backwards.
+            seconds: estimated seconds left at `now`.
+
+        Returns:
+            The countdown at `now`.
+        """
+        expected = self.at(now)
+        if expected is None:
+            self._left, self._began = seconds, now
+        else:
+            # the first estimates are the least certain, so they are corrected faster
+            constant = max(_LEAST_CONSTANT, min(_EARLY * (now - self._began), _SHARE * min(expected, seconds)))
+            self._left = expected + (1 - math.exp(-(now - self._at) / constant)) * (seconds - expected)
+        self._at = now
+        return self._left
+
+    def at(self, now: float) -> float | None:
+        """Seconds left at `now` if nothing has changed; None before the first estimate."""
+        return None if self._left is None else max(0.0, self._left - (now - self._at))
+
+
+@dataclass
+class StageReporter:
+    """Emits a stage's events: progress with time left, figures, previews, warnings. Thread-safe.
+
+    Attributes:
+        stage: name of the stage.
+        emit: receives the events.
+        cancellation: flag that cancels the run.
+        clock: work time in seconds; does not advance while the run is paused.
+        own, later: expected weight of this stage and of all later ones in the run.
+        before: seconds that the run took before this stage.
+        total_fraction: progress of the run, 0 to 1; never decreases.
+        earlier: expected weight of the stages that took `before`.
+        run: time left of the run, handed from stage to stage.
+    """
+
+    stage: str
+    emit: Emit = lambda event: None
+    cancellation: Cancellation = field(default_factory=Cancellation)
+    clock: Callable[[], float] = time.monotonic
+    own: float = 1.0
+    later: float = 0.0
+    before: float = 0.0
+    total_fraction: float = 0.0
+    earlier: float = 0.0
+    run: Countdown = field(default_factory=Countdown)
+
+    def __post_init__(self) -> None:
+        self._began = self._started = self.clock()
+        self._last = -_LEAST_PAUSE
+        self._fraction = 0.0
+        self._left = Countdown()
+        self._warming = [(0.0, 0.0)]  # seconds and fraction while the stage warms up
+        self._lock = threading.Lock()
+
+    def check(self) -> None:
+        """Raise Cancelled if the run was cancelled."""
+        self.cancellation.check()
+
+    def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:
+        """Report progress of the stage; calls in quick succession are dropped.
+
+        Args:
+            fraction: 0 to 1.
+            label: the step in progress.
+            figures: loss, psnr, splats, ...
+
+        Raises:
+            Cancelled: the run was cancelled.
+        """
+        self.check()
+        with self._lock:
+            self._progress(fraction, label, figures)
+
+    def _progress(self, fraction: float, label: str, figures: Mapping[str, JsonData]) -> None:
+        now = self.clock()
+        raw = self._seconds_left(now - self._started, fraction)
+        # estimates of the time left may grow, but progress never decreases
+        fraction = self._fraction = max(self._fraction, fraction)
+        if now - self._last < _LEAST_PAUSE and fraction < 1:
+            return
+        self._last = now
+        left = total_left = None
+        if raw is None:
+            total_left = self.run.at(now)
+        else:
+            left = self._left.estimate(now, raw) if fraction < 1 else 0.0
+            spent = self.before + now - self._began
+            # seconds per weight, of all stages so far and this one
+            pace = (spent + raw) / (self.earlier + self.own)
+            if not self.later and fraction == 1:
+                total_left = 0.0
+            elif self._weighed(fraction) >= _LEAST_SHARE or not self.later:
+                total_left = self.run.estimate(now, raw + self.later * pace)
+            else:
+                total_left = self.run.at(now)
+            if total_left is not None:
+                self.total_fraction = max(self.total_fraction, min(1.0, spent / max(spent + total_left, 1e-9)))
+        self.emit(
+            Progress(
+                stage=self.stage,
+                fraction=fraction,
+                total_fraction=self.total_fraction,
+                seconds_left=left,
+                total_seconds_left=total_left,
+                label=label,
+                figures=figures,
+            )
+        )
+
+    def _seconds_left(self, elapsed: float, fraction: float) -> float | None:
+        """From the pace since the stage has warmed up, until when it is far slower than later; None before."""
+        if elapsed <= _WARM_SECONDS:
+            self._warming.append((elapsed, fraction))
+        if fraction < 1 and (elapsed < 2 or fraction < 0.01 or (fraction < _WARM_SHARE and elapsed < _WARM_SECONDS)):
+            return None
+        warm = min(elapsed / 2, _WARM_SECONDS)
+        since, behind = next(one for one in reversed(self._warming) if one[0] <= warm)
+        if behind >= fraction:
+            since = behind = 0.0
+        return (elapsed - since) * (1 - fraction) / max(fraction - behind, 1e-9)
+
+    def _weighed(self, fraction: float) -> float:
+        """Share of the run that is done, by the weights of its stages."""
+        return (self.earlier + self.own * fraction) / max(self.earlier + self.own + self.later, 1e-9)
+
+    def start_clock(self) -> None:
+        """Start the clock for estimates of the time left; earlier checks and warm-up do not count."""
+        self._started = self.clock()
+        self._warming = [(0.0, 0.0)]
+
+    def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
+        """A progress callback for library functions, mapped to the range `start` to `stop` of this stage."""
+
+        def report(done: int, total: int, **figures: JsonData) -> None:
+            fraction = done / total if total else 0.0
+            self.progress(start + (stop - start) * min(1.0, fraction), label, **figures)
+
+        return report
+
+    def _emit(self, event: Event) -> None:
+        with self._lock:
+            self.emit(event)
+
+    def metrics(self, values: Mapping[str, JsonData], group: int | None = None, frame: int | None = None) -> None:
+        """Report final figures of a frame, a group or the stage, by name."""
+        self._emit(Metrics(stage=self.stage, values=values, group=group, frame=frame))
+
+    def preview(self, path: Path, caption: str, **where: Any) -> None:
+        """Report a preview image at `path`; `where`: other attributes of `Preview`."""
+        self._emit(Preview(stage=self.stage, path=str(path), caption=caption, **where))
+
+    def log(self, message: str) -> None:
+        """Report a detail that is only shown in logs."""
+        self._emit(Log(stage=self.stage, message=message))
+
+    def warn(self, message: Message | str) -> None:
+        """Report a warning. Plain text gets the code `STAGE.warning`."""
+        if not isinstance(message, Message):
+            message = Message(f"{self.stage}.warning", message)
+        self._emit(Warned.of(message, stage=self.stage))
