@@ -10,29 +10,30 @@ unexport PYTHONDONTWRITEBYTECODE
 PY := .venv/bin/python
 DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=
-FRESH_ARGS ?=
-MUTATION_ARGS ?=
 ATTACK_ARGS ?=
 GPU_ARGS ?=
+LOCK_ARGS ?=
+# Wheels for glibc 2.35, as Open3D's; the hashes are those of all platforms.
+LOCK = $(PY) -m uv pip compile pyproject.toml --quiet --generate-hashes --no-annotate --python-version 3.11 \
+    --python-platform x86_64-manylinux_2_35 --custom-compile-command 'make lock' --no-emit-package pip $(LOCK_ARGS)
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 # All but `serve` and `share` work without the player, so a machine that cannot reach npm's registry is set up too.
 BUILD_WEB = $(MAKE) --no-print-directory web || \
     echo "The browser player could not be built, so \`v3studio serve\` and \`share\` have none. Run \`make web\` to try again." >&2
-INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help node setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan gpu-check lint sbom format lock wheel clean
+.PHONY: help node setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test tsan gpu-check lint sbom format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
 	    printf '  make %-11s %s\n' "$$name" "$$what"; done
 
 setup: system ## install missing system packages, .venv, the package and its browser player
-	@$(INSTALL) --web
+	@bash scripts/setup.sh
 	@$(BUILD_WEB)
 	@$(PY) scripts/self_test.py
 
 setup-tests: system-tests ## the same, plus requirements of tests and linters
-	@$(INSTALL) --dev
+	@bash scripts/setup.sh dev
 	@$(BUILD_WEB)
 
 demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take folder)
@@ -40,7 +41,7 @@ demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
 
 cluster-demo: demo ## the same on a Ray cluster of two nodes, one of which is killed, and compare the bytes
-	@$(INSTALL) --dev
+	@bash scripts/setup.sh dev
 	@$(PY) scripts/cluster_demo.py "$(DEMO_TAKE)-cluster" --compare "$(DEMO_TAKE)"
 
 examples: setup ## run the scripts of examples/
@@ -59,13 +60,10 @@ attack: setup-tests ## kill, fill the disk, mutate files, slow down peers (ATTAC
 	@OMP_NUM_THREADS=1 nice -n 19 $(PY) benchmarks/attack $(ATTACK_ARGS)
 
 fresh-test: ## set up and run in a newly created minimal Debian (root only; FRESH_SUITE=trixie: another release)
-	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
-
-mutation: setup-tests ## change the code at random places and count the changes that no test notices (MUTATION_ARGS=...)
-	@OMP_NUM_THREADS=1 $(PY) scripts/mutation.py $(MUTATION_ARGS)
+	@bash scripts/fresh_test.sh
 
 tsan: system ## check the C++ kernels for data races (ThreadSanitizer)
-	@$(INSTALL) --dev
+	@bash scripts/setup.sh dev
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake -S . -B build/tsan -G Ninja -DV3STUDIO_TSAN=ON
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake --build build/tsan
 	@setarch --addr-no-randomize build/tsan/kernels_tsan
@@ -80,19 +78,21 @@ lint: setup-tests web-lint ## run ruff, mypy, eslint and tsc; look up known vuln
 	@$(PY) scripts/audit.py
 
 sbom: setup-tests ## write a software bill of materials (CycloneDX) to build/
-	@$(PY) scripts/sbom.py
+	@mkdir -p build
+	@$(PY) -m cyclonedx_py environment --pyproject pyproject.toml --output-file build/v3studio.cdx.json
 
 format: system ## apply ruff's fixes and formatting
-	@$(INSTALL) --dev
+	@bash scripts/setup.sh dev
 	$(PY) -m ruff check --fix .
 	$(PY) -m ruff format .
 
-lock: system ## write requirements.lock, requirements-dev.lock and requirements-docs.lock from the packages in .venv
-	@$(INSTALL) --dev --docs
-	@$(PY) scripts/lock.py
+lock: setup-tests ## pin the newest packages that pyproject.toml allows (LOCK_ARGS=--upgrade), or what changed in it
+	@$(LOCK) --extra build --no-emit-package triton -o requirements.lock
+	@$(LOCK) --extra build --extra dev -c requirements.lock -o requirements-dev.lock
+	@$(LOCK) --extra build --extra docs --no-emit-package triton -c requirements.lock -o requirements-docs.lock
 
 wheel: system ## build a wheel in dist/ that installs without a compiler
-	@$(INSTALL) --dev
+	@bash scripts/setup.sh dev
 	@rm -rf build/wheel
 	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/wheel .
 	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m auditwheel repair --wheel-dir dist build/wheel/*.whl
@@ -107,7 +107,7 @@ NODE = $(NODE_HOME)bin/node
 NPM = PATH="$(NODE_HOME)bin:$$PATH" $(NODE) $(NODE_HOME)lib/node_modules/npm/bin/npm-cli.js
 
 node: system
-	@$(INSTALL) --web
+	@bash scripts/setup.sh
 
 web/node_modules/.stamp: web/package-lock.json web/package.json | node
 	@echo "Installing the browser player's build tools into web/node_modules"
@@ -135,6 +135,6 @@ system-tests:
 
 .PHONY: docs
 docs: system ## build the documentation into site/, with warnings as errors
-	@$(INSTALL) --docs
+	@bash scripts/setup.sh docs
 	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
 	@echo "Documentation: site/index.html"

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
 from typing import Any
 
-from tests.scripts.test_install import ROOT, load
-
-audit = load(ROOT / "scripts" / "audit.py")
+spec = importlib.util.spec_from_file_location("audit", Path(__file__).parents[2] / "scripts" / "audit.py")
+assert spec is not None
+assert spec.loader is not None
+audit = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(audit)
 SOUND: dict[str, Any] = {"name": "sound", "version": "1.0", "vulns": []}
 HURT: dict[str, Any] = {"name": "hurt", "version": "2.0", "vulns": [{"id": "PYSEC-1", "fix_versions": ["2.1"]}]}
 UNKNOWN = {"name": "unknown", "skip_reason": "Dependency not found on PyPI"}

@@ -1,5 +1,1 @@
 """Helpers shared by several test files."""
-
-from tests.support import mutant
-
-mutant.install()
