@@ -32,7 +32,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.environment; read when torch is imported
 
 import numpy as np
-import opensplat_peer
 import torch
 from rich.console import Console
 from rich.table import Table
@@ -130,37 +129,6 @@ def in_turn(ours: Callable[[], Any], theirs: Callable[[], Any], turns: int) -> t
             if turn:  # the first one warms up
                 found.append(1e3 * (time.thread_time() - start))
     return statistics.median(times[0]), statistics.median(times[1])
-
-
-def opensplat_table(peer: Any, repeat: int, results: JsonObject) -> None:
-    """Compare with OpenSplat's CPU rasterizer.
-
-    Raises:
-        SystemExit: it draws another picture.
-    """
-    torch.set_num_threads(1)
-    table = Table(title="Compared with OpenSplat: forward and backward, one thread, CPU ms (median, in turn)")
-    for name in ("image", "splats", "OpenSplat", "ours", "ratio", "difference of the pictures"):
-        table.add_column(name, justify="right")
-    results["opensplat"] = []
-    for width, height in ((480, 270), (960, 540)):
-        for count in (5_000, 30_000, 100_000):
-            splats, camera = person(count, width, height)
-            with torch.no_grad():
-                difference = opensplat_peer.draw(peer, splats, camera) - rasterize(splats, camera, backend="cpu").image
-            psnr = -10 * math.log10(float(difference.square().mean()) + 1e-12)
-            if psnr < 40:
-                raise SystemExit(f"OpenSplat draws another picture ({psnr:.1f} dB), so times cannot be compared.")
-            theirs = opensplat_peer.both_function(peer, splats, camera)
-            ours_ms, theirs_ms = in_turn(both_function(splats, camera, "cpu"), theirs, max(3, repeat // 3))
-            table.add_row(
-                f"{width}x{height}", f"{count}", f"{theirs_ms:.0f}", f"{ours_ms:.1f}", f"{theirs_ms / ours_ms:.1f}",
-                f"{psnr:.0f} dB",
-            )  # fmt: skip
-            results["opensplat"].append(
-                {"width": width, "splats": count, "opensplat_cpu_ms": theirs_ms, "cpu_ms": ours_ms, "psnr": psnr}
-            )
-    console.print(table)
 
 
 def speed_table(repeat: int, results: JsonObject) -> None:
@@ -405,16 +373,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="5 repetitions instead of 31")
     parser.add_argument("--json", type=Path, help="also write the results to this file")
-    parser.add_argument(
-        "--opensplat", type=Path, metavar="DIR", help="a checkout of OpenSplat, to be timed beside ours"
-    )
     parser.add_argument("--memory-of-this-process", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.memory_of_this_process:
         memory_of_this_process()
         return
     repeat = 5 if options.quick else 31
-    peer = opensplat_peer.load_opensplat(options.opensplat) if options.opensplat is not None else None
     kernels = load_kernels()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     console.print(
@@ -430,8 +394,6 @@ def main() -> None:
     iteration_table(repeat, results, "cpu", 30_000, 480, 270)
     limits_table(repeat, results)
     reference_table(repeat, results)
-    if peer is not None:
-        opensplat_table(peer, repeat, results)
     memory_table(results)
     if preferred_device().type == "cuda":
         gpu_tables(repeat, results)

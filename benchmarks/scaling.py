@@ -1,9 +1,9 @@
 """How work on groups scales: measured on this machine in CPU seconds, and simulated on clusters.
 
-    python benchmarks/scaling.py measure FOLDER            # 1, 2 and 4 workers; what a group costs beside its work
+    python benchmarks/scaling.py measure TAKE              # 1, 2 and 4 workers; what a group costs beside its work
     python benchmarks/scaling.py simulate TAKE [--groups 450] [--overhead 4] [--merge 60]
 
-`measure` makes a take of random splats and bakes its groups with `v3studio work`, each in a process of its own. CPU
+`measure` bakes the groups of a copy of a finished take with `v3studio work`, each in a process of its own. CPU
 seconds depend little on what else runs on the machine; the speed-up is that of as many cores as workers: the CPU
 seconds of all groups divided by those of the busiest worker.
 
@@ -22,6 +22,7 @@ import random
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -57,13 +58,17 @@ def forget_stream(take: Path) -> None:
         (take / ".v3studio" / "stages" / f"{name}.json").unlink(missing_ok=True)
 
 
-def measure(folder: Path, groups: int, frames: int, splats: int) -> None:
+def measure(finished: Path) -> None:
     """Print the table of the speed-up and the parts of a group's costs."""
-    from benchmarks.long_take import write_take
+    with tempfile.TemporaryDirectory() as folder:
+        measure_copy(Path(shutil.copytree(finished, Path(folder) / "take")))
 
-    take = folder / "take" if folder.is_dir() else write_take(folder, groups, frames, splats)
+
+def measure_copy(take: Path) -> None:
+    """The same for a take that may be changed."""
+    groups = len(list((take / "train").glob("group_*")))
     work = ("work", str(take), "--stage", "bake", "--group")
-    print(f"{groups} groups of {frames} frames, {splats} splats; CPU seconds; load {os.getloadavg()[0]:.1f}")
+    print(f"{groups} groups; CPU seconds; load {os.getloadavg()[0]:.1f}")
     print("| workers | all groups | busiest worker | speed-up |\n|---|---|---|---|")
     alone = 0.0
     for workers in (1, 2, 4):
@@ -247,10 +252,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     kinds = parser.add_subparsers(required=True, dest="kind")
     one = kinds.add_parser("measure")
-    one.add_argument("folder", type=Path, help="where the take is made; one that is there is used again")
-    one.add_argument("--groups", type=int, default=8)
-    one.add_argument("--frames", type=int, default=10)
-    one.add_argument("--splats", type=int, default=5000)
+    one.add_argument("take", type=Path, help="finished take, which stays as it is")
     two = kinds.add_parser("simulate")
     two.add_argument("take", type=Path)
     two.add_argument("--groups", type=int, default=450)
@@ -259,8 +261,7 @@ def main() -> None:
     two.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     if arguments.kind == "measure":
-        folder = arguments.folder.absolute()
-        measure(folder, arguments.groups, arguments.frames, arguments.splats)
+        measure(arguments.take.absolute())
     else:
         print_simulation(
             arguments.take.absolute(), arguments.groups, arguments.overhead, arguments.merge, arguments.seed

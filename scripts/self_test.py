@@ -1,7 +1,7 @@
 """Checks that this Python has everything that V3 Studio needs; the last step of `make setup`.
 
-Imports every dependency that pyproject.toml declares, decimates a mesh, encodes and decodes a video frame, opens Vulkan,
-and compares the CPU kernels with the reference. Exits with 1 and one sentence for each check that fails.
+Imports every dependency that pyproject.toml declares, decimates a mesh, encodes and decodes a video frame, opens
+Vulkan, and compares the CPU kernels with the reference. Exits with 1 and one sentence for each check that fails.
 """
 
 from __future__ import annotations

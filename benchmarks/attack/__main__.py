@@ -20,12 +20,8 @@ sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent), str(HERE)]
 
 import bombs  # noqa: E402
 import clients  # noqa: E402
-import late  # noqa: E402
-import mutations  # noqa: E402
-import served  # noqa: E402
 import servers  # noqa: E402
 import takes  # noqa: E402
-import windows  # noqa: E402
 from outcome import Outcome  # noqa: E402
 
 
@@ -91,39 +87,7 @@ PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
         "a sentence; the same bytes without the limit",
         lambda folder, share, outcome: takes.small_files(project_in(folder), outcome),
     ),
-    "late": (
-        "a sentence or a result; the same bytes in the end",
-        lambda folder, share, outcome: late.attack(project_in(folder), share, outcome),
-    ),
-    "served": (
-        "clients read one bake or a sentence; the next server serves the last bake",
-        lambda folder, share, outcome: served.attack(project_in(folder), share, outcome),
-    ),
-    "window": (
-        "a sentence or pictures; the window stays open",
-        lambda folder, share, outcome: windows.attack(project_in(folder), share, outcome),
-    ),
-    "clock": (
-        "the same bytes",
-        lambda folder, share, outcome: takes.jumping_clocks(project_in(folder), outcome),
-    ),
-    "checkpoints": (
-        "never taken as whole; the same bytes",
-        lambda folder, share, outcome: takes.cut_checkpoints(project_in(folder), outcome),
-    ),
-    "streams": (
-        "a sentence, or finite frames; bounded memory",
-        lambda folder, share, outcome: mutations.streams(folder, max(20, round(50_000 * share)), outcome),
-    ),
-    "files": (
-        "a sentence, or a result; bounded memory",
-        lambda folder, share, outcome: mutations.files(folder, max(20, round(20_000 * share)), outcome),
-    ),
     "bombs": ("a sentence within two minutes and 2 GiB", bombs.attack),
-    "models": (
-        "a sentence, or a mask",
-        lambda folder, share, outcome: mutations.models(folder, max(20, round(2000 * share)), outcome),
-    ),
     "servers": ("a sentence within the deadlines", servers.attack),
     "clients": ("another client is answered; connections and log are bounded", clients.attack),
 }

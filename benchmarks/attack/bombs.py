@@ -14,21 +14,20 @@ import resource
 import struct
 import time
 import traceback
+import warnings
 import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-import mutations
 import zstandard
-from hostile_reader import Memory
-from hostile_streams import Files, _best, _with_file, read_stream, signed
 from outcome import Outcome
 
 from pipelines.config.loading import load_config
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.marks import read_marks
 from pipelines.takes.take import Take
+from studio.audio import SoundFile
 from studio.calibration.manual.file import read_tie_points
 from studio.camera_files import read_rig
 from studio.capture.images import read_image
@@ -36,6 +35,7 @@ from studio.errors import StudioError
 from studio.imports import open_import
 from studio.splat_files import READERS, ending_of
 from studio.stream import BakeSettings, StreamReader
+from tests.support.hostile_streams import Files, Memory, read_stream, signed, with_file
 from tests.support.streams import bake_numbered
 
 MEMORY = 2 << 30
@@ -81,14 +81,14 @@ def in_process(path: Path, read: Read) -> tuple[int, str]:
 
     def run() -> None:
         receive.close()
-        mutations.bound_process(MEMORY)
+        bound_process(MEMORY)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         try:
             read(path)
             result = "was read"
         except StudioError as error:
             try:
-                result = mutations.checked_sentence(error)
+                result = checked_sentence(error)
             except ValueError as wrong:
                 result = str(wrong)
         except BaseException:
@@ -110,6 +110,28 @@ def in_process(path: Path, read: Read) -> tuple[int, str]:
         process.kill()
         process.join()
         receive.close()
+
+
+def bound_process(memory: int) -> None:
+    """Let this process grow by this many bytes at most, without warnings."""
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGESIZE")
+    resource.setrlimit(resource.RLIMIT_AS, (used + memory, used + memory))
+    warnings.simplefilter("ignore")
+
+
+def checked_sentence(error: StudioError) -> str:
+    """The code; raises ValueError for a sentence that is not bounded or has control characters."""
+    text = str(error)
+    if len(text) > 3000 or any(ord(letter) < 32 and letter not in "\n\t" for letter in text):
+        raise ValueError(f"a sentence of {len(text)} characters, or with control characters: {text[:300]!r}")
+    return f"refused {error.code}"
+
+
+def all_sound(path: Path) -> None:
+    """The sound of a file, at most a minute."""
+    for number, _ in enumerate(SoundFile(path).blocks()):
+        if number > 1000:
+            break
 
 
 def bombs(folder: Path) -> list[tuple[str, Path, Read]]:
@@ -141,7 +163,7 @@ def bombs(folder: Path) -> list[tuple[str, Path, Read]]:
     add("a trained frame of a terabyte", "a.safetensors", struct.pack("<Q", 1 << 39) + b"{", read_frame, HUGE)
     add("a PNG of 60,000 x 60,000", "a.png", _png(60_000), read_image)
     add("a PNG of 2^31 x 2^31", "a.png", _png(2**31 - 1, rows=1), read_image)
-    add("a WAV of a terabyte", "a.wav", _wav(), mutations.all_sound, HUGE)
+    add("a WAV of a terabyte", "a.wav", _wav(), all_sound, HUGE)
     for name, info, frames in _videogs():
         place = folder / str(len(found))
         place.mkdir()
@@ -266,12 +288,17 @@ def _streams(files: Files) -> dict[str, Files]:
     packer = zlib.compressobj(9, wbits=-15)
     zeros = b"".join(packer.compress(bytes(ZEROS)) for _ in range(10)) + packer.flush()
     found = {
-        f"a side file of a gigabyte that announces {size:,} bytes": _with_file(files, 0, "side", zeros, size)
+        f"a side file of a gigabyte that announces {size:,} bytes": with_file(files, 0, "side", zeros, size)
         for size in (1000, 10 * ZEROS, 1 << 52)
     }
     for key, value in (("width", 1 << 20), ("height", 1 << 20), ("splats", 1 << 31), ("frame_count", 1 << 31)):
         values = json.loads(files["manifest.json"])
-        for place in (values, values["groups"][0], _best(values["groups"][0]), _best(values["groups"][0])["video"]):
+        for place in (
+            values,
+            values["groups"][0],
+            values["groups"][0]["renditions"][0],
+            values["groups"][0]["renditions"][0]["video"],
+        ):
             if key in place:
                 place[key] = value
                 found[f"{key} of {value:,}"] = {**files, "manifest.json": signed(values, files)}

@@ -12,14 +12,12 @@ folders. Writes of native libraries happen in files that Python renames into pla
 - `full`: no space is left from the n-th write on.
 - `size`: no file can grow beyond n bytes.
 - `clock`: the time of day jumps by years, back and forth, n times a minute of it.
-- `late`: what other processes write is seen n seconds later, as on a network file system; see `late_files`.
 """
 
 from __future__ import annotations
 
 import errno
 import os
-import random
 import resource
 import runpy
 import signal
@@ -27,8 +25,6 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
-
-import late_files
 
 _CHANGES = ("os.rename", "os.link", "os.symlink", "os.mkdir", "os.remove", "os.rmdir", "os.truncate")
 _FREES = ("os.remove", "os.rmdir")
@@ -86,27 +82,11 @@ class Faults:
                     os.truncate(path, 0)
 
 
-def jumping_clock() -> None:
-    """From now on, the time of day is years off, by other years at every look."""
-    real, random_ = time.time, random.Random(1)
-    year = 365.25 * 86400
-
-    def jumping() -> float:
-        return real() + random_.choice((-20, -1, 0, 1, 10)) * year
-
-    time.time = jumping
-    time.time_ns = lambda: int(jumping() * 1e9)
-
-
 def main() -> None:
     """Entry point."""
     kind, number, folder, *arguments = sys.argv[1:]
     if kind == "size":
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(number), resource.RLIM_INFINITY))
-    elif kind == "clock":
-        jumping_clock()
-    elif kind == "late":
-        late_files.install(Path(folder), float(number))
     faults = Faults(kind, int(number), Path(folder))
     sys.argv = ["v3studio", *arguments]
     sys.modules.pop("pipelines.cli", None)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from outcome import Outcome
 
-from pipelines.takes.frame_files import read_about, read_tensors
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.stream import StreamReader
@@ -164,42 +163,3 @@ def small_files(project: Project, outcome: Outcome) -> None:
         again = project.run("count", 0, take)
         if again.returncode != 0 or not project.same_results(take):
             outcome.failed(f"files of {size} bytes, then without a limit: {str(again.stderr)[-600:]}")
-
-
-def jumping_clocks(project: Project, outcome: Outcome) -> None:
-    """The time of day jumps by years during a run, which is killed and goes on with another clock."""
-    take = project.folder / "clock"
-    shutil.rmtree(take, ignore_errors=True)
-    for kind, number in (("kill", project.writes // 2), ("clock", 0), ("clock", 0), ("count", 0)):
-        ended = project.run(kind, number, take)
-        outcome.count += 1
-        if ended.returncode not in (0, -9) or problems_of(take):
-            outcome.failed(f"clock: exit {ended.returncode}: {str(ended.stderr)[-600:]}")
-    if not project.same_results(take):
-        outcome.failed("clock: other results")
-
-
-def cut_checkpoints(project: Project, outcome: Outcome) -> None:
-    """A checkpoint cut at every 4 KB is refused or ignored, never taken as whole; two of them also in a run."""
-    take = project.folder / "checkpoint"
-    shutil.rmtree(take, ignore_errors=True)
-    checkpoint = None
-    for number in range(1, project.writes):
-        project.run("kill", number, take)
-        found = sorted(take.glob("train/*/*.checkpoint"))
-        if found:
-            checkpoint = found[0]
-            break
-    if checkpoint is None:
-        outcome.note("this take made no checkpoint")
-        return
-    whole, about = checkpoint.read_bytes(), read_about(checkpoint)
-    assert about is not None
-    for size in range(0, len(whole), 4096):
-        checkpoint.write_bytes(whole[:size])
-        outcome.count += 1
-        if read_tensors(checkpoint, about.key) is not None:
-            outcome.failed(f"a checkpoint cut at {size} of {len(whole)} bytes was read")
-    ended = project.run("count", 0, take)
-    if ended.returncode != 0 or not project.same_results(take):
-        outcome.failed(f"a run from a cut checkpoint: exit {ended.returncode}: {str(ended.stderr)[-600:]}")

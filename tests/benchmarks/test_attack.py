@@ -12,7 +12,7 @@ import pytest
 from tests.support.warm_python import warm_python
 
 ROOT = Path(__file__).parents[2]
-LEAST = {"files": 60, "streams": 40, "servers": 7}
+LEAST = {"bombs": 40, "servers": 7}
 
 
 def test_promises_are_kept(tmp_path: Path) -> None:
@@ -46,23 +46,3 @@ Path({str(tmp_path / "elsewhere")!r}).write_text("x")
         assert ended.returncode == -signal.SIGKILL
     else:
         assert "OSError: [Errno 28]" in ended.stderr
-
-
-def test_files_of_others_are_seen_late(tmp_path: Path) -> None:
-    folder = tmp_path / "take"
-    folder.mkdir()
-    (folder / "a").write_text("old")
-    script = f"""
-import late_files, os, subprocess
-from pathlib import Path
-folder = Path({str(folder)!r})
-late_files.install(folder, 1000)
-subprocess.run("echo new > .a; mv .a a; mkdir c; echo x > b; echo x > c/d", shell=True, cwd=folder, check=True)
-(folder / "own").write_text("mine")
-seen = [sorted(path.name for path in folder.rglob("*")), sorted(os.listdir(folder)), (folder / "a").read_text()]
-print(seen, (folder / "b").exists(), (folder / "own").read_text())
-"""
-    place = ROOT / "benchmarks" / "attack"
-    told = subprocess.run([sys.executable, "-c", script], cwd=place, capture_output=True, text=True, check=True)
-    assert told.stdout == "[['a', 'c', 'own'], ['a', 'c', 'own'], 'old'] False mine\n"
-    assert (folder / "a").read_text() == "new\n"

@@ -28,7 +28,13 @@ else
     exec "{sys.executable}" "$@"
 fi
 """
-LOCK = "numpy==2.0 \\\n    --hash=sha256:aa\nopen3d==0.20.0 \\\n    --hash=sha256:bb\nopen3d-cpu==0.20.0 \\\n    --hash=sha256:cc\n"
+LOCK = """numpy==2.0 \\
+    --hash=sha256:aa
+open3d==0.20.0 \\
+    --hash=sha256:bb
+open3d-cpu==0.20.0 \\
+    --hash=sha256:cc
+"""
 
 
 @pytest.fixture

@@ -1,19 +1,16 @@
 """Malicious streams: mutated, with all sizes and checksums updated. The player may play them or report what is wrong;
 it must not hang, use more memory than the manifest specifies, or crash.
-
-`benchmarks/hostile_streams.py` tries thousands.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import shutil
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from studio.stream.sidefile import deflate
+from tests.support import hostile_streams
 from tests.support.streams import best_of, edit_manifest, replace_file
 
 pytestmark = pytest.mark.web
@@ -22,24 +19,13 @@ ROOT = Path(__file__).parents[2]
 COUNT = 20
 
 
-def load_benchmark() -> ModuleType:
-    """The script that tries as many as one likes."""
-    spec = importlib.util.spec_from_file_location("hostile_streams", ROOT / "benchmarks" / "hostile_streams.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_mutated_streams(baked, browser):
-    """In one page, as the script does it: each is played or refused with a sentence."""
-    script = load_benchmark()
+    """In one page: each is played or rejected with a sentence."""
     page = browser.new_page()
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
-    with script.hosted(ROOT / "v3studio" / "player") as host:
-        outcomes = list(script.attack(page, host, script.read_stream(baked()), range(COUNT)))
+    with hostile_streams.hosted(ROOT / "v3studio" / "player") as host:
+        outcomes = list(hostile_streams.attack(page, host, hostile_streams.read_stream(baked()), range(COUNT)))
         used = page.evaluate("() => { gc(); return performance.memory.usedJSHeapSize; }")
     page.close()
     assert [number for number, _, _ in outcomes] == list(range(COUNT))

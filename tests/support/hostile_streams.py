@@ -1,0 +1,273 @@
+"""Streams as a malicious writer would make them, for the library and for the browser.
+
+Each mutation changes the manifest, a side file (compressed, or its content), a video or the sound of a stream of the
+profile `motion` without pages, and then updates all sizes and checksums. Mutation N is always the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import random
+import threading
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.stream import StreamReader
+
+Files = dict[str, bytes]
+"""A stream's files by their path in it."""
+
+MANIFEST = "manifest.json"
+PATIENCE = 60.0
+"""Seconds in which a mutated stream must be refused or played."""
+
+VALUES: list[Any] = [
+    *(None, True, False, 0, -1, 1, 7, 255, 65536, 2**31, 2**53, 1e300, -1e9, 1e-300),
+    *("", "x", "../x", [], {}, [[]]),
+]
+PAGE = b"<!doctype html><script type='module' src='v3-player.js'></script>"
+
+OPEN = """decoder => {
+  window.player = document.createElement('v3-player');
+  player.style.cssText = 'width: 100px; height: 100px';
+  player.setAttribute('loop', '');
+  player.setAttribute('decoder', decoder);
+  document.body.append(player);
+}"""
+
+PLAY = """async ([url, patience]) => {
+  let outcome = null;
+  const stop = new AbortController(), signal = stop.signal;
+  player.addEventListener('v3-error', ({detail}) => { outcome ??= 'refused: ' + detail; }, {signal});
+  let notice = null;
+  player.addEventListener('v3-notice', ({detail}) => { notice ??= 'without a group: ' + detail; }, {signal});
+  player.addEventListener('v3-looped', () => { outcome ??= notice ?? 'played'; }, {signal});
+  player.setAttribute('src', url);
+  player.play();
+  player.setSpeed(4);
+  const began = performance.now();
+  // A single frame, or a rate near nothing, is played as well as it can be: then the first picture is enough.
+  while (outcome === null && performance.now() - began < 1000 * patience) {
+    await new Promise(done => setTimeout(done, 5));
+    const {ready, duration, frameCount} = player.state;
+    if (ready && (duration > 5 || frameCount === 1)) outcome = 'shown';
+  }
+  stop.abort();
+  return outcome;
+}"""
+
+
+def read_stream(folder: Path) -> Files:
+    """All files of a stream in a folder."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def signed(values: Any, files: Files) -> bytes:
+    """The bytes of a manifest, with the total size and the checksum filled in; as good as possible for nonsense."""
+    try:
+        entries = [one[key] for group in values["groups"] for one in group["renditions"] for key in ("side", "video")]
+        entries += [values["audio"]] if values.get("audio") else []
+        groups = sum({entry["path"]: entry["bytes"] for entry in entries}.values())  # each file once
+        values["manifest_sha256"] = zeros = "0" * 64
+        for _ in range(5):
+            data = json.dumps(values).encode()
+            values["total_bytes"] = groups + len(data)
+        return data.replace(zeros.encode(), hashlib.sha256(data).hexdigest().encode(), 1)
+    except (TypeError, KeyError, ValueError, IndexError, AttributeError):
+        return json.dumps(values).encode()
+
+
+def with_file(files: Files, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> Files:
+    """The stream with another file in the best rendition of a group: `key` is "side" or "video"."""
+    values = json.loads(files[MANIFEST])
+    best = values["groups"][group]["renditions"][0]
+    entry, digest = best[key], hashlib.sha256(data).hexdigest()
+    best["bytes"] += len(data) - entry["bytes"]
+    entry["bytes"], entry["sha256"] = len(data), digest
+    entry["path"] = f"files/{digest[:32]}.{entry['path'].rpartition('.')[2]}"
+    if raw_bytes is not None:
+        entry["raw_bytes"] = raw_bytes
+    changed = {**files, entry["path"]: data}
+    return {**changed, MANIFEST: signed(values, changed)}
+
+
+def _changed_bytes(rng: random.Random, data: bytes) -> bytes:
+    changed = bytearray(data)
+    for _ in range(rng.randint(1, 6)):
+        at = rng.randrange(len(changed))
+        kind = rng.randrange(4)
+        if kind == 0:
+            changed[at] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            changed[at : at + rng.randint(1, 16)] = rng.randbytes(rng.randint(0, 16))
+        elif kind == 2:
+            changed[at : at + 4] = rng.choice([b"\xff\xff\xff\xff", b"\0\0\0\0", b"\x7f\xff\xff\xff", b"\x80\0\0\0"])
+        else:
+            del changed[at : at + rng.randint(1, 200)]
+        if not changed:
+            changed = bytearray(b"\0")
+    return bytes(changed)
+
+
+def _changed_manifest(rng: random.Random, data: bytes) -> Any:
+    values = at = json.loads(data)
+    for _ in range(rng.randint(1, 6)):
+        key = rng.choice(list(at) if isinstance(at, dict) else list(range(len(at))))
+        if isinstance(at[key], dict | list) and at[key] and rng.random() < 0.85:
+            at = at[key]
+            continue
+        at[key] = rng.choice(VALUES)
+        return values
+    return [values] * 2
+
+
+def mutate(files: Files, number: int) -> tuple[str, Files]:
+    """What mutation `number` of a stream changes, and the stream with it."""
+    rng = random.Random(number)
+    kind = rng.choice(["manifest", "nonsense", "side content", "side file", "video", "video"])
+    if kind == "nonsense" and rng.random() < 0.8:
+        kind = "manifest"
+    if kind == "manifest":
+        return kind, {**files, MANIFEST: signed(_changed_manifest(rng, files[MANIFEST]), files)}
+    if kind == "nonsense":
+        deep = rng.choice([b"[", b'{"format":'])
+        return kind, {**files, MANIFEST: deep * rng.randint(1, 100_000)}
+    groups = json.loads(files[MANIFEST])["groups"]
+    group = rng.randrange(len(groups))
+    key = "video" if kind == "video" else "side"
+    data = files[groups[group]["renditions"][0][key]["path"]]
+    if kind != "side content":
+        return kind, with_file(files, group, key, _changed_bytes(rng, data))
+    raw = _changed_bytes(rng, zlib.decompress(data, wbits=-15))
+    packer = zlib.compressobj(wbits=-15)
+    return kind, with_file(files, group, key, packer.compress(raw) + packer.flush(), len(raw))
+
+
+class Memory:
+    """A stream in memory, as a `studio.stream.source.Source`."""
+
+    name = "mutated"
+
+    def __init__(self, files: Files) -> None:
+        self._files = files
+
+    def read(self, path: str, limit: int) -> bytes:
+        """See `Source.read`."""
+        data = self._files.get(path)
+        if data is None or len(data) > limit:
+            raise StudioError("stream.file_missing", "no such file, or too long", file=path)
+        return data
+
+
+def mutate_sound(files: Files, number: int) -> Files:
+    """Mutation `number` of the stream's sound file."""
+    rng = random.Random(number)
+    values = json.loads(files[MANIFEST])
+    entry = values["audio"]
+    data = _changed_bytes(rng, files[entry["path"]])
+    digest = hashlib.sha256(data).hexdigest()
+    entry["bytes"], entry["sha256"], entry["path"] = len(data), digest, f"files/{digest[:32]}.m4a"
+    changed = {**files, entry["path"]: data}
+    return {**changed, MANIFEST: signed(values, changed)}
+
+
+def check_drawable(splats: Gaussians) -> None:
+    """Raises ValueError unless all that a renderer derives from the splats is finite."""
+    scales = splats.log_scales.exp()
+    for name, values in (*splats.items(), ("scales", scales), ("covariances", scales.square())):
+        if not bool(values.isfinite().all()):
+            raise ValueError(f"{name} are not finite")
+
+
+def read_all(files: Files) -> str:
+    """Decode the first frame of each group, its last one, and the sound; "read" or "rejected CODE"."""
+    outcome = "read"
+    try:
+        with StreamReader.open(Memory(files), threads=1) as reader:
+            for group in reader.manifest.groups[:20]:
+                for frame in (group.first_frame, group.first_frame + min(group.frame_count, 50) - 1):
+                    check_drawable(reader.gaussians(frame))
+            with contextlib.ExitStack() as stack:
+                sound = reader.sound()
+                if sound is not None:
+                    stack.callback(sound.close)
+                    sound.read(0, 4800)
+    except StudioError as error:
+        outcome = f"rejected {error.code}"
+    return outcome
+
+
+class Host:
+    """A web server for the player and one stream, in memory.
+
+    Attributes:
+        stream: its files; the URL's first folder is ignored, so that each mutation has an address of its own.
+    """
+
+    def __init__(self, player: Path) -> None:
+        self.stream: Files = {}
+        script = (player / "v3-player.js").read_bytes()
+        host = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def log_message(self, *_arguments: Any) -> None:
+                pass
+
+            def do_GET(self) -> None:
+                pages = {"/": (PAGE, "text/html"), "/v3-player.js": (script, "text/javascript")}
+                data, kind = pages.get(self.path, (None, "application/octet-stream"))
+                if data is None:
+                    data = host.stream.get(self.path.lstrip("/").partition("/")[2])
+                self.send_response(404 if data is None else 200)
+                self.send_header("Content-Type", kind)
+                self.send_header("Content-Length", str(len(data or b"")))
+                self.end_headers()
+                self.wfile.write(data or b"")
+
+        class Server(ThreadingHTTPServer):
+            daemon_threads = True
+
+            def handle_error(self, *_arguments: Any) -> None:
+                pass  # the player closes connections whose data it refuses
+
+        self._server = Server(("127.0.0.1", 0), Handler)
+        self.address = f"http://127.0.0.1:{self._server.server_port}/"
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._server.shutdown()
+        self._server.server_close()
+
+
+@contextmanager
+def hosted(player: Path) -> Iterator[Host]:
+    """A `Host` for the built player in this folder, while the block runs."""
+    host = Host(player)
+    try:
+        yield host
+    finally:
+        host.close()
+
+
+def attack(
+    page: Any, host: Host, files: Files, numbers: Iterable[int], decoder: str = "auto"
+) -> Iterator[tuple[int, str, str | None]]:
+    """Play mutations in a page of Playwright; yields number, kind and outcome: what the player said, "played",
+    "without a group: " and the notice, "shown" (one frame), or None if it hangs."""
+    page.goto(host.address)
+    page.wait_for_function("!!customElements.get('v3-player')")
+    page.evaluate(OPEN, decoder)
+    for number in numbers:
+        kind, host.stream = mutate(files, number)
+        yield number, kind, page.evaluate(PLAY, [f"s{number}/", PATIENCE])
