@@ -143,7 +143,7 @@ for user in root visitor; do
     if [ -n "${FRESH_FULL:-}" ]; then
         step "$user: make demo" "$user" "cd v3studio && make demo"
         tail -n 25 "$work/output"
-        [ "$user" = root ] || step "visitor: packages of the tests" root "cd /home/visitor/v3studio && bash scripts/system_packages.sh --tests"
+        [ "$user" = root ] || step "visitor: packages of the tests" root "cd ~visitor/v3studio && bash scripts/system_packages.sh --tests"
         step "$user: make test" "$user" "cd v3studio && make test"
         tail -n 15 "$work/output"
     else

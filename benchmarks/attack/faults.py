@@ -11,7 +11,6 @@ folders. Writes of native libraries happen in files that Python renames into pla
   system that had written their names only.
 - `full`: no space is left from the n-th write on.
 - `size`: no file can grow beyond n bytes.
-- `clock`: the time of day jumps by years, back and forth, n times a minute of it.
 """
 
 from __future__ import annotations
