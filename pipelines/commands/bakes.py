@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pipelines.takes.take import Take
 
 
 def register(commands: Any) -> None:
@@ -13,8 +18,9 @@ def register(commands: Any) -> None:
     command = commands.add_parser(
         "bakes",
         help="keep bakes of a take under names, choose one, remove others",
-        description="Keep bakes of a take under names, to compare them; one of them is the take's stream. "
-        "`v3studio bake TAKE --keep NAME` bakes and keeps. The window compares them (View > Bakes).",
+        description="Keep bakes of a take under names; one of them is the take's stream. A kept bake is the folder "
+        "TAKE/bakes/NAME, which can be played, exported, shared, and compared with `v3studio compare` like a take. "
+        "`v3studio bake TAKE --keep NAME` bakes and keeps.",
         allow_abbrev=False,
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
@@ -49,7 +55,6 @@ def _kind(kinds: Any, name: str, text: str) -> argparse.ArgumentParser:
 
 
 def _list(arguments: argparse.Namespace) -> int:
-    from pipelines.reports.kept_bakes import KeptBakeRow
     from pipelines.reports.tables import escaped, table_of
     from pipelines.reports.terminal import console
     from pipelines.takes.kept_bakes import kept_bakes
@@ -57,69 +62,65 @@ def _list(arguments: argparse.Namespace) -> int:
 
     found = kept_bakes(Take.open(arguments.take))
     if arguments.json:
-        rows = [KeptBakeRow.of(kept).model_dump(mode="json") for kept in found]
-        print(json.dumps(rows, indent=1), file=arguments.output)
+        print(json.dumps([kept.to_json() for kept in found], indent=1), file=arguments.output)
         return 0
     if not found:
         print("No bakes are kept. `v3studio bakes keep TAKE NAME` keeps the present one.")
         return 0
-    shown = table_of("name", "QP", "MB", "KB/frame", "PSNR", "kept", "", left=(0, 5, 6))
+    shown = table_of("name", "quality", "MB", "KB/frame", "PSNR", "baked", "", left=(0, 1, 5, 6))
     for kept in found:
-        psnr, qp = kept.psnr, kept.qp
+        psnr = kept.psnr
+        notes = {"chosen": kept.chosen, "older training": not kept.current, "other edits": not kept.same_edits}
         shown.add_row(
             escaped(kept.name),
-            "-" if qp is None else str(qp),
+            kept.quality,
             f"{kept.bytes / 1e6:.2f}",
             f"{kept.bytes_per_frame / 1000:.1f}",
             "-" if psnr is None else f"{psnr:.2f}",
-            kept.note.kept[:16].replace("T", " "),
-            ", ".join(
-                words
-                for words, holds in (
-                    ("chosen", kept.chosen),
-                    ("older training", not kept.current),
-                    ("other edits", not kept.same_edits),
-                )
-                if holds
-            ),
+            kept.baked[:16].replace("T", " "),
+            ", ".join(words for words, holds in notes.items() if holds),
         )
     console().print(shown)
     return 0
 
 
 def _keep(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.atomic_files import disk_errors
     from pipelines.takes.kept_bakes import keep_bake
-    from pipelines.takes.take import Take
 
-    take = Take.open(arguments.take)
-    with take.locked("v3studio bakes keep"), disk_errors(take.root):
+    with _locked(arguments) as take:
         kept = keep_bake(take, arguments.name)
-    print(f"kept as '{kept.name}' ({kept.bytes / 1e6:.2f} MB)")
+    print(f"kept as '{kept.name}' ({kept.bytes / 1e6:.2f} MB): {kept.take.root}")
     return 0
 
 
 def _choose(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.atomic_files import disk_errors
-    from pipelines.takes.chosen_bake import choose_bake, remarks
-    from pipelines.takes.take import Take
+    from pipelines.takes.kept_bakes import choose_bake
 
-    take = Take.open(arguments.take)
-    with take.locked("v3studio bakes choose"), disk_errors(take.root):
+    with _locked(arguments) as take:
         kept = choose_bake(take, arguments.name, discard=arguments.discard)
     print(f"'{kept.name}' is the take's stream now, and its settings are those of the take")
-    for remark in remarks(kept):
+    for remark in kept.remarks:
         print(remark)
     return 0
 
 
 def _remove(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.kept_bakes import check_removable, remove_bake
-    from pipelines.takes.take import Take
+    from pipelines.takes.kept_bakes import folder_of_bake, remove_bake
 
-    take = Take.open(arguments.take)
-    with take.locked("v3studio bakes remove"):
-        check_removable(take, arguments.name)
+    with _locked(arguments) as take:
+        for name in arguments.name:
+            folder_of_bake(take, name)  # check all before the first is removed
         for name in dict.fromkeys(arguments.name):
             print(f"removed '{name}' ({remove_bake(take, name) / 1e6:.2f} MB freed)")
     return 0
+
+
+@contextmanager
+def _locked(arguments: argparse.Namespace) -> Iterator[Take]:
+    """The take, locked."""
+    from pipelines.takes.atomic_files import disk_errors
+    from pipelines.takes.take import Take
+
+    take = Take.open(arguments.take)
+    with take.locked(f"v3studio {arguments.stage}"), disk_errors(take.root):
+        yield take

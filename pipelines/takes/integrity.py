@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -12,19 +11,8 @@ from pydantic import BaseModel, ConfigDict
 
 from pipelines.takes.atomic_files import digest_of_file, digest_of_files, read_model
 from pipelines.takes.frame_files import intact
-from pipelines.takes.kept_bakes import (
-    NOTE,
-    KeptBake,
-    KeptBakeNote,
-    Problem,
-    changed_files,
-    check_name,
-    kept_bakes,
-    recorded_files,
-)
 from pipelines.takes.marks import read_marks
 from pipelines.takes.records import StageRecord, read_record
-from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
@@ -42,7 +30,7 @@ class Damage(BaseModel):
     """The stage that wrote it, and that has to run again; "" for what no run makes again: files of kept bakes, and
     edits.json, garbage.yaml, marks.json and camera_path.json."""
 
-    problem: Problem | Literal["damaged"]
+    problem: Literal["changed", "missing", "damaged"]
     """changed: another content than recorded; missing; damaged: its own checksum is wrong, or it cannot be read."""
 
     detail: str = ""
@@ -82,20 +70,20 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
         record = read_record(take, stage)
         if record is not None:
             files += [take.file(name) for name in record.files]
-            work.append(_changed(take, record))
+            work.append(changed_files(take, record))
             continue
         unchecked.append(stage)
         if stage == "train":
             frames = sorted(take.folder(stage).rglob("*.safetensors"))
             files += frames
             work.append(_damaged_tensors(take, path) for path in frames)
-    for kept in kept_bakes(take):
-        files += [kept.folder / name for name, _ in recorded_files(kept)]
-        work.append(_changed_of_kept(take, kept))
-    notes = _notes_of_kept(take)
+    for kept in _kept_bakes(take):
+        for record in filter(None, (read_record(kept, stage) for stage in ("bake", "evaluate"))):
+            files += [kept.root / name for name in record.files]
+            work.append(_changed_of_kept(take, kept, record))
     made = {path: read for path, read in _made_by_people(take).items() if path.exists()}
-    files += [*notes, *made]
-    work.append(_unreadable(take, path, read) for path, read in {**notes, **made}.items())
+    files += made
+    work.append(_unreadable(take, path, read) for path, read in made.items())
     for done, found in enumerate(itertools.chain(*work), 1):
         progress(done, max(done, len(files)))
         damage += [found] if found else []
@@ -110,7 +98,7 @@ def refuse_damage(take: Take, stage: str) -> None:
         StudioError: a file is not as it was recorded (`take.damaged`).
     """
     record = read_record(take, stage)
-    for found in filter(None, _changed(take, record) if record else ()):
+    for found in filter(None, changed_files(take, record) if record else ()):
         raise StudioError(
             "take.damaged",
             f"the file is {found.problem}: it is not what the stage {stage} wrote",
@@ -120,7 +108,7 @@ def refuse_damage(take: Take, stage: str) -> None:
         )
 
 
-def _changed(take: Take, record: StageRecord) -> Iterator[Damage | None]:
+def changed_files(take: Take, record: StageRecord) -> Iterator[Damage | None]:
     """For each file that a stage wrote, its damage or None."""
     files = {name: take.file(name) for name in record.files}
     for name, path in files.items():
@@ -136,28 +124,20 @@ def _changed(take: Take, record: StageRecord) -> Iterator[Damage | None]:
         yield Damage(file="", stage=record.stage, problem="changed")
 
 
-def _changed_of_kept(take: Take, kept: KeptBake) -> Iterator[Damage | None]:
-    folder = kept.folder.relative_to(take.root).as_posix()
-    for name, problem in changed_files(kept):
-        yield Damage(file=f"{folder}/{name}", stage="", problem=problem) if problem else None
+def _kept_bakes(take: Take) -> list[Take]:
+    """Kept bakes (`pipelines.takes.kept_bakes`), also damaged ones; no folders of others."""
+    folders = sorted(take.bakes.iterdir()) if take.bakes.is_dir() else []
+    return [Take(folder) for folder in folders if not folder.name.startswith(".") and (folder / "take.json").is_file()]
 
 
-def _notes_of_kept(take: Take) -> dict[Path, Callable[[Path], object]]:
-    """What is recorded of kept bakes, and of the groups of each: files, and what reads each."""
-    found: dict[Path, Callable[[Path], object]] = {}
-    for folder in sorted(take.bakes.iterdir()) if take.bakes.is_dir() else ():
-        if folder.is_dir():
-            with contextlib.suppress(StudioError):  # other folders are none of the program's
-                check_name(folder.name)
-                found[folder / NOTE] = lambda path: read_model(path, KeptBakeNote)
-    for kept in kept_bakes(take):
-        for name in kept.note.notes:
-            found[kept.folder / "notes" / name] = lambda path: read_model(path, BakedGroupNote)
-    return found
+def _changed_of_kept(take: Take, kept: Take, record: StageRecord) -> Iterator[Damage | None]:
+    folder = kept.root.relative_to(take.root).as_posix()
+    for found in changed_files(kept, record):
+        yield found and found.model_copy(update={"file": f"{folder}/{found.file}", "stage": ""})
 
 
 def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
-    """Files that no stage writes, and what reads each."""
+    """Files that no stage writes, and the records of kept bakes, and what reads each."""
     from pipelines.takes.edits import read_edits
     from studio.export.camera_path import read_path_keys
     from studio.masks.garbage_polygons import read_garbage_polygons
@@ -167,6 +147,7 @@ def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
         take.marks: read_marks,
         take.garbage: read_garbage_polygons,
         take.camera_path: lambda path: read_path_keys(path, 1.0),
+        **{kept.record("bake"): lambda path: read_model(path, StageRecord) for kept in _kept_bakes(take)},
     }
 
 

@@ -1,79 +1,39 @@
-"""Bakes that are kept under a name: `bakes/NAME/` beside the take's stream.
+"""Bakes that are kept: `bakes/NAME/` in a take is itself a take, with one bake and without the training.
 
-Each holds the stream as it was baked, and what makes it the take's stream again: the record of the stage, notes on its
-groups, and the evaluation if there was one. Files are hard links to those of the stream where the file system has them,
-so that keeping costs no space until the stream is baked anew. Nothing in a take is changed in place, so links stay as
-they were.
+It has the stream, the settings, edits and cameras that it was made with, and its evaluation, in the places where a take
+has them. So everything that plays, compares, exports, shares or publishes a take does so with a kept bake. Files are
+hard links to those of the take where the file system has them: keeping a bake costs no space until the take is baked
+again. Nothing in a take is changed in place, so links stay as they were.
 """
 
 from __future__ import annotations
 
-import contextlib
-import datetime
 import os
 import re
+import shutil
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
 
-from pydantic import Field, JsonValue, field_validator
+from pydantic import JsonValue
 
-from pipelines.takes.atomic_files import (
-    Result,
-    digest_of_file,
-    digest_of_files,
-    link_or_copy,
-    read_model,
-    remove,
-    write_model,
-)
+from pipelines.config.loading import load_config
+from pipelines.takes.atomic_files import digest_of_file, link_or_copy, remove, write_text
 from pipelines.takes.edit_params import PREFIX, edit_params
 from pipelines.takes.edits import read_edits
 from pipelines.takes.evaluation import read_evaluation
-from pipelines.takes.records import StageRecord, current_record, read_record, result_of
+from pipelines.takes.integrity import changed_files
+from pipelines.takes.records import StageRecord, read_record, result_of
+from pipelines.takes.settings_file import changed_text, set_settings
 from pipelines.takes.take import Take
-from studio.atomic_files import PARTIAL, atomic_path, sync, temporary_path
+from studio.atomic_files import PARTIAL, atomic_path, exchange, temporary_path
 from studio.errors import StudioError
-from studio.json_types import JsonData
-
-NOTE = "bake.json"
-"""Written last: a folder without it is not a kept bake."""
-
-Problem = Literal["changed", "missing"]
+from studio.json_types import JsonData, JsonObject
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,59}")
 _DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices, with any ending."""
-
-
-class KeptBakeNote(Result):
-    """bakes/NAME/bake.json."""
-
-    kept: str = ""
-    """When, UTC, ISO 8601."""
-
-    bake: StageRecord
-    """Record of the stage `bake`; paths are relative to the take, as when it was the take's stream."""
-
-    evaluate: StageRecord | None = None
-    """Record of `evaluate` for this stream; None if it was not measured."""
-
-    notes: tuple[str, ...] = Field(default=())
-    """Names of the files in notes/: what each baked group was made from."""
-
-    @field_validator("bake", "evaluate", mode="before")
-    @classmethod
-    def _current_names(cls, record: Any) -> Any:
-        return current_record(record) if isinstance(record, dict) else record
-
-    @field_validator("notes")
-    @classmethod
-    def _names_of_files(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        if not all(re.fullmatch(r"group_\d+\.json", name) for name in names):
-            raise ValueError("a name is not that of a note")
-        return names
 
 
 @dataclass(frozen=True)
@@ -82,8 +42,8 @@ class KeptBake:
 
     Attributes:
         name: as the user named it.
-        folder: bakes/NAME in the take.
-        note: what is recorded of it.
+        take: the folder, as a take.
+        record: of the stage `bake`.
         bytes: size of the stream.
         frees: bytes that are free again after it is removed: of files that nothing else in the take shares.
         chosen: whether it is the take's stream now.
@@ -92,8 +52,8 @@ class KeptBake:
     """
 
     name: str
-    folder: Path
-    note: KeptBakeNote
+    take: Take
+    record: StageRecord
     bytes: int
     frees: int
     chosen: bool
@@ -101,136 +61,145 @@ class KeptBake:
     same_edits: bool
 
     @property
-    def stream(self) -> Path:
-        """Folder of the stream."""
-        return self.folder / "stream"
-
-    @property
-    def evaluation(self) -> Path:
-        """evaluation.json; there is none if it was not measured."""
-        return self.folder / "evaluation.json"
+    def baked(self) -> str:
+        """When, UTC, ISO 8601."""
+        return self.record.finished
 
     @property
     def bytes_per_frame(self) -> float:
-        """Of the stream's best rendition; 0 if its record does not tell."""
-        return _number(self.note.bake.summary.get("bytes_per_frame")) or 0.0
+        """Of the stream's best rendition; 0 if its record lacks it."""
+        value = self.record.summary.get("bytes_per_frame")
+        return float(value) if isinstance(value, int | float) else 0.0
 
     @property
     def psnr(self) -> float | None:
         """Mean PSNR of its decoded frames, dB, from its evaluation; None if it was not measured."""
-        if self.note.evaluate is None or not self.evaluation.is_file():
-            return None
         try:
-            return read_evaluation(self.evaluation).summary.psnr_decoded
-        except StudioError:  # damaged; `v3studio check` tells
+            return read_evaluation(self.take.evaluation).summary.psnr_decoded
+        except StudioError:  # there is none, or it is damaged, which `v3studio check` reports
             return None
-
-    @property
-    def qp(self) -> int | None:
-        """`bake.qp` that it was made with."""
-        value = _number(self.note.bake.params.get("bake.qp"))
-        return None if value is None else int(value)
 
     @property
     def settings(self) -> dict[str, JsonValue]:
         """Settings of `bake` that it was made with, by dotted name."""
-        return {name: value for name, value in self.note.bake.params.items() if name.startswith("bake.")}
+        return {name: value for name, value in self.record.params.items() if name.startswith("bake.")}
 
+    @property
+    def quality(self) -> str:
+        """`bake.quality` that it was made with."""
+        return str(self.settings.get("bake.quality", ""))
 
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on what the next run would change if it was chosen."""
+        found = []
+        if not self.current:
+            found.append("The take was trained again after it was baked; `v3studio run` would bake the new training.")
+        if not self.same_edits:
+            found.append("It was baked with other edits than the take has now; `v3studio run` would bake with those.")
+        return found
+
+    def to_json(self) -> JsonObject:
+        """A row of `v3studio bakes list --json`."""
+        return {
+            "name": self.name,
+            "folder": str(self.take.root),
+            "chosen": self.chosen,
+            "current": self.current,
+            "same_edits": self.same_edits,
+            "baked": self.baked,
+            "bytes": self.bytes,
+            "frees": self.frees,
+            "bytes_per_frame": self.bytes_per_frame,
+            "psnr_decoded": self.psnr,
+            "settings": self.settings,
+        }
 
 
 def kept_bakes(take: Take) -> list[KeptBake]:
-    """The kept bakes of a take, oldest first; folders that are not one, or whose note is damaged, are left out."""
-    folder = take.bakes
+    """The kept bakes of a take, oldest first; damaged ones and other folders are left out."""
+    folders = sorted(take.bakes.iterdir()) if take.bakes.is_dir() else []
     edits = _present_edits(take)
-    found = []
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-        if _NAME.fullmatch(path.name) and (path / NOTE).is_file():
-            with contextlib.suppress(StudioError):
-                found.append(_kept(take, path, edits))
-    return sorted(found, key=lambda kept: (kept.note.kept, kept.name))
+    found = [_kept(take, folder, edits) for folder in folders if _NAME.fullmatch(folder.name)]
+    return sorted((kept for kept in found if kept is not None), key=lambda kept: (kept.baked, kept.name))
 
 
 def kept_bake(take: Take, name: str) -> KeptBake:
     """The kept bake of a name.
 
     Raises:
-        StudioError: there is none (`bakes.not_found`), the name cannot be one (`bakes.invalid_name`), or its note is
-            damaged (`take.damaged`).
+        StudioError: there is none (`bakes.not_found`), or no bake can have the name (`bakes.invalid_name`).
     """
-    name = check_name(name)
-    path = take.bakes / name
-    if not (path / NOTE).is_file():
+    folder = take.bakes / check_name(name)
+    found = _kept(take, folder, _present_edits(take))
+    if found is None:
         known = ", ".join(kept.name for kept in kept_bakes(take))
         raise StudioError(
             "bakes.not_found",
-            f"no bake is kept as '{name}'",
+            f"no bake is kept as '{folder.name}'",
             file=take.root,
             value=name,
             fix=f"There are: {known}." if known else "Keep the present one with `v3studio bakes keep`.",
         )
-    return _kept(take, path, _present_edits(take))
+    return found
+
+
+def _kept(take: Take, folder: Path, edits: dict[str, JsonData] | None) -> KeptBake | None:
+    kept = Take(folder)
+    record = read_record(kept, "bake")
+    if record is None or not (folder / "take.json").is_file():
+        return None
+    return KeptBake(
+        name=folder.name,
+        take=kept,
+        record=record,
+        bytes=sum(state.st_size for state in _states(kept.stream)),
+        frees=sum(state.st_size for state in _states(folder) if state.st_nlink == 1),
+        chosen=result_of(take, "bake") == record.result,
+        current=record.params.get("result of train") == result_of(take, "train"),
+        same_edits={name: value for name, value in record.params.items() if name.startswith(PREFIX)} == edits,
+    )
 
 
 def _present_edits(take: Take) -> dict[str, JsonData] | None:
-    """The take's edits as parameters of a bake; None if they cannot be read, which commands that need them tell."""
+    """The take's edits as parameters of a bake; None if they cannot be read."""
     try:
         return edit_params(read_edits(take.edits))
     except StudioError:
         return None
 
 
-def _kept(take: Take, path: Path, edits: dict[str, JsonData] | None) -> KeptBake:
-    note = read_model(path / NOTE, KeptBakeNote)
-    sizes = list(_states(path / "stream"))
-    return KeptBake(
-        name=path.name,
-        folder=path,
-        note=note,
-        bytes=sum(state.st_size for state in sizes),
-        frees=sum(state.st_size for state in _states(path) if state.st_nlink == 1),
-        chosen=result_of(take, "bake") == note.bake.result,
-        current=note.bake.params.get("result of train") == result_of(take, "train"),
-        same_edits={name: value for name, value in note.bake.params.items() if name.startswith(PREFIX)} == edits,
-    )
-
-
 def _states(folder: Path) -> Iterator[os.stat_result]:
-    for path in folder.rglob("*"):
-        if path.is_file():
-            yield path.stat()
+    return (path.stat() for path in folder.rglob("*") if path.is_file())
 
 
 def check_name(name: str) -> str:
     """Check a name of a kept bake; returns it as the folder is named: accented letters in composed form (NFC).
 
     Raises:
-        StudioError: no bake can have it (`bakes.invalid_name`).
+        StudioError: it cannot be the name of a folder on every system, or is one of temporary files
+            (`bakes.invalid_name`).
     """
     name = unicodedata.normalize("NFC", name)
-    if not _NAME.fullmatch(name) or name[-1] in " ." or len(name.encode()) > 120:
-        raise _invalid(name, "Use up to 60 letters, digits, spaces and . - _, beginning with a letter or a digit.")
+    fits = _NAME.fullmatch(name) and name[-1] not in " ." and len(name.encode()) <= 120
+    if not fits or PARTIAL in name or _DEVICE.fullmatch(name):
+        raise StudioError(
+            "bakes.invalid_name",
+            f"'{name}' cannot be the name of a bake",
+            value=name,
+            fix="Use up to 60 letters, digits, spaces and . - _, beginning with a letter or a digit; no "
+            f"'{PARTIAL}' and no name that Windows keeps for a device.",
+        )
     return name
-
-
-def _invalid(name: str, fix: str) -> StudioError:
-    return StudioError("bakes.invalid_name", f"'{name}' cannot be the name of a bake", value=name, fix=fix)
 
 
 def refuse_taken(take: Take, name: str) -> str:
     """Check, before a long run, that a bake can be kept under a name; returns it as `check_name`.
 
     Raises:
-        StudioError: it cannot be the name of a folder on every system, or is one of temporary files
-            (`bakes.invalid_name`), or another bake has it (`bakes.name_taken`).
+        StudioError: no bake can have it (`bakes.invalid_name`), or another one has it (`bakes.name_taken`).
     """
     name = check_name(name)
-    if PARTIAL in name:
-        raise _invalid(name, f"Leave out '{PARTIAL}', which marks temporary files.")
-    if _DEVICE.fullmatch(name):
-        raise _invalid(name, "Choose another name: Windows keeps this one for a device.")
     if (take.bakes / name).exists():
         raise StudioError(
             "bakes.name_taken",
@@ -260,53 +229,53 @@ def keep_bake(take: Take, name: str) -> KeptBake:
             fix="Run `v3studio bake` first.",
             stage="bake",
         )
-    work = take.work("bake")
-    notes = sorted(work.glob("group_*.json"))
+    records = [record, *_evaluation_of(take, record)]
+    for one in records:
+        _refuse_changed(take, one, f"Run `v3studio {one.stage}` again, with --force if it finds nothing to do.")
+    settings = {name: value for name, value in record.params.items() if name.startswith("bake.")}
     with atomic_path(take.bakes / name, durable=True) as folder:
-        _link_files(take, folder, record)
-        for path in notes:
-            link(path, folder / "notes" / path.name, durable=True)
-        evaluate = _evaluation_of(take, record)
-        if evaluate is not None:
-            _link_files(take, folder, evaluate)
-        note = KeptBakeNote(
-            kept=datetime.datetime.now(datetime.UTC).isoformat(),
-            bake=record,
-            evaluate=evaluate,
-            notes=tuple(path.name for path in notes),
-        )
-        for path in [path for path in folder.rglob("*") if path.is_dir()]:
-            sync(path)
-        write_model(folder / NOTE, note, durable=True)
+        for path in _files_of(take, records):
+            _link(path, folder / path.relative_to(take.root))
+        text = changed_text(take.config, settings) or take.config.read_text(encoding="utf-8")
+        write_text(folder / "config.yaml", text, durable=True)
     return kept_bake(take, name)
 
 
-def note_evaluation(take: Take) -> list[str]:
-    """Give kept bakes that are the take's stream its new evaluation; returns their names. The caller holds the lock.
+def _files_of(take: Take, records: list[StageRecord]) -> list[Path]:
+    """Files of a take that make up a kept bake, apart from its settings."""
+    files = [take.root / "take.json", take.edits, take.garbage, take.rig, take.calibration_report]
+    files += [take.record(record.stage) for record in records]
+    files += [take.root / name for record in records for name in record.files]
+    files += sorted(take.work("bake").glob("group_*.json"))
+    return [path for path in files if path.is_file()]
+
+
+def _evaluation_of(take: Take, bake: StageRecord) -> list[StageRecord]:
+    """The record of the take's evaluation, if it measured this stream."""
+    record = read_record(take, "evaluate")
+    return [record] if record is not None and record.params.get("result of bake") == bake.result else []
+
+
+def note_evaluation(take: Take) -> None:
+    """Give kept bakes that are the take's stream its new evaluation. The caller holds the lock.
 
     Raises:
         StudioError: the evaluation is not what was recorded (`take.damaged`).
         OSError: a file cannot be written.
     """
-    told = []
     for kept in kept_bakes(take):
-        evaluate = _evaluation_of(take, kept.note.bake)
-        if evaluate is not None and (kept.note.evaluate is None or kept.note.evaluate.result != evaluate.result):
-            _link_files(take, kept.folder, evaluate)
-            write_model(kept.folder / NOTE, kept.note.model_copy(update={"evaluate": evaluate}), durable=True)
-            told.append(kept.name)
-    return told
+        before = result_of(kept.take, "evaluate")
+        for record in _evaluation_of(take, kept.record):
+            if record.result != before:
+                _refuse_changed(take, record, "Run `v3studio evaluate --force`.")
+                for path in (*(take.root / name for name in record.files), take.record("evaluate")):
+                    _link(path, kept.take.root / path.relative_to(take.root))
 
 
-def check_removable(take: Take, names: Sequence[str]) -> None:
-    """Check, before the first of several is removed, that all are there.
-
-    Raises:
-        StudioError: `bakes.not_found` or `bakes.invalid_name`.
-    """
-    for name in names:
-        if not (take.bakes / check_name(name)).is_dir():
-            kept_bake(take, name)
+def folder_of_bake(take: Take, name: str) -> Path:
+    """The folder of a kept bake, also of a damaged one. Raises StudioError as `kept_bake`."""
+    folder = take.bakes / check_name(name)
+    return folder if folder.is_dir() else kept_bake(take, name).take.root
 
 
 def remove_bake(take: Take, name: str) -> int:
@@ -316,97 +285,103 @@ def remove_bake(take: Take, name: str) -> int:
         StudioError: `bakes.not_found` or `bakes.invalid_name`.
         OSError: it cannot be deleted.
     """
-    check_removable(take, [name])
-    path = take.bakes / check_name(name)
-    frees = sum(state.st_size for state in _states(path) if state.st_nlink == 1)
-    gone = temporary_path(path)
-    os.rename(path, gone)  # in one step: a killed removal leaves no half of it
+    folder = folder_of_bake(take, name)
+    frees = sum(state.st_size for state in _states(folder) if state.st_nlink == 1)
+    gone = temporary_path(folder)
+    os.rename(folder, gone)  # in one step: a killed removal leaves no half of it
     remove(gone)
     if not any(take.bakes.iterdir()):
         take.bakes.rmdir()
     return frees
 
 
-def refuse_damaged(take: Take, kept: KeptBake) -> None:
-    """Compare the files of a kept bake with what was recorded.
+def choose_bake(take: Take, name: str, *, discard: bool = False) -> KeptBake:
+    """Make a kept bake the take's stream, with its settings and its evaluation. The caller holds the take's lock.
+
+    Everything is checked and prepared before the records of the present stream are deleted. If this is interrupted
+    after that, the take has no finished bake until it is repeated; the kept bakes are whole at every moment.
+
+    Args:
+        take: the take.
+        name: of the kept bake.
+        discard: the present stream may be lost although it is not kept under any name.
 
     Raises:
-        StudioError: a file is not as it was (`take.damaged`).
+        StudioError: `bakes.not_found`, `bakes.invalid_name`, files of the kept bake are damaged (`take.damaged`), the
+            present stream is not kept (`bakes.would_be_lost`), or config.yaml cannot be read or is not valid with the
+            settings of the kept bake (`settings.*`).
+        OSError: a file cannot be written.
     """
-    for name, problem in changed_files(kept):
-        if problem:
-            raise _damaged(take, kept, kept.folder / name, problem)
+    kept = kept_bake(take, name)
+    records = [kept.record, *_evaluation_of(kept.take, kept.record)]
+    for record in records:
+        _refuse_changed(kept.take, record, f"Remove it with `v3studio bakes remove {take.root} '{kept.name}'`.")
+    if not discard:
+        _refuse_loss(take)
+    load_config(take.config, kept.settings.items())
+    new = temporary_path(take.stream)
+    try:
+        shutil.copytree(kept.take.stream, new, copy_function=link_or_copy)
+        set_settings(take.config, kept.settings)
+        for stage in ("evaluate", "bake"):
+            take.forget(stage)
+        _put_stream(take, new)
+    finally:
+        remove(new)
+    for path in (take.work("bake"), take.evaluation, take.report):
+        remove(path)
+    for path in sorted(kept.take.work("bake").glob("group_*.json")):
+        _link(path, take.work("bake") / path.name)
+    for record in records:
+        for file in (kept.take.root / name for name in record.files if not name.startswith("stream/")):
+            _link(file, take.root / file.name)
+        _link(kept.take.record(record.stage), take.record(record.stage))
+    return kept_bake(take, kept.name)
 
 
-def refuse_missing(take: Take, kept: KeptBake, files: Iterable[Path]) -> None:
-    """Check that files of a kept bake are there. Raises StudioError if one is not (`take.damaged`)."""
-    for path in files:
-        if not path.is_file():
-            raise _damaged(take, kept, path, "missing")
+def _refuse_changed(take: Take, record: StageRecord, fix: str) -> None:
+    """Raises StudioError if a file is not as it was recorded (`take.damaged`)."""
+    for found in filter(None, changed_files(take, record)):
+        raise StudioError(
+            "take.damaged",
+            f"the file is {found.problem}: it is not what the stage {record.stage} wrote when it last finished",
+            file=take.root / found.file,
+            fix=fix,
+            stage=record.stage,
+        )
 
 
-def _damaged(take: Take, kept: KeptBake, path: Path, problem: Problem) -> StudioError:
-    return StudioError(
-        "take.damaged",
-        f"the file is {problem}: it is not what was kept as '{kept.name}'",
-        file=path,
-        fix=f"Remove it with `v3studio bakes remove {take.root} '{kept.name}'`, and bake again.",
+def _refuse_loss(take: Take) -> None:
+    """Raises StudioError if the present stream is not kept, or only with damage (`bakes.would_be_lost`). Its record is
+    missing after an interrupted `choose_bake`."""
+    manifest = take.stream / "manifest.json"
+    if not manifest.is_file():
+        return
+    digest = digest_of_file(manifest)
+    same = [kept for kept in kept_bakes(take) if kept.record.digests.get("stream/manifest.json") == digest]
+    if any(not any(changed_files(kept.take, kept.record)) for kept in same):
+        return
+    damaged = f", except as '{same[0].name}', whose files are damaged," if same else ""
+    raise StudioError(
+        "bakes.would_be_lost",
+        f"the present stream is not kept under a name{damaged} and would be lost",
+        file=take.stream,
+        fix="Keep it with `v3studio bakes keep TAKE NAME`, or add --discard.",
     )
 
 
-def recorded_files(kept: KeptBake) -> list[tuple[str, str]]:
-    """Files of a kept bake, relative to its folder, with the digests that were recorded ("" if there is none)."""
-    records = [record for record in (kept.note.bake, kept.note.evaluate) if record is not None]
-    return [(name, record.digests.get(name, "")) for record in records for name in record.files]
+def _put_stream(take: Take, new: Path) -> None:
+    """Replace the take's stream, in one step where the system can."""
+    if not take.stream.exists():
+        os.rename(new, take.stream)
+    elif not exchange(new, take.stream):
+        old = temporary_path(take.stream)
+        os.rename(take.stream, old)
+        os.rename(new, take.stream)
+        remove(old)
 
 
-def changed_files(kept: KeptBake) -> Iterator[tuple[str, Problem | None]]:
-    """Each file of a kept bake, relative to its folder, and what is wrong with it; None if it is as recorded."""
-    for name, digest in recorded_files(kept):
-        path = kept.folder / name
-        if not path.is_file():
-            yield name, "missing"
-        else:
-            yield name, "changed" if digest and digest_of_file(path) != digest else None
-
-
-def _evaluation_of(take: Take, bake: StageRecord) -> StageRecord | None:
-    """The record of the take's evaluation, if it measured this stream."""
-    record = read_record(take, "evaluate")
-    return record if record is not None and record.params.get("result of bake") == bake.result else None
-
-
-def _link_files(take: Take, folder: Path, record: StageRecord) -> None:
-    """Link the files that a stage wrote.
-
-    Raises:
-        StudioError: one is not as it was recorded, as after an interrupted run (`take.damaged`).
-    """
-    files = [take.root / name for name in record.files]
-    changed = next((path for path in files if _is_changed(take, path, record)), None)
-    if changed is None and not record.digests and digest_of_files(take.root, files) != record.result:
-        changed = take.root
-    if changed is not None:
-        raise StudioError(
-            "take.damaged",
-            f"it is not what the stage {record.stage} wrote when it last finished",
-            file=changed,
-            fix=f"Run `v3studio {record.stage}` again, with --force if it finds nothing to do.",
-            stage=record.stage,
-        )
-    for path, name in zip(files, record.files, strict=True):
-        link(path, folder / name, durable=True)
-
-
-def _is_changed(take: Take, path: Path, record: StageRecord) -> bool:
-    name = path.relative_to(take.root).as_posix()
-    if not path.is_file() or path.stat().st_size != record.files[name]:
-        return True
-    digest = record.digests.get(name)  # none in takes of earlier versions
-    return digest is not None and digest_of_file(path) != digest
-
-
-def link(source: Path, target: Path, durable: bool = False) -> None:
-    """Hard-link or copy a file; `durable` as for `atomic_path`. Raises OSError."""
-    with atomic_path(target, durable) as temporary:
+def _link(source: Path, target: Path) -> None:
+    """Hard-link or copy a file. Raises OSError."""
+    with atomic_path(target, durable=True) as temporary:
         link_or_copy(str(source), str(temporary))

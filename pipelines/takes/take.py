@@ -10,7 +10,7 @@ Layout::
     train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
     train/group_000/offsets_*.safetensors       fine-tuning of splats that a rung of the ladder keeps
     stream/                                     the stream and nothing else
-    bakes/NAME/stream/, bake.json               a bake that is kept under a name (`pipelines.takes.kept_bakes`)
+    bakes/NAME/                                 a bake that is kept under a name (`pipelines.takes.kept_bakes`)
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
     camera_path.json                            camera path for movies, if any

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from gui.models.worker import LatestWorker
 from pipelines.takes.atomic_files import disk_errors
-from pipelines.takes.chosen_bake import choose_bake, remarks
-from pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes, remove_bake
+from pipelines.takes.kept_bakes import KeptBake, choose_bake, keep_bake, kept_bakes, remove_bake
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -41,7 +40,7 @@ class BakeRow:
         psnr = kept.psnr
         parts = [
             kept.name,
-            "" if kept.qp is None else f"QP {kept.qp}",
+            kept.quality,
             f"{kept.bytes_per_frame / 1000:.1f} KB/frame",
             f"{kept.bytes / 1e6:.2f} MB",
             "not evaluated" if psnr is None else f"{psnr:.2f} dB",
@@ -50,7 +49,7 @@ class BakeRow:
             "" if kept.same_edits else "other edits",
         ]
         words = "    ".join(filter(None, parts))
-        return cls(kept.name, kept.stream, kept.evaluation, kept.frees, kept.chosen, words)
+        return cls(kept.name, kept.take.stream, kept.take.evaluation, kept.frees, kept.chosen, words)
 
 
 class Bakes:
@@ -101,7 +100,7 @@ class Bakes:
 
         def change() -> str:
             kept = choose_bake(take, name, discard=discard)
-            return " ".join([f"'{kept.name}' is the take's stream now, with its settings.", *remarks(kept)])
+            return " ".join([f"'{kept.name}' is the take's stream now, with its settings.", *kept.remarks])
 
         self._change(take, change)
 
