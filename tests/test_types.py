@@ -31,12 +31,12 @@ READERS_AND_WRITERS = {
     "studio/cameras.py",  # a camera of rig.json
     "studio/coverage.py",  # from where a stream can be looked at, in its manifest
     "studio/errors.py",  # a message as JSON
-    "studio/export/camera_path.py",
-    "studio/imports/videogs.py",
+    "studio/formats/camera_path.py",
+    "studio/formats/videogs.py",
     "studio/playback/statistics.py",  # v3studio play --json
     "studio/similarity.py",
-    "studio/splat_files/glb.py",
-    "studio/splat_files/sog.py",  # meta.json
+    "studio/formats/glb.py",
+    "studio/formats/sog.py",  # meta.json
     "studio/stream/bake.py",  # a manifest's metadata
     "studio/stream/bake_ladder.py",  # entries of a manifest
     "studio/stream/ladder_manifest.py",

@@ -59,14 +59,14 @@ if TYPE_CHECKING:
         open_footage,
     )
     from studio.errors import Cancelled, Message, StudioError
+    from studio.formats import read_splats, write_splats
+    from studio.formats.baking import bake_video
+    from studio.formats.sequence import open_import
     from studio.gaussians import Gaussians
-    from studio.imports import open_import
-    from studio.imports.baking import bake_video
     from studio.meshing import Mesh, initialize_points
     from studio.meshing.settings import InitializeSettings
     from studio.metrics import psnr, ssim
     from studio.rasterizer import Render, available_backends, rasterize
-    from studio.splat_files import read_splats, write_splats
     from studio.splat_video import SplatVideo
     from studio.stream import BakeSettings, Manifest, StreamReader, bake_group, write_manifest
     from studio.stream.publish import Published

@@ -32,8 +32,8 @@ from studio.calibration.manual.file import read_tie_points
 from studio.camera_files import read_rig
 from studio.capture.images import read_image
 from studio.errors import StudioError
-from studio.imports import open_import
-from studio.splat_files import READERS, ending_of
+from studio.formats import READ_SUFFIXES, read_splats
+from studio.formats.sequence import open_import
 from studio.stream import BakeSettings, StreamReader
 from tests.support.hostile_streams import Files, Memory, read_stream, signed, with_file
 from tests.support.streams import bake_numbered
@@ -148,7 +148,7 @@ def bombs(folder: Path) -> list[tuple[str, Path, Read]]:
 
     for name, data in splat_files().items():
         add(name, f"bomb{Path(name.split(':')[0]).suffix}", data, _splats)
-    for ending in sorted({ending for ending in READERS if ending.startswith(".")}):
+    for ending in sorted(READ_SUFFIXES):
         start = b"ply\n" if ending == ".ply" else b"PK\x03\x04" if ending == ".sog" else b""
         add(f"a{ending} of a terabyte", f"bomb{ending}", start, _splats, HUGE)
     for file, read in TEXTS.items():
@@ -306,7 +306,7 @@ def _streams(files: Files) -> dict[str, Files]:
 
 
 def _splats(path: Path) -> object:
-    return READERS[ending_of(path)](path)
+    return read_splats(path)
 
 
 def _videogs_frame(place: Path) -> object:

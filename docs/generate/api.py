@@ -17,9 +17,7 @@ MODULES = {
     "studio.rasterizer": "Rasterizer",
     "studio.stream": "Stream",
     "studio.playback": "Playback",
-    "studio.export": "Export",
-    "studio.imports": "Import",
-    "studio.splat_files": "PLY, SPZ, SOG, .splat, .ksplat and GLB files",
+    "studio.formats": "Formats of other programs",
     "studio.metrics": "Metrics",
     "studio.errors": "Errors",
 }

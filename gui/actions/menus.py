@@ -9,6 +9,7 @@ from functools import partial
 from open3d.visualization import gui
 
 from gui.widgets.picture import text_room
+from studio.formats import EXPORTS
 
 MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     (
@@ -61,14 +62,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     (
         "Export",
         (
-            ("export ply", "PLY, one file per frame..."),
-            ("export spz", "SPZ, one file per frame..."),
-            ("export glb", "GLB, one file per frame..."),
-            ("export v3", "Stream in one file..."),
-            ("export videogs", "VideoGS layout..."),
-            ("", ""),
-            ("export turntable", "Movie: turntable..."),
-            ("export camera-path", "Movie: camera path..."),
+            *((f"export {one.name}", f"{one.title}...") for one in EXPORTS.values()),
             ("", ""),
             ("path", "Camera path editor (P)"),
             ("add_key", "Add view to camera path (K)"),

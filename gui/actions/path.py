@@ -15,7 +15,7 @@ from gui.models.scene.orbit import OrbitCamera
 from gui.shell import Shell
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-from studio.export import CameraPath
+from studio.formats.camera_path import CameraPath
 
 
 class PathActions:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from gui.models.history import Change, History
 from studio.cameras import Camera
 from studio.errors import Message, StudioError
-from studio.export import CameraPath, Key, read_path_keys, write_path_keys
-from studio.export.camera_path import EASINGS
+from studio.formats.camera_path import EASINGS, CameraPath, Key, read_path_keys, write_path_keys
 
 if TYPE_CHECKING:
     from studio.stream import CapturePlace

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from studio.counts import counted
 from studio.errors import StudioError
+from studio.formats import EXPORTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,19 +25,10 @@ if TYPE_CHECKING:
     from studio.progress import ProgressFn
     from studio.splat_video import SplatVideo
 
-FORMATS = {
-    "ply": "a folder of numbered 3DGS PLY files, or one .ply file",
-    "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY or less",
-    "glb": "a folder of numbered GLB files with KHR_gaussian_splatting, or one .glb file",
-    "v3": "one .v3s file with the whole stream as it is, which all players except the browser open",
-    "videogs": "a folder in the VideoGS layout, for the players of the paper's released code",
-    "turntable": "an MP4 of a camera circling the performer",
-    "camera-path": "an MP4 along the cameras in --path",
-}
 DEFAULT_OF = "decoded"
 """Which frames of a take are exported by default: those that a player shows. Also the default in the window."""
 
-_NOTE = "formats:\n" + "\n".join(f"  {name:12} {text}" for name, text in FORMATS.items())
+_NOTE = "formats:\n" + "\n".join(f"  {name:12} {one.written}" for name, one in EXPORTS.items())
 _TURNTABLE_SECONDS = 6.0  # shortest turn; a faster one is hard to watch
 
 
@@ -51,7 +43,7 @@ def register(commands: Any) -> None:
         allow_abbrev=False,
     )
     export.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
-    export.add_argument("--format", choices=list(FORMATS), required=True, metavar="FORMAT", help=", ".join(FORMATS))
+    export.add_argument("--format", choices=list(EXPORTS), required=True, metavar="FORMAT", help=", ".join(EXPORTS))
     export.add_argument("--out", type=Path, required=True, metavar="PATH", help="file or folder; must not exist yet")
     export.add_argument("--frames", metavar="A:B[:S]", help="frames A to B - 1 in steps of S, counted from 0")
     export.add_argument(
@@ -108,7 +100,7 @@ def _export(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.takes.videos import decoded_video, is_take, open_reader, trained_video
 
-    if arguments.format == "v3":
+    if EXPORTS[arguments.format].holds == "stream":
         return _whole_stream(arguments)
 
     with ExitStack() as stack:
@@ -126,13 +118,13 @@ def _export(arguments: argparse.Namespace) -> int:
         else:
             _need_stream(arguments.source)
             video = decoded_video(stack.enter_context(open_reader(arguments.source)))
-        if arguments.format in ("turntable", "camera-path"):
+        if EXPORTS[arguments.format].holds == "movie":
             video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         json_output = arguments.output if arguments.json else None
         note = ""
         progress = stack.enter_context(working(f"export {arguments.format}", json_output))
-        if arguments.format in ("turntable", "camera-path"):
+        if EXPORTS[arguments.format].holds == "movie":
             written = _movie(video, arguments, size, progress)
         else:
             seen: set[float] = set()
@@ -176,7 +168,7 @@ def _dilation_note(seen: set[float]) -> str:
 def _whole_stream(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.takes.videos import open_reader
-    from studio.export.placing import new_file
+    from studio.formats.placing import new_file
     from studio.stream.archive import SUFFIX
     from studio.stream.write_archive import write_archive
 
@@ -278,8 +270,8 @@ def _parts(option: str, text: str, pattern: str, form: str, example: str) -> tup
 
 
 def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
-    from studio.export import axes_of, export_frame, export_sequence, export_videogs
-    from studio.splat_files import SPZ_VERSION
+    from studio.formats.sequence import axes_of, export_frame, export_sequence
+    from studio.formats.videogs import export_videogs
 
     out: Path = arguments.out
     if arguments.format == "videogs":
@@ -293,28 +285,29 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
             )
         export_videogs(video, out, qp=arguments.qp, progress=progress)
         return f"{counted(video.frame_count, 'frame')}, {counted(len(video.groups), 'group')}"
-    ending = f".{arguments.format}"
-    viewer = arguments.axes == "viewer" or (arguments.axes is None and arguments.format != "ply")
-    rotation = axes_of(video, ending, viewer)
-    spz_version = arguments.spz_version or SPZ_VERSION
-    if out.suffix.lower() != ending:
-        export_sequence(video, out, ending, rotation, progress, spz_version)
+    chosen = EXPORTS[arguments.format]
+    viewer = arguments.axes == "viewer" or (arguments.axes is None and not chosen.keeps_axes)
+    rotation = axes_of(video, chosen.suffix, viewer)
+    options = {} if arguments.spz_version is None else {"version": arguments.spz_version}
+    if out.suffix.lower() != chosen.suffix:
+        export_sequence(video, out, chosen.suffix, rotation, progress, **options)
     elif video.frame_count == 1:
-        export_frame(video, out, rotation, spz_version)
+        export_frame(video, out, rotation, **options)
     else:
         raise StudioError(
             "command.invalid_option",
             f"{video.frame_count} frames cannot be written to one file",
             file=out,
             value=video.frame_count,
-            fix=f"Specify a folder, a name without {ending}, or select one frame with --frames 0:1.",
+            fix=f"Specify a folder, a name without {chosen.suffix}, or select one frame with --frames 0:1.",
             option="--out",
         )
     return counted(video.frame_count, "frame")
 
 
 def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:
-    from studio.export import CameraPath, movie_sound, read_path_keys, render_movie, turntable
+    from studio.formats.camera_path import CameraPath, read_path_keys, turntable
+    from studio.formats.movie import movie_sound, render_movie
 
     if arguments.background is not None:
         video = replace(video, background=_color(arguments.background))

@@ -52,8 +52,8 @@ def _import(arguments: argparse.Namespace) -> int:
 
     from pipelines.commands.working import working
     from pipelines.config import load_config
-    from studio.imports import open_import
-    from studio.imports.baking import bake_video
+    from studio.formats.baking import bake_video
+    from studio.formats.sequence import open_import
 
     config = load_config(None, arguments.overrides)
     json_output = arguments.output if arguments.json else None

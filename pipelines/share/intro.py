@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from studio.errors import StudioError
-from studio.export.camera_path import FORMAT, VERSION, CameraPath, read_path_keys
+from studio.formats.camera_path import FORMAT, VERSION, CameraPath, read_path_keys
 
 SECONDS = 8.0
 """Duration of a path through the cameras of a rig file, which has no times."""
@@ -19,7 +19,7 @@ def read_intro(path: Path) -> str:
     """The text that a page holds of a camera path: times, sizes and poses, without names, frames and distortion.
 
     Args:
-        path: a camera path file (`studio.export.camera_path`) or a rig file.
+        path: a camera path file (`studio.formats.camera_path`) or a rig file.
 
     Raises:
         StudioError: the file is missing or no camera path (`camera_path.*`), or has more than `MAX_KEYS` keys

@@ -34,7 +34,7 @@ def draw_poster(stream: StreamToShare) -> Poster:
     """
     from pipelines.reports.pictures import draw, encode
     from pipelines.takes.videos import decoded_video
-    from studio.export import turntable
+    from studio.formats.camera_path import turntable
 
     video = decoded_video(stream.reader)
     camera = video.view or turntable(video, *_SIZE)(0.0)

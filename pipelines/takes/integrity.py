@@ -139,7 +139,7 @@ def _changed_of_kept(take: Take, kept: Take, record: StageRecord) -> Iterator[Da
 def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
     """Files that no stage writes, and the records of kept bakes, and what reads each."""
     from pipelines.takes.edits import read_edits
-    from studio.export.camera_path import read_path_keys
+    from studio.formats.camera_path import read_path_keys
     from studio.masks.garbage_polygons import read_garbage_polygons
 
     return {

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import torch
 
-from studio.export.rigid_motion import turned
+from studio.formats.rigid_motion import turned
 from studio.gaussians import Gaussians
 from studio.similarity import Similarity
 

@@ -16,7 +16,7 @@ from studio.bounded_files import read_bounded, read_bounded_text
 from studio.calibration.manual.file import read_tie_points
 from studio.camera_files import read_rig
 from studio.errors import StudioError
-from studio.splat_files import read_splats
+from studio.formats import read_splats
 
 TERABYTE = 1 << 40
 

@@ -10,7 +10,7 @@ import torch
 
 from studio.dilation import MAX_DILATION, MIN_DILATION
 from studio.edits.moving import moved
-from studio.export.rigid_motion import turned
+from studio.formats.rigid_motion import turned
 from studio.gaussians import Gaussians, common_dilation
 from studio.similarity import Similarity
 from studio.stream.profiles import coding_of

@@ -19,23 +19,16 @@ from pipelines.reports.summary_words import size_words
 from pipelines.takes.atomic_files import remove
 from studio.counts import counted
 from studio.errors import StudioError
-from studio.export import Key
+from studio.formats import EXPORTS
+from studio.formats.camera_path import Key
 
 if TYPE_CHECKING:
     from studio.stream import CapturePlace
 
-FORMATS: dict[str, tuple[str, str]] = {
-    "ply": ("PLY, one file per frame", ""),
-    "spz": ("SPZ, one file per frame", ""),
-    "glb": ("GLB, one file per frame", ""),
-    "v3": ("Stream in one file", ".v3s"),
-    "videogs": ("VideoGS layout", ""),
-    "turntable": ("Movie: turntable", ".mp4"),
-    "camera-path": ("Movie: camera path", ".mp4"),
-}
+FORMATS = {one.name: (one.title, one.suffix if one.holds in ("movie", "stream") else "") for one in EXPORTS.values()}
 """Export formats: label, and the file extension (none for folders)."""
 
-MOVIES = ("turntable", "camera-path")
+MOVIES = tuple(one.name for one in EXPORTS.values() if one.holds == "movie")
 MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
 MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
 """Background of the movie by label; None is the capture's own."""
@@ -195,7 +188,7 @@ class Exports:
 
     @staticmethod
     def _write_path(folder: Path, keys: list[Key]) -> Path:
-        from studio.export import write_path_keys
+        from studio.formats.camera_path import write_path_keys
 
         path = folder / "path.json"
         write_path_keys(keys, path)

@@ -12,7 +12,7 @@ from gui.models.history import History
 from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
 from gui.widgets.path_list import PathList
-from studio.export import read_path_keys
+from studio.formats.camera_path import read_path_keys
 from tests.support.errors import refuses
 from tests.support.waiting import wait_until
 

@@ -20,9 +20,9 @@ from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import write_rig_json
 from studio.cameras import Rig
 from studio.edits.edit_list import EditList, Trim
-from studio.export.camera_path import Key, look_at, write_path_keys
+from studio.formats import read_splats
+from studio.formats.camera_path import Key, look_at, write_path_keys
 from studio.gaussians import Gaussians
-from studio.splat_files import read_splats
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
 

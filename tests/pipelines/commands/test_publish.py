@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from studio.imports import open_import
+from studio.formats.sequence import open_import
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from tests.studio.stream.conftest import _turning_bodies
 from tests.support.errors import refuses

@@ -22,7 +22,7 @@ from pipelines.share.intro import read_intro
 from pipelines.share.page import first_files
 from studio.cameras import Camera
 from studio.errors import Cancelled
-from studio.export.camera_path import Key, write_path_keys
+from studio.formats.camera_path import Key, write_path_keys
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest

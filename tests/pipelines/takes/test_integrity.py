@@ -20,7 +20,7 @@ from pipelines.takes.integrity import check_take, refuse_damage
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from studio.edits.edit_list import EditList, Trim
-from studio.export import Key, write_path_keys
+from studio.formats.camera_path import Key, write_path_keys
 from tests.support.errors import refuses
 
 FRAME = "train/group_000/frame_000001.safetensors"

@@ -72,7 +72,7 @@ def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
 
 
 def test_views_become_a_camera_path(tmp_path: Path) -> None:
-    from studio.export import read_path_keys
+    from studio.formats.camera_path import read_path_keys
 
     exports = Exports()
     orbit = OrbitCamera()
@@ -92,7 +92,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     of: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Frames 2 to 7 of the take, in a world that is ten times as large."""
-    from studio.export import read_path_keys
+    from studio.formats.camera_path import read_path_keys
 
     take = Take.create(tmp_path / "take")
     world = World(up=(0, 0, 1), origin=(0, 0.5, 0), scale=10)

@@ -1,0 +1,155 @@
+"""Files of other programs: the formats of splats and movies, each read and written in its own module.
+
+`FORMATS` lists them. The command line, the window and the folder import read that table; the module of a format is only
+imported when a file of it is read or written.
+
+A module of a format with one file per frame has `read(path) -> Gaussians`, `size(path) -> (splats, SH degree)` and
+`write(path, gaussians, **options)`, as far as its entry says. Readers and writers never change axes: `Format.up` is the
+conventional up direction, and `studio.formats.rigid_motion` rotates splats to it.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.gaussians import Gaussians
+
+Up = tuple[float, float, float]
+_COLMAP: Up = (0.0, -1.0, 0.0)  # 3DGS uses the axes of COLMAP cameras, and so do files converted from its PLY
+_Y_UP: Up = (0.0, 1.0, 0.0)
+
+DEFAULT_FPS = 30.0
+"""Default frame rate of imports, because splat files do not store one."""
+
+META = "meta.json"
+"""Names a SOG that lies unpacked in a folder."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format.
+
+    Attributes:
+        name: of the module in `studio.formats`, and of `v3studio export --format`.
+        holds: "frame": one file per frame; "sequence": a folder; "stream": one file; "movie": rendered, one file.
+        suffix: of its files; "" for a folder.
+        title: for lists in the window.
+        written: what `v3studio export` writes, for its help; "" if the format is only read.
+        readable: whether `v3studio import` reads it, as far as it is a format of splats.
+        up: conventional up direction; splats are rotated to it on export unless `keeps_axes`.
+        keeps_axes: whether exports have the axes of the capture by default.
+    """
+
+    name: str
+    holds: Literal["frame", "sequence", "stream", "movie"]
+    suffix: str
+    title: str
+    written: str = ""
+    readable: bool = False
+    up: Up = _COLMAP
+    keeps_axes: bool = True
+
+    @property
+    def module(self) -> Any:
+        """The module that reads and writes it."""
+        return importlib.import_module(f"studio.formats.{self.name}")
+
+
+FORMATS = (
+    Format(
+        "ply", "frame", ".ply", "PLY, one file per frame",
+        "a folder of numbered 3DGS PLY files, or one .ply file",
+        readable=True,
+    ),
+    Format(
+        "spz", "frame", ".spz", "SPZ, one file per frame",
+        "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY or less",
+        readable=True, up=_Y_UP, keeps_axes=False,
+    ),
+    Format(
+        "glb", "frame", ".glb", "GLB, one file per frame",
+        "a folder of numbered GLB files with KHR_gaussian_splatting, or one .glb file",
+        up=_Y_UP, keeps_axes=False,
+    ),
+    Format("sog", "frame", ".sog", "SOG", readable=True),
+    Format("splat", "frame", ".splat", ".splat", readable=True),
+    Format("ksplat", "frame", ".ksplat", ".ksplat", readable=True),
+    Format(
+        "videogs", "sequence", "", "VideoGS layout",
+        "a folder in the VideoGS layout, for the players of the paper's released code",
+        readable=True,
+    ),
+    Format(
+        "v3", "stream", ".v3s", "Stream in one file",
+        "one .v3s file with the whole stream as it is, which all players except the browser open",
+    ),
+    Format("turntable", "movie", ".mp4", "Movie: turntable", "an MP4 of a camera circling the performer"),
+    Format("camera-path", "movie", ".mp4", "Movie: camera path", "an MP4 along the cameras in --path"),
+)  # fmt: skip
+"""All formats, in the order in which they are listed."""
+
+EXPORTS = {one.name: one for one in FORMATS if one.written}
+"""Formats of `v3studio export`, by name."""
+
+FRAME_FILES = {one.suffix: one for one in FORMATS if one.holds == "frame"}
+"""Formats with one file per frame, by suffix."""
+
+READ_SUFFIXES = tuple(suffix for suffix, one in FRAME_FILES.items() if one.readable)
+
+
+def suffix_of(path: Path) -> str:
+    """The suffix in lower case that names a file's format; ".sog" for a `meta.json`."""
+    return ".sog" if path.name.lower() == META else path.suffix.lower()
+
+
+def _format(path: Path, known: Iterable[str], what: str) -> Format:
+    suffix, suffixes = suffix_of(path), list(known)
+    if suffix not in suffixes:
+        raise StudioError(
+            "splat_file.unsupported_format",
+            f"splats can be {what} {', '.join(suffixes)} files, not {path.suffix or 'a file without extension'}",
+            file=path,
+            value=path.suffix,
+            fix="Convert it, or give the file the extension of its format.",
+            expected=suffixes,
+        )
+    return FRAME_FILES[suffix]
+
+
+def read_splats(path: Path) -> Gaussians:
+    """Read the splats of a file of one frame, or of a SOG's meta.json, as float32 on the CPU.
+
+    Raises:
+        StudioError: the extension is not supported, or the file is missing, damaged or does not contain splats.
+    """
+    found: Gaussians = _format(path, READ_SUFFIXES, "read from").module.read(path)
+    return found
+
+
+def splats_size(path: Path) -> tuple[int, int]:
+    """Number of splats and SH degree of a file, from its header only. Raises StudioError as `read_splats`."""
+    count, degree = _format(path, READ_SUFFIXES, "read from").module.size(path)
+    return count, degree
+
+
+def write_splats(path: Path, gaussians: Gaussians, **options: Any) -> None:
+    """Write a file of one frame. Not atomic: callers write to a temporary name.
+
+    Args:
+        path: file to write.
+        gaussians: one frame.
+        options: of the format; SPZ has `version`, 3 or 4.
+
+    Raises:
+        StudioError: the extension is not supported, there are no splats, or a value is not finite or outside the range
+            of the format.
+    """
+    written = [suffix for suffix, one in FRAME_FILES.items() if one.written]
+    _format(path, written, "written to").module.write(path, gaussians, **options)

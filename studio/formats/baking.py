@@ -1,0 +1,96 @@
+"""Bakes a SplatVideo to a stream."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from studio.errors import StudioError
+from studio.formats.placing import new_folder
+from studio.gaussians import Gaussians
+from studio.progress import ProgressFn, no_progress
+from studio.splat_video import SplatVideo
+from studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, write_manifest
+from studio.training.settings import GROUP_SIZE
+
+
+class _Frames(Sequence[Gaussians]):
+    """The frames of one group, read on demand."""
+
+    def __init__(self, video: SplatVideo, indices: range) -> None:
+        self._video = video
+        self._indices = indices
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    def __getitem__(self, position: Any) -> Any:
+        if isinstance(position, slice):
+            raise TypeError("frames cannot be sliced")
+        return self._video.read(self._indices[position])
+
+    def __iter__(self) -> Iterator[Gaussians]:
+        return (self._video.read(index) for index in self._indices)
+
+
+def cut(video: SplatVideo, group_size: int) -> list[range]:
+    """The groups of the video, split into groups of at most `group_size` frames.
+
+    Raises:
+        StudioError: `group_size` is below 1 (import.invalid_group_size).
+    """
+    if group_size < 1:
+        raise StudioError(
+            "import.invalid_group_size", f"group size is {group_size}; it must be at least 1", value=group_size
+        )
+    return [group[start : start + group_size] for group in video.groups for start in range(0, len(group), group_size)]
+
+
+def bake_video(
+    video: SplatVideo,
+    folder: Path,
+    settings: BakeSettings,
+    group_size: int = GROUP_SIZE,
+    progress: ProgressFn = no_progress,
+    threads: int = 0,
+) -> Manifest:
+    """Bake all frames to a stream. The folder appears only when it is complete.
+
+    Args:
+        video: the frames; its groups are kept, but split if they are longer than `group_size`.
+        folder: must not exist.
+        settings: bake settings.
+        group_size: maximum number of frames per group.
+        progress: called with baked and total frames.
+        threads: CPU threads; 0: one per core.
+
+    Raises:
+        StudioError: a frame cannot be read or baked, or the folder exists or cannot be written.
+    """
+    up = video.up
+    metadata = StreamMetadata(
+        suggested_camera=video.view,
+        background=video.background,
+        up=None if up is None else (float(up[0]), float(up[1]), float(up[2])),
+    )
+    with new_folder(folder) as temporary:
+        entries = []
+        for number, group in enumerate(cut(video, group_size)):
+
+            def report(done: int, total: int, start: int = group.start, **figures: Any) -> None:
+                progress(start + done, video.frame_count, **figures)
+
+            entries.append(
+                bake_group(
+                    _Frames(video, group),
+                    temporary,
+                    number,
+                    group.start,
+                    settings,
+                    report,
+                    threads=threads,
+                    fps=video.fps,
+                )
+            )
+        return write_manifest(temporary, entries, video.fps, settings, metadata.to_json())

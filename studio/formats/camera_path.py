@@ -1,0 +1,342 @@
+"""Camera paths with smooth interpolation between keys, and a turntable path around the subject.
+
+File format (JSON)::
+
+    {"format": "v3studio-camera-path", "version": 1,
+     "keys": [{"time": 0.0, "camera": {"name", "width", "height", "K", "world_to_camera", "distortion"}, "frame": 0},
+              ...]}
+
+`time` is the time in the movie in seconds, ascending; `camera` has the format of rig.json; `frame` is the frame of the
+splat video shown at that time (it may pause or run backwards), set in all keys or in none. Without it, the splat video
+loops at its own rate. `easing` says how the camera moves to the next key: "smooth" (the default: on a curve through all
+keys, without a stop), "ease" (on this curve, slowly away from the key and slowly to the next one), "linear" (straight,
+at a constant speed) or "hold" (stays, then cuts). A rig.json or cameras.json is accepted as a path through its cameras.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.spatial.transform import Rotation, RotationSpline, Slerp
+
+from studio.atomic_files import write_json
+from studio.camera_files import read_rig
+from studio.camera_files.common import read_json
+from studio.cameras import Camera, Rig, look_at_pose
+from studio.errors import StudioError
+from studio.json_types import JsonObject
+from studio.splat_video import SplatVideo
+
+FORMAT = "v3studio-camera-path"
+VERSION = 1
+EASINGS = ("smooth", "ease", "linear", "hold")
+_SAMPLED_FRAMES = 5  # frames of the video from which the subject is located
+
+
+@dataclass(frozen=True, eq=False)
+class Key:
+    """A camera at a point in time.
+
+    Attributes:
+        time: time in seconds.
+        camera: the camera.
+        frame: frame of the splat video; None: the video plays at its own rate.
+        easing: how the camera moves to the next key, one of `EASINGS`.
+    """
+
+    time: float
+    camera: Camera
+    frame: float | None = None
+    easing: str = "smooth"
+
+
+class CameraPath:
+    """A camera over time that passes exactly through its keys.
+
+    Positions follow a natural cubic spline and rotations a cubic rotation spline, both with continuous velocity; focal
+    lengths and frames are interpolated monotonically. `Key.easing` changes how the camera moves, but not the frames.
+
+    Args:
+        keys: at least one key, with ascending times.
+        width, height: size of the movie in pixels; the cameras of all keys must have the same aspect ratio.
+
+    Raises:
+        StudioError: there are no keys (camera_path.no_keys), their times are not ascending (camera_path.times), a
+            camera has another aspect ratio (camera_path.aspect_ratio), only some keys have a frame
+            (camera_path.frames), or an easing is none of `EASINGS` (camera_path.easing).
+    """
+
+    def __init__(self, keys: Sequence[Key], width: int, height: int) -> None:
+        if not keys:
+            raise StudioError("camera_path.no_keys", "a camera path needs at least one key")
+        self._times = np.array([key.time for key in keys], np.float64)
+        if not np.isfinite(self._times).all() or (np.diff(self._times) <= 0).any():
+            times = self._times.tolist()
+            raise StudioError("camera_path.times", f"times must be ascending; found {times}", value=times)
+        frames = [key.frame for key in keys if key.frame is not None]
+        if frames and len(frames) < len(keys):
+            raise StudioError(
+                "camera_path.frames", "only some of the keys have a frame", fix="Set frame in all keys or in none."
+            )
+        for key in keys:
+            check_easing(key.easing)
+        self._easings = [key.easing for key in keys]
+        cameras = [_fitted(key.camera, width, height) for key in keys]
+        self._cameras = cameras
+        self._frames = frames
+        focal_lengths = np.log([[camera.fx, camera.fy] for camera in cameras])
+        if len(keys) > 1:
+            self._centers = CubicSpline(self._times, [camera.center for camera in cameras], bc_type="natural")
+            self._rotations = RotationSpline(self._times, Rotation.from_matrix([c.rotation for c in cameras]))
+            self._focal_lengths = PchipInterpolator(self._times, focal_lengths)
+            self._middle = PchipInterpolator(self._times, [[camera.cx, camera.cy] for camera in cameras])
+            self._frame = PchipInterpolator(self._times, frames) if frames else None
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last key in seconds."""
+        return float(self._times[-1] - self._times[0])
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether the keys set the frame to show."""
+        return bool(self._frames)
+
+    def camera(self, seconds: float) -> Camera:
+        """The camera `seconds` after the first key; constant before the first and after the last key."""
+        if len(self._cameras) == 1:
+            return self._cameras[0]
+        time = float(np.clip(self._times[0] + seconds, self._times[0], self._times[-1]))
+        time, straight = self._eased(time)
+        rotation = self._rotations(time).as_matrix()
+        center = self._centers(time)
+        if straight is not None:
+            ends = self._times[straight : straight + 2]
+            share = (time - ends[0]) / (ends[1] - ends[0])
+            center = (1 - share) * self._centers(ends[0]) + share * self._centers(ends[1])
+            rotation = Slerp(ends, self._rotations(ends))(time).as_matrix()
+        pose = np.eye(4)
+        pose[:3, :3] = rotation
+        pose[:3, 3] = -rotation @ center
+        fx, fy = np.exp(self._focal_lengths(time))
+        cx, cy = self._middle(time)
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        first = self._cameras[0]
+        return Camera(f"path at {seconds:.3f} s", first.width, first.height, K, pose)
+
+    def _eased(self, time: float) -> tuple[float, int | None]:
+        """Where on the curve the camera is at a time, and the segment that it moves straight along, if it does."""
+        segment = min(int(np.searchsorted(self._times, time, side="right")) - 1, len(self._times) - 2)
+        start, end = self._times[segment : segment + 2]
+        share, easing = (time - start) / (end - start), self._easings[segment]
+        if easing == "hold":
+            return float(start if share < 1 else end), None
+        if easing == "ease":
+            return float(start + share * share * (3 - 2 * share) * (end - start)), None
+        return time, segment if easing == "linear" else None
+
+    def frame(self, seconds: float) -> float:
+        """The frame of the splat video `seconds` after the first key; requires `has_frames`."""
+        if len(self._cameras) == 1:
+            return float(self._frames[0])
+        assert self._frame is not None
+        return float(self._frame(np.clip(self._times[0] + seconds, self._times[0], self._times[-1])))
+
+
+def check_easing(easing: str) -> None:
+    """Check that an easing is one of `EASINGS`.
+
+    Raises:
+        StudioError: it is not (camera_path.easing).
+    """
+    if easing not in EASINGS:
+        raise StudioError(
+            "camera_path.easing",
+            f"the easing is {easing!r}; it must be one of {', '.join(EASINGS)}",
+            value=easing,
+            expected=EASINGS,
+        )
+
+
+def _fitted(camera: Camera, width: int, height: int) -> Camera:
+    """The camera at another size of the same aspect ratio, without lens distortion and skew, for the rasterizer."""
+    if abs(camera.width / camera.height / (width / height) - 1) > 0.01:
+        raise StudioError(
+            "camera_path.aspect_ratio",
+            f"camera {camera.name} is {camera.width}x{camera.height}, which differs in aspect ratio from the movie's "
+            f"{width}x{height}",
+            value=(camera.width, camera.height),
+            fix="Choose a size with the same aspect ratio.",
+            camera=camera.name,
+            expected=(width, height),
+        )
+    K = camera.K.copy()
+    K[0, 1] = 0.0
+    return replace(camera, K=K).undistorted().resized(width, height)
+
+
+def read_path_keys(path: Path, seconds: float) -> list[Key]:
+    """The keys of a camera path file, or the cameras of a rig file as keys spread evenly over `seconds`.
+
+    Raises:
+        StudioError: the file is missing, not JSON, or has another format or version, or a key has no time or camera.
+    """
+    values = read_json(path)
+    if values.get("format") != FORMAT:
+        rig = read_rig(path)
+        return _rig_keys(rig, seconds)
+    if values.get("version") != VERSION:
+        raise StudioError(
+            "camera_path.unsupported_version",
+            f"the version is {values.get('version')!r}; only version {VERSION} is supported",
+            file=path,
+            value=values.get("version"),
+            fix="Update V3 Studio.",
+            expected=VERSION,
+        )
+    entries = values.get("keys")
+    if not isinstance(entries, list) or not entries:
+        raise StudioError("camera_path.no_keys", "'keys' must be a list with at least one key", file=path)
+    return [_key(path, index, entry) for index, entry in enumerate(entries)]
+
+
+def _rig_keys(rig: Rig, seconds: float) -> list[Key]:
+    step = seconds / max(len(rig) - 1, 1)
+    return [Key(index * step, camera) for index, camera in enumerate(rig)]
+
+
+def _key(path: Path, index: int, entry: Any) -> Key:
+    if not isinstance(entry, dict) or not isinstance(entry.get("camera"), dict):
+        raise StudioError(
+            "camera_path.invalid_key",
+            f"key {index} has no 'camera'",
+            file=path,
+            fix="Add a camera in the format of rig.json.",
+            key=index,
+            name="camera",
+        )
+    numbers = {}
+    for name in ("time", "frame"):
+        value = entry.get(name)
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise StudioError(
+                "camera_path.invalid_key",
+                f"'{name}' of key {index} is {value!r}; it must be a number",
+                file=path,
+                value=value,
+                key=index,
+                name=name,
+            )
+        numbers[name] = value
+    if numbers["time"] is None:
+        raise StudioError(
+            "camera_path.invalid_key",
+            f"key {index} has no 'time'",
+            file=path,
+            fix="Add the time in seconds from the start of the movie.",
+            key=index,
+            name="time",
+        )
+    easing = entry.get("easing", "smooth")
+    try:
+        check_easing(easing)
+    except StudioError as error:
+        raise StudioError(error.code, f"key {index}: {error.problem}", file=path, value=easing, key=index) from None
+    return Key(float(numbers["time"]), Camera.from_dict(entry["camera"]), numbers["frame"], easing)
+
+
+def write_path_keys(keys: Sequence[Key], path: Path) -> None:
+    """Write a camera path that `read_path_keys` reads, atomically; it survives a power cut.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    entries = []
+    for key in keys:
+        entry: JsonObject = {"time": key.time, "camera": key.camera.to_dict()}
+        if key.frame is not None:
+            entry["frame"] = key.frame
+        if key.easing != "smooth":
+            entry["easing"] = key.easing
+        entries.append(entry)
+    write_json(path, {"format": FORMAT, "version": VERSION, "keys": entries}, durable=True)
+
+
+def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:
+    """Center (3,) and radius, in world units, of a sphere around the subject in a few sampled frames.
+
+    Splats with an opacity of 0.5 or less and the outermost 2% are ignored, to exclude floaters.
+    """
+    points = []
+    for index in np.unique(np.linspace(0, video.frame_count - 1, _SAMPLED_FRAMES).round().astype(int)):
+        gaussians = video.read(int(index))
+        solid = gaussians.opacities > 0.5
+        points.append((gaussians.means[solid] if solid.any() else gaussians.means).detach().cpu().double().numpy())
+    everything = np.concatenate(points)
+    low, high = np.percentile(everything, [2, 98], axis=0)
+    center = (low + high) / 2
+    radius = float(np.percentile(np.linalg.norm(everything - center, axis=1), 98))
+    return center, max(radius, 1e-6)
+
+
+def turntable(
+    video: SplatVideo,
+    width: int,
+    height: int,
+    turns: float = 1.0,
+    elevation: float = 10.0,
+    field_of_view: float = 40.0,
+) -> Callable[[float], Camera]:
+    """A camera that circles the subject at the distance at which all of it is visible.
+
+    Args:
+        video: provides the subject, the up direction and the side from which the path starts (that of its view).
+        width, height: size of the movie in pixels.
+        turns: number of turns; negative for the opposite direction.
+        elevation: angle above the subject's center in degrees, -89 to 89.
+        field_of_view: field of view along the shorter side in degrees, 1 to 150.
+
+    Returns:
+        a function from a fraction of the path (0 to 1) to the camera.
+
+    Raises:
+        StudioError: an angle is out of range (export.invalid_elevation, export.invalid_field_of_view).
+    """
+    if not -89 <= elevation <= 89:
+        raise StudioError(
+            "export.invalid_elevation", f"elevation is {elevation} degrees; it must be -89 to 89", value=elevation
+        )
+    if not 1 <= field_of_view <= 150:
+        raise StudioError(
+            "export.invalid_field_of_view",
+            f"field of view is {field_of_view} degrees; it must be 1 to 150",
+            value=field_of_view,
+        )
+    center, radius = subject_sphere(video)
+    from studio.formats.rigid_motion import upright
+
+    right, up, front = upright(video)
+    focal = min(width, height) / 2 / math.tan(math.radians(field_of_view) / 2)
+    distance = 1.08 * radius / math.sin(math.radians(field_of_view) / 2)
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    level, lift = math.cos(math.radians(elevation)), math.sin(math.radians(elevation))
+
+    def camera(fraction: float) -> Camera:
+        angle = 2 * math.pi * turns * fraction
+        outwards = level * (math.cos(angle) * front + math.sin(angle) * right) + lift * up
+        return look_at(f"turntable {fraction:.4f}", width, height, K, center + distance * outwards, center, up)
+
+    return camera
+
+
+def look_at(
+    name: str, width: int, height: int, K: np.ndarray, eye: np.ndarray, target: np.ndarray, up: np.ndarray
+) -> Camera:
+    """An upright camera at `eye` that looks at `target`; `up` must not be parallel to the viewing direction."""
+    return Camera(name, width, height, K, look_at_pose(eye, target, up))

@@ -1,0 +1,185 @@
+"""Checks shared by all readers and writers of splat files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from studio.bounded_files import read_bounded
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+MAX_SPLATS = 1 << 26
+"""Larger than any real frame: a header with more splats is damaged."""
+
+LOGIT_LIMIT = 13.8
+"""Replaces infinite opacity logits; the opacity is within 1e-6 of 0 or 1."""
+
+LEAST_SCALE = 1e-12
+"""Replaces linear scales of 0, which have no logarithm."""
+
+EXPORT_AGAIN = "Export or copy it again."
+
+_FREE_SIZE, _EXPANSION = 64 << 20, 100
+_MOST_BYTES = 256 * MAX_SPLATS  # 62 floats and some more for each splat
+
+
+def read_bytes(path: Path) -> bytes:
+    """The whole file.
+
+    Raises:
+        StudioError: there is no such file (splat_file.not_found), or it cannot be read (splat_file.unreadable).
+    """
+    try:
+        return read_bounded(path, _MOST_BYTES)
+    except FileNotFoundError:
+        raise StudioError("splat_file.not_found", "no such file", file=path) from None
+    except OSError as error:
+        raise StudioError("splat_file.unreadable", f"cannot be read ({error.strerror})", file=path) from None
+
+
+def truncated(path: Path, found: int, expected: int) -> StudioError:
+    """The error for a file that ends early; sizes in bytes."""
+    return StudioError(
+        "splat_file.truncated",
+        f"the file ends after {found} of {expected} bytes",
+        file=path,
+        value=found,
+        fix=EXPORT_AGAIN,
+        expected=expected,
+    )
+
+
+def check_count(path: Path, count: int) -> None:
+    """Raises StudioError (splat_file.splat_count) unless there are 1 to `MAX_SPLATS` splats."""
+    if not 0 < count <= MAX_SPLATS:
+        raise StudioError(
+            "splat_file.splat_count",
+            f"the file has {count} splats; expected 1 to {MAX_SPLATS}",
+            file=path,
+            value=count,
+        )
+
+
+def check_expansion(path: Path, size: int, stored: int) -> None:
+    """Bound what a small file can make a reader allocate.
+
+    Splats do not compress a hundredfold: their positions alone take more than a hundredth. Files with a reader's
+    64 MiB or less are not limited.
+
+    Args:
+        path: for the message.
+        size: bytes after decompression.
+        stored: bytes in the file.
+
+    Raises:
+        StudioError: more than 64 MiB and more than a hundred times the file (splat_file.expansion).
+    """
+    if size > max(_FREE_SIZE, _EXPANSION * stored):
+        raise StudioError(
+            "splat_file.expansion",
+            f"{stored} bytes claim to contain {size}, which splats cannot be compressed to",
+            file=path,
+            value=size,
+            fix=EXPORT_AGAIN,
+            expected=_EXPANSION * stored,
+        )
+
+
+def logits(opacities: np.ndarray) -> np.ndarray:
+    """Logits of opacities from 0 to 1; infinite at the ends."""
+    with np.errstate(divide="ignore"):
+        return np.log(opacities) - np.log1p(-opacities)
+
+
+def log_scales(scales: np.ndarray) -> np.ndarray:
+    """Logarithms of linear scales; those of 0 become `LEAST_SCALE`, negative ones not a number."""
+    with np.errstate(invalid="ignore"):
+        return np.log(np.where(scales == 0, LEAST_SCALE, scales))
+
+
+def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
+    """The attributes as float32 arrays, with unit quaternions.
+
+    Raises:
+        StudioError: there are no splats, a value is not finite, or a quaternion is zero.
+    """
+    if len(gaussians) == 0:
+        raise StudioError("splat_file.no_splats", "there are no splats to write", file=path)
+    arrays = {name: tensor.float().numpy() for name, tensor in gaussians.on_cpu().items()}
+    for name, values in arrays.items():
+        if not np.isfinite(values).all():
+            raise StudioError(
+                "gaussians.not_finite",
+                f"a value in {name} is not finite",
+                file=path,
+                fix="Train the frame again.",
+                attribute=name,
+            )
+    norms = np.linalg.norm(arrays["quats"], axis=1, keepdims=True)
+    if (norms == 0).any():
+        raise StudioError(
+            "gaussians.zero_quaternion",
+            f"splat {int(np.argmin(norms))} has a zero quaternion",
+            file=path,
+            fix="Train the frame again.",
+            splat=int(np.argmin(norms)),
+        )
+    return {**arrays, "quats": arrays["quats"] / norms}
+
+
+def from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Gaussians:
+    """Gaussians from float arrays named as in `Gaussians.ATTRIBUTES`. Infinite logits become +-`LOGIT_LIMIT`.
+
+    Raises:
+        StudioError: a value is not finite, or a quaternion is zero.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):  # what does not fit is refused below
+        values = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
+    logits = values["logit_opacities"]
+    values["logit_opacities"] = np.where(np.isinf(logits), np.sign(logits) * np.float32(LOGIT_LIMIT), logits)
+    for name, array in values.items():
+        wrong = ~np.isfinite(array).reshape(len(array), math.prod(array.shape[1:])).all(axis=1)
+        if wrong.any():
+            splat = int(wrong.argmax())
+            raise StudioError(
+                "gaussians.not_finite",
+                f"{name} of splat {splat} is not finite",
+                file=path,
+                fix="Fix the file.",
+                attribute=name,
+                splat=splat,
+            )
+    flat = ~values["quats"].any(axis=1)
+    if flat.any():
+        raise StudioError(
+            "gaussians.zero_quaternion",
+            f"splat {int(flat.argmax())} has a zero quaternion",
+            file=path,
+            fix="Fix the file.",
+            splat=int(flat.argmax()),
+        )
+    return Gaussians.from_state_dict({name: torch.from_numpy(array) for name, array in values.items()})
+
+
+def quats_of_three(stored: np.ndarray, largest: np.ndarray) -> np.ndarray:
+    """Unit quaternions.
+
+    Args:
+        stored: (N, 3), the other components in their order.
+        largest: (N,) index of the component that is not stored, 0 to 3; it is positive.
+
+    Returns:
+        (N, 4), in the order of the file's components.
+    """
+    quats = np.empty((len(stored), 4))
+    for index in range(4):
+        chosen = largest == index
+        others = [component for component in range(4) if component != index]
+        quats[np.ix_(chosen, others)] = stored[chosen]
+        quats[chosen, index] = np.sqrt(np.maximum(0, 1 - (stored[chosen] ** 2).sum(axis=1)))
+    return quats

@@ -1,0 +1,111 @@
+"""GLB (binary glTF 2.0) with the ratified extension KHR_gaussian_splatting, uncompressed.
+
+Sources: specifications of glTF 2.0 and KHR_gaussian_splatting. A splat is a point with rotation (xyzw), linear scale,
+opacity from 0 to 1, and SH with one accessor per coefficient. COLOR_0 is for viewers that only draw points.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from studio.errors import StudioError
+from studio.formats.checks import to_arrays
+from studio.gaussians import SH_C0, Gaussians
+from studio.json_types import JsonObject
+
+NAME = "KHR_gaussian_splatting"
+_FLOAT, _BYTE = 5126, 5121  # glTF component types
+_ARRAY_BUFFER = 34962
+_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+
+
+def write(path: Path, gaussians: Gaussians) -> None:
+    """Write a GLB file with one node, mesh and primitive.
+
+    Raises:
+        StudioError: there are no splats, a value is not finite, or the file would have 4 GiB or more.
+    """
+    arrays = to_arrays(path, gaussians)
+    opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
+    sh = arrays["sh"]
+    attributes: dict[str, np.ndarray] = {
+        "POSITION": arrays["means"],
+        "COLOR_0": _fallback_color(sh[:, 0], opacities),
+        f"{NAME}:ROTATION": arrays["quats"][:, [1, 2, 3, 0]],
+        f"{NAME}:SCALE": np.exp(arrays["log_scales"]),
+        f"{NAME}:OPACITY": opacities[:, None].astype(np.float32),
+    }
+    coefficient = 0
+    for degree in range(gaussians.sh_degree + 1):
+        for order in range(2 * degree + 1):
+            attributes[f"{NAME}:SH_DEGREE_{degree}_COEF_{order}"] = sh[:, coefficient]
+            coefficient += 1
+
+    views: list[JsonObject] = []
+    accessors: list[JsonObject] = []
+    chunks: list[bytes] = []
+    offset = 0
+    for name, values in attributes.items():
+        data = np.ascontiguousarray(values).tobytes()  # lengths are already multiples of 4
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": _ARRAY_BUFFER})
+        accessor: JsonObject = {
+            "bufferView": len(accessors),
+            "componentType": _BYTE if values.dtype == np.uint8 else _FLOAT,
+            "count": len(values),
+            "type": _TYPES[values.shape[1]],
+        }
+        if values.dtype == np.uint8:
+            accessor["normalized"] = True
+        if name == "POSITION":
+            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        accessors.append(accessor)
+        chunks.append(data)
+        offset += len(data)
+    extension = {
+        "kernel": "ellipse",
+        "colorSpace": "srgb_rec709_display",
+        "projection": "perspective",
+        "sortingMethod": "cameraDistance",
+    }
+    primitive = {
+        "attributes": {name: index for index, name in enumerate(attributes)},
+        "mode": 0,
+        "extensions": {NAME: extension},
+    }
+    content = {
+        "asset": {"version": "2.0", "generator": "V3 Studio"},
+        "extensionsUsed": [NAME],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": offset}],
+    }
+    head = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
+    head += b" " * (-len(head) % 4)
+    total = 12 + 8 + len(head) + 8 + offset
+    if total >= 1 << 32:
+        raise StudioError(
+            "splat_file.too_large",
+            f"{len(gaussians)} splats need {total} bytes; a GLB file is limited to 2^32 - 1",
+            file=path,
+            value=total,
+        )
+    with path.open("wb") as file:
+        file.write(struct.pack("<4sII", b"glTF", 2, total))
+        file.write(struct.pack("<I4s", len(head), b"JSON") + head)
+        file.write(struct.pack("<I4s", offset, b"BIN\0"))
+        for chunk in chunks:
+            file.write(chunk)
+
+
+def _fallback_color(sh0: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+    """(N, 4) uint8 RGBA colors for viewers that only draw points."""
+    rgba = np.concatenate([SH_C0 * sh0 + 0.5, opacities[:, None]], axis=1)
+    return np.rint(np.clip(rgba, 0, 1) * 255).astype(np.uint8)

@@ -1,0 +1,158 @@
+"""3DGS PLY files (Kerbl et al. 2023, `save_ply`), which nearly all splat tools read.
+
+One element `vertex` of float32 properties, little endian: x y z, nx ny nz (zeros), f_dc_0..2, f_rest_0.. (all
+coefficients of red, then of green, then of blue), opacity (logit), scale_0..2 (logarithm), rot_0..3 (wxyz).
+Compressed PLY has the same extension and is recognized by its elements; see `compressed_ply`.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from studio.errors import StudioError
+from studio.formats.checks import check_count, from_arrays, to_arrays
+from studio.formats.compressed_ply import compressed_size, is_compressed, read_compressed
+from studio.gaussians import Gaussians
+
+if TYPE_CHECKING:
+    from plyfile import PlyData, PlyElement
+
+_HEADER_BYTES = 1 << 20
+_DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
+_NEEDED = (
+    *("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+    *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+)
+
+
+def write(path: Path, gaussians: Gaussians) -> None:
+    """Write a 3DGS PLY file.
+
+    Raises:
+        StudioError: there are no splats, or a value is not finite.
+    """
+    from plyfile import PlyData, PlyElement
+
+    arrays = to_arrays(path, gaussians)
+    count = len(gaussians)
+    rest = arrays["sh"][:, 1:].transpose(0, 2, 1).reshape(count, -1)
+    columns = {
+        **_columns("", "xyz", arrays["means"]),
+        **_columns("n", "xyz", np.zeros((count, 3), np.float32)),
+        **_columns("f_dc_", range(3), arrays["sh"][:, 0]),
+        **_columns("f_rest_", range(rest.shape[1]), rest),
+        "opacity": arrays["logit_opacities"],
+        **_columns("scale_", range(3), arrays["log_scales"]),
+        **_columns("rot_", range(4), arrays["quats"]),
+    }
+    vertices = np.empty(count, dtype=[(name, "<f4") for name in columns])
+    for name, values in columns.items():
+        vertices[name] = values
+    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(path))
+
+
+def _columns(prefix: str, names: str | range, values: np.ndarray) -> dict[str, np.ndarray]:
+    return {f"{prefix}{name}": values[:, column] for column, name in enumerate(names)}
+
+
+def size(path: Path) -> tuple[int, int]:
+    """Number of splats and SH degree from the header. Raises StudioError as `read`, except for invalid values."""
+    ply = _opened(path)
+    if is_compressed(ply):
+        return compressed_size(path, ply)
+    element = _vertices(path, ply)
+    return element.count, _degree(path, element)
+
+
+def read(path: Path) -> Gaussians:
+    """Read a 3DGS PLY file or a compressed PLY file. Properties that do not belong to splats are ignored.
+
+    Raises:
+        StudioError: the file is missing, damaged, not a PLY, or a point cloud or mesh without splats.
+    """
+    ply = _opened(path)
+    if is_compressed(ply):
+        return read_compressed(path, ply)
+    element = _vertices(path, ply)
+    degree = _degree(path, element)
+    rest = (degree + 1) ** 2 - 1
+    data = element.data
+
+    def stacked(names: list[str]) -> np.ndarray:
+        return np.stack([np.asarray(data[name], np.float32) for name in names], axis=-1)
+
+    sh = np.empty((element.count, rest + 1, 3), np.float32)
+    sh[:, 0] = stacked(["f_dc_0", "f_dc_1", "f_dc_2"])
+    if rest:
+        channels = stacked([f"f_rest_{index}" for index in range(3 * rest)]).reshape(element.count, 3, rest)
+        sh[:, 1:] = channels.transpose(0, 2, 1)
+    return from_arrays(
+        path,
+        {
+            "means": stacked(["x", "y", "z"]),
+            "quats": stacked([f"rot_{index}" for index in range(4)]),
+            "log_scales": stacked([f"scale_{index}" for index in range(3)]),
+            "logit_opacities": np.asarray(data["opacity"], np.float32),
+            "sh": sh,
+        },
+    )
+
+
+def _opened(path: Path) -> PlyData:
+    """The file, mapped into memory if it is binary."""
+    from plyfile import PlyData, PlyParseError
+
+    try:
+        with path.open("rb") as file:
+            if re.search(rb"[\r\n]end_header[\r\n]", file.read(_HEADER_BYTES)) is None:
+                raise ValueError(f"no end of the header in the first {_HEADER_BYTES:,} bytes")  # plyfile would go on
+        return PlyData.read(str(path), mmap="r")
+    except FileNotFoundError:
+        raise StudioError("splat_file.not_found", "no such file", file=path) from None
+    except (PlyParseError, OSError, ValueError, MemoryError, OverflowError) as error:
+        raise StudioError(
+            "splat_file.unreadable", f"not a readable PLY file ({error})", file=path, fix="Export or copy it again."
+        ) from None
+
+
+def _vertices(path: Path, ply: PlyData) -> PlyElement:
+    """The element with the splats, with validated properties."""
+    from plyfile import PlyListProperty
+
+    if "vertex" not in [element.name for element in ply.elements]:
+        raise StudioError(
+            "splat_file.not_splats",
+            "the PLY file has no element 'vertex'",
+            file=path,
+            fix="Choose a file with splats.",
+            missing="vertex",
+        )
+    element = ply["vertex"]
+    scalar = {prop.name for prop in element.properties if not isinstance(prop, PlyListProperty)}
+    missing = [name for name in _NEEDED if name not in scalar]
+    if missing:
+        raise StudioError(
+            "splat_file.not_splats",
+            f"the PLY file has no property '{missing[0]}', so it does not contain splats",
+            file=path,
+            fix="Choose a file written by 3DGS or a compatible tool.",
+            missing=missing[0],
+        )
+    check_count(path, element.count)
+    return element
+
+
+def _degree(path: Path, element: PlyElement) -> int:
+    rest = {prop.name for prop in element.properties if prop.name.startswith("f_rest_")}
+    if len(rest) not in _DEGREES or rest != {f"f_rest_{index}" for index in range(len(rest))}:
+        raise StudioError(
+            "splat_file.sh_properties",
+            f"{len(rest)} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0",
+            file=path,
+            value=len(rest),
+        )
+    return _DEGREES[len(rest)]

@@ -1,0 +1,384 @@
+"""SPZ, Niantic's compressed splat format: writes versions 3 and 4, reads versions 2 to 4.
+
+Source: README, extensions/README.md and source code of github.com/nianticlabs/spz (MIT). Six attributes, one after the
+other: positions (24-bit fixed point), opacities (8 bits), colors (8 bits over a wider range than 0 to 1), log scales
+(8 bits, steps of 1/16), rotations (version 2: x y z in 8 bits each; later: the smallest three components in 10 bits
+each) and SH (8 bits, of which degree 1 uses 5 and higher degrees 4).
+
+The container: versions 2 and 3 are a 16-byte header and one attribute after the other, all of it gzipped (or plain).
+Version 4 is a plain 32-byte header, extension records, a table of contents (compressed and uncompressed size of each
+attribute, uint64) and one Zstandard frame per attribute; attributes without bytes are left out.
+"""
+
+from __future__ import annotations
+
+import gzip
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.errors import StudioError
+from studio.formats.checks import (
+    EXPORT_AGAIN,
+    MAX_SPLATS,
+    check_expansion,
+    from_arrays,
+    logits,
+    read_bytes,
+    to_arrays,
+    truncated,
+)
+from studio.gaussians import Gaussians
+
+DEFAULT_VERSION = 4
+"""Which version is written: what other converters write by default."""
+
+_LARGEST = (1 << 23) - 1  # largest integer of a position
+_FRACTION_BITS = (12, 20)  # range of fractional bits; the reference implementation writes 12
+_COLOR_SCALE = 0.15
+_SH_BITS = (5, 4)  # degree 1, higher degrees
+_SMALLEST = 511  # 9 bits for a quaternion component of at most sqrt(1/2)
+
+VERSIONS = (2, 3, 4)
+WRITTEN_VERSIONS = (3, 4)
+
+_HEAD = struct.Struct("<IIIBBBB")  # magic, version, splats, SH degree, fractional bits, flags, streams (version 4)
+_HEAD_4 = struct.Struct("<IIIBBBBI12x")  # the same and the offset of the table of contents
+_ENTRY = struct.Struct("<QQ")
+_RECORD = struct.Struct("<II")  # type and size of an extension
+_MAGIC = 0x5053474E  # "NGSP"
+_ZSTD_VERSION = 4
+_EXTENSIONS = 0x2  # flag
+# These change what the attributes mean: other quantization of SH, other axes. All others can be skipped.
+_UNREADABLE_EXTENSIONS = {0xADBE0001, 0xADBE0003}
+# Of 1 to 22. 31,900 trained splats: 1.5% fewer bytes than level 12, in 0.1 s; more does not help
+_ZSTD_LEVEL = 19
+_LARGEST_WINDOW = 1 << 27  # of Zstandard; what level 22 needs
+
+
+def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION) -> None:
+    """Write an SPZ file. The same splats give the same bytes.
+
+    Positions have at least 12 fractional bits and at least 16 bits over the extent of the splats, if that fits.
+
+    Args:
+        path: file to write.
+        gaussians: one frame.
+        version: 4 (Zstandard), or 3 (gzip) for older viewers; both have the same splats.
+
+    Raises:
+        StudioError: the version is another one, there are no splats, a value is not finite, or a position is too far
+            from the origin for 24 bits.
+    """
+    if version not in WRITTEN_VERSIONS:
+        raise StudioError(
+            "splat_file.unsupported_version",
+            f"SPZ is written in versions 3 and 4, not {version}",
+            file=path,
+            value=version,
+            fix="Choose 3 or 4.",
+        )
+    arrays = to_arrays(path, gaussians)
+    means = arrays["means"].astype(np.float64)
+    farthest, extent = float(np.abs(means).max()), float(np.ptp(means, axis=0).max())
+    fits = _FRACTION_BITS[1] if farthest == 0 else math.floor(math.log2(_LARGEST / farthest))
+    wanted = _FRACTION_BITS[0] if extent == 0 else math.ceil(math.log2(65536 / extent))
+    bits = min(fits, max(_FRACTION_BITS[0], min(wanted, _FRACTION_BITS[1])))
+    if bits < 0:
+        raise StudioError(
+            "splat_file.position_range",
+            f"a splat is {farthest:g} units from the origin; SPZ supports up to {_LARGEST}",
+            file=path,
+            value=farthest,
+        )
+    fixed = np.rint(means * (1 << bits)).astype("<i4")
+    sh = arrays["sh"]
+    opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
+    attributes = [
+        fixed.view(np.uint8).reshape(-1, 3, 4)[:, :, :3].tobytes(),
+        _byte(opacities * 255),
+        _byte(sh[:, 0] * (_COLOR_SCALE * 255) + 127.5),
+        _byte((arrays["log_scales"] + 10) * 16),
+        _pack_quats(arrays["quats"]).astype("<u4").tobytes(),
+        _byte_buckets(sh[:, 1:4], _SH_BITS[0], sh[:, 4:], _SH_BITS[1]),
+    ]
+    write_container(path, Head(version, len(means), gaussians.sh_degree, bits), attributes)
+
+
+def _byte(values: np.ndarray) -> bytes:
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8).tobytes()
+
+
+def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_bits: int) -> bytes:
+    """SH coefficients as bytes, rounded to bucket centers for better compression."""
+
+    def rounded(values: np.ndarray, bits: int) -> np.ndarray:
+        bucket = 1 << (8 - bits)
+        codes = np.rint(values * 128).astype(np.int64) + 128
+        return np.clip((codes + bucket // 2) // bucket * bucket, 0, 255).astype(np.uint8)
+
+    return np.concatenate([rounded(first, first_bits), rounded(others, other_bits)], axis=1).tobytes()
+
+
+def _pack_quats(wxyz: np.ndarray) -> np.ndarray:
+    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits for each of the others."""
+    xyzw = wxyz[:, [1, 2, 3, 0]].astype(np.float64)
+    largest = np.abs(xyzw).argmax(axis=1)
+    rows = np.arange(len(xyzw))
+    xyzw *= np.where(xyzw[rows, largest] < 0, -1, 1)[:, None]
+    packed = largest.astype(np.uint32)
+    for component in range(4):
+        value = xyzw[:, component]
+        size = np.minimum(np.floor(np.abs(value) * (_SMALLEST * math.sqrt(2)) + 0.5), _SMALLEST).astype(np.uint32)
+        code = (np.uint32(1) << np.uint32(9)) * (value < 0) + size
+        packed = np.where(largest == component, packed, (packed << np.uint32(10)) | code).astype(np.uint32)
+    return packed
+
+
+def _unpack_quats(packed: np.ndarray) -> np.ndarray:
+    """Inverse of `_pack_quats`: (N, 4) wxyz."""
+    largest = packed >> np.uint32(30)
+    rest = packed.copy()
+    xyzw = np.zeros((len(packed), 4))
+    for component in (3, 2, 1, 0):
+        stored = largest != component
+        size = (rest & np.uint32(511)) / (_SMALLEST * math.sqrt(2))
+        xyzw[stored, component] = np.where(rest & np.uint32(512), -size, size)[stored]
+        rest = np.where(stored, rest >> np.uint32(10), rest)
+    rows = np.arange(len(packed))
+    xyzw[rows, largest] = np.sqrt(np.maximum(0, 1 - (xyzw**2).sum(axis=1)))
+    return xyzw[:, [3, 0, 1, 2]]
+
+
+def size(path: Path) -> tuple[int, int]:
+    """Number of splats and SH degree from the header. Raises StudioError as `read`, for the header."""
+    head = read_head(path)
+    return head.count, head.degree
+
+
+def read(path: Path) -> Gaussians:
+    """Read an SPZ file of version 2, 3 or 4.
+
+    Raises:
+        StudioError: the file is missing, damaged, not an SPZ file, of an unsupported version, or has extensions that
+            change the meaning of the values.
+    """
+    head, attributes = read_container(path)
+    count = head.count
+    positions, opacities, colors, scales, rotations, harmonics = (
+        np.frombuffer(data, np.uint8).reshape(count, -1) for data in attributes
+    )
+    packed = positions.reshape(count, 3, 3).astype(np.int32)
+    fixed = packed[..., 0] | packed[..., 1] << 8 | packed[..., 2] << 16
+    means = np.where(fixed & 0x800000, fixed - (1 << 24), fixed) / (1 << head.bits)
+    if head.version == 2:
+        xyz = rotations / 127.5 - 1
+        quats = np.column_stack([np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1))), xyz])
+    else:
+        quats = _unpack_quats(rotations.copy().view("<u4")[:, 0])
+    rest = (head.degree + 1) ** 2 - 1
+    sh = np.concatenate(
+        [((colors / 255 - 0.5) / _COLOR_SCALE)[:, None], (harmonics.reshape(count, rest, 3) - 128.0) / 128], axis=1
+    )
+    arrays = {
+        "means": means,
+        "quats": quats,
+        "log_scales": scales / 16 - 10,
+        "logit_opacities": logits(opacities[:, 0] / 255),
+        "sh": sh,
+    }
+    return from_arrays(path, arrays)
+
+
+@dataclass(frozen=True)
+class Head:
+    """The header.
+
+    Attributes:
+        version: 2, 3 or 4.
+        count: splats, 1 to `MAX_SPLATS`.
+        degree: of the spherical harmonics, 0 to 3.
+        bits: fractional bits of a position, 0 to 23.
+    """
+
+    version: int
+    count: int
+    degree: int
+    bits: int
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Bytes of positions, opacities, colors, scales, rotations and SH."""
+        per_splat = (9, 1, 3, 3, 3 if self.version == 2 else 4, 3 * ((self.degree + 1) ** 2 - 1))
+        return tuple(self.count * size for size in per_splat)
+
+
+def read_head(path: Path) -> Head:
+    """The header alone. Raises StudioError as `read_container`, except for what comes after the header."""
+    return _opened(path, read_bytes(path))[0]
+
+
+def read_container(path: Path) -> tuple[Head, list[bytes]]:
+    """The header and the six attributes in the order of `Head.sizes`, of exactly these sizes.
+
+    Raises:
+        StudioError: missing or damaged file, not an SPZ file, a header out of range, an unsupported version or
+            extension, or more data than a file of this size can hold.
+    """
+    data = read_bytes(path)
+    head, inflater = _opened(path, data)
+    size = sum(head.sizes)
+    check_expansion(path, size, len(data))
+    if head.version == _ZSTD_VERSION:
+        return head, _zstd_streams(path, data, head)
+    if inflater is None:
+        body = data[_HEAD.size : _HEAD.size + size]
+    else:
+        try:
+            body = inflater.decompress(inflater.unconsumed_tail, size)
+        except zlib.error as error:
+            raise _damaged(path, error) from None
+    if len(body) < size:
+        raise truncated(path, len(body), size)
+    starts = [sum(head.sizes[:index]) for index in range(len(head.sizes))]
+    return head, [body[start : start + size] for start, size in zip(starts, head.sizes, strict=True)]
+
+
+def write_container(path: Path, head: Head, attributes: list[bytes]) -> None:
+    """Write a file of version 3 or 4. The same attributes give the same bytes.
+
+    Args:
+        path: file to write.
+        head: what the header says.
+        attributes: in the order and of the sizes of `Head.sizes`.
+    """
+    assert head.version in WRITTEN_VERSIONS
+    fields = (_MAGIC, head.version, head.count, head.degree, head.bits, 0)
+    if head.version != _ZSTD_VERSION:
+        path.write_bytes(gzip.compress(b"".join([_HEAD.pack(*fields, 0), *attributes]), mtime=0))
+        return
+    import zstandard
+
+    kept = [data for data in attributes if data]
+    frames = [zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(data) for data in kept]
+    table = [_ENTRY.pack(len(frame), len(data)) for frame, data in zip(frames, kept, strict=True)]
+    path.write_bytes(b"".join([_HEAD_4.pack(*fields, len(kept), _HEAD_4.size), *table, *frames]))
+
+
+def _opened(path: Path, data: bytes) -> tuple[Head, Any]:
+    """The header, and for gzipped files the zlib decompressor of what follows."""
+    if data[:2] != b"\x1f\x8b":
+        return _checked_head(path, data[: _HEAD.size]), None
+    inflater = zlib.decompressobj(wbits=31)
+    try:
+        start = inflater.decompress(data, _HEAD.size)
+    except zlib.error as error:
+        raise _damaged(path, error) from None
+    head = _checked_head(path, start)
+    if head.version == _ZSTD_VERSION:
+        raise StudioError(
+            "splat_file.unreadable", "an SPZ file of version 4 must not be gzipped", file=path, fix=EXPORT_AGAIN
+        )
+    return head, inflater
+
+
+def _checked_head(path: Path, head: bytes) -> Head:
+    if len(head) < _HEAD.size or head[:4] != _MAGIC.to_bytes(4, "little"):
+        raise StudioError("splat_file.unreadable", "not an SPZ file", file=path, fix=EXPORT_AGAIN)
+    _, version, count, degree, bits, flags, _ = _HEAD.unpack(head)
+    if version not in VERSIONS:
+        raise StudioError(
+            "splat_file.unsupported_version",
+            f"SPZ version {version}; versions 2 to 4 are supported",
+            file=path,
+            value=version,
+            fix="Convert it, to PLY for example.",
+        )
+    if not 0 < count <= MAX_SPLATS or degree > 3 or bits > 23:
+        raise StudioError(
+            "splat_file.invalid_header",
+            f"{count} splats of SH degree {degree} with {bits} fractional bits; expected 1 to {MAX_SPLATS} splats, "
+            "degree 0 to 3 and 0 to 23 bits",
+            file=path,
+            value=(count, degree, bits),
+        )
+    if flags & _EXTENSIONS and version != _ZSTD_VERSION:
+        raise _extensions(path)
+    return Head(version, count, degree, bits)
+
+
+def _zstd_streams(path: Path, data: bytes, head: Head) -> list[bytes]:
+    import zstandard
+
+    if len(data) < _HEAD_4.size:
+        raise truncated(path, len(data), _HEAD_4.size)
+    *_, flags, streams, table = _HEAD_4.unpack_from(data)
+    expected = [size for size in head.sizes if size]
+    if streams != len(expected) or table < _HEAD_4.size:
+        raise StudioError(
+            "splat_file.invalid_header",
+            f"{streams} attributes, listed at byte {table}; expected {len(expected)} at byte {_HEAD_4.size} or later",
+            file=path,
+            value=(streams, table),
+            fix=EXPORT_AGAIN,
+        )
+    position = table + streams * _ENTRY.size
+    if position > len(data):
+        raise truncated(path, len(data), position)
+    if flags & _EXTENSIONS:
+        _check_extensions(path, data[_HEAD_4.size : table])
+    entries = [_ENTRY.unpack_from(data, table + index * _ENTRY.size) for index in range(streams)]
+    end = position + sum(stored for stored, _ in entries)
+    if end > len(data):
+        raise truncated(path, len(data), end)
+    decompressor = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+    result: list[bytes] = []
+    for (stored, size), wanted in zip(entries, expected, strict=True):
+        found = size
+        if size == wanted:
+            part = memoryview(data)[position : position + stored]
+            try:
+                # one byte more than promised is read, never more
+                values = decompressor.stream_reader(part, read_across_frames=True).read(wanted + 1)
+            except zstandard.ZstdError as error:
+                raise _damaged(path, error) from None
+            found = len(values)
+        if found != wanted:
+            raise StudioError(
+                "splat_file.unreadable",
+                f"the SPZ file is damaged (attribute {len(result)} has {found} bytes instead of {wanted})",
+                file=path,
+                fix=EXPORT_AGAIN,
+            )
+        result.append(values)
+        position += stored
+    return [*result, *[b""] * (len(head.sizes) - len(result))]
+
+
+def _check_extensions(path: Path, records: bytes) -> None:
+    position = 0
+    while position < len(records):
+        if position + _RECORD.size > len(records):
+            raise _extensions(path)
+        kind, size = _RECORD.unpack_from(records, position)
+        position += _RECORD.size + size
+        if kind in _UNREADABLE_EXTENSIONS or position > len(records):
+            raise _extensions(path)
+
+
+def _extensions(path: Path) -> StudioError:
+    return StudioError(
+        "splat_file.extensions",
+        "the SPZ file has extensions that are damaged or not supported",
+        file=path,
+        fix="Export the file without them.",
+    )
+
+
+def _damaged(path: Path, error: Exception) -> StudioError:
+    return StudioError("splat_file.unreadable", f"the SPZ file is damaged ({error})", file=path, fix=EXPORT_AGAIN)

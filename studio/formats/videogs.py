@@ -1,0 +1,407 @@
+"""The file layout of the paper's released players ("VideoGS layout"), read and written.
+
+    group_info.json      {"0": {"frame_index": [0, 19], "name_index": [0, 19]}, ...}     first and last, inclusive
+    viewer_min_max.json  {"0": {"num": N, "info": [min, max, min, max, ...]}, ...}       by frame, counted from 0
+    group<g>/<c>.mp4     one H.264 file per channel
+
+Attributes in the order of a 3DGS PLY: x y z, normals, f_dc, f_rest, opacity, scales, rotation, activated (linear scale,
+opacity 0 to 1, unit quaternion wxyz). Channels 2 i and 2 i + 1 are the low and high byte of position i; attribute
+a >= 3 is channel a + 3. Row-major squares with a side that is a multiple of 8, padded with 0; minimum, maximum and
+number of splats are per frame.
+
+One of the players draws the padding, too. Its opacity must therefore decode to less than 1/255, below which players
+draw nothing. A lossy codec does not keep it at 0: next to opaque splats H.264's deblocking filter alone makes up to 58
+of 255 of it at QP 20 (measured). So opacities are quantized here, by the step that the codec has at the QP, and coded
+without loss: code 0 is opacity 0, and padding is exactly that.
+
+In `viewer_min_max.json`, the released baker numbers frames as in the footage and ours numbers them from 0; both are
+read.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from studio.bounded_files import read_bounded
+from studio.bounded_text import TextError, parse_json
+from studio.errors import StudioError
+from studio.formats import DEFAULT_FPS
+from studio.formats.placing import new_folder
+from studio.gaussians import Gaussians
+from studio.json_types import JsonObject
+from studio.progress import ProgressFn, no_progress
+from studio.splat_video import SplatVideo
+from studio.stream.layout import component_frames, plane_side
+from studio.stream.morton import morton_order
+from studio.stream.quantize import quantize
+from studio.stream.settings import QP_KNEE
+from studio.stream.video import PlaneEncoder
+
+POSITIONS, NORMALS = 3, 3
+
+EXPORT_AGAIN = "Export or copy the sequence again."
+
+MAX_FRAMES = 1_000_000
+MAX_SPLATS = 4 << 20
+_DEGREES = {17: 0, 26: 1, 41: 2, 62: 3}  # by the number of attributes
+_JPEG_RANGE = 2  # FFmpeg's number for full range: luma from 0 to 255
+
+
+def attribute_count(sh_degree: int) -> int:
+    """Number A of attributes: position (3), normal (3), SH of three colors, opacity, scale (3), rotation (4)."""
+    return 14 + 3 * (sh_degree + 1) ** 2
+
+
+def export_videogs(
+    video: SplatVideo,
+    folder: Path,
+    qp: int = 20,
+    preset: str = "medium",
+    threads: int = 0,
+    progress: ProgressFn = no_progress,
+) -> None:
+    """Write the layout described in the module docstring.
+
+    QPs follow the paper: high bytes of positions are lossless, and the QP of color, scale and rotation is at most 22.
+    Opacities are quantized by the step of the QP and then lossless.
+
+    Args:
+        video: the frames and groups.
+        folder: must not exist; appears only when it is complete.
+        qp: quantization parameter, 0 (lossless) to 51.
+        preset: preset of x264.
+        threads: number of channels encoded in parallel; 0: one per core.
+        progress: called with written and total frames.
+
+    Raises:
+        StudioError: a frame cannot be read or baked, the QP is out of range, or the folder exists or cannot be written.
+    """
+    if not 0 <= qp <= 51:
+        raise StudioError("export.invalid_qp", f"QP is {qp}; it must be 0 to 51", value=qp)
+    groups: dict[str, dict[str, list[int]]] = {}
+    frames: dict[str, dict[str, object]] = {}
+    with new_folder(folder) as temporary, ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        for number, group in enumerate(video.groups):
+            place = temporary / f"group{number}"
+            place.mkdir()
+            encoders: list[PlaneEncoder] = []
+            try:
+                for index, values in zip(group, _attributes(video, group), strict=True):
+                    progress(index, video.frame_count)
+                    side = plane_side(values.shape[1])
+                    if not encoders:
+                        encoders = _encoders(place, values.shape[0], side, qp, preset)
+                    low, high = _ranges(values, qp)
+                    planes = _planes(values, low, high, side)
+                    list(pool.map(PlaneEncoder.add, encoders, planes))
+                    info = np.stack([low, high], axis=1).ravel().tolist()
+                    frames[str(index)] = {"num": values.shape[1], "info": info}
+                list(pool.map(PlaneEncoder.close, encoders))
+            except BaseException:
+                for encoder in encoders:
+                    encoder.abandon()
+                raise
+            names = [video.number(group[0]), video.number(group[-1])]
+            groups[str(number)] = {"frame_index": [group[0], group[-1]], "name_index": names}
+        for name, content in (("group_info.json", groups), ("viewer_min_max.json", frames)):
+            (temporary / name).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+        progress(video.frame_count, video.frame_count)
+
+
+def _attributes(video: SplatVideo, group: range) -> Iterator[np.ndarray]:
+    """(A, N) float32 per frame, activated, in Morton order of the group's first frame, which improves compression."""
+
+    def frames() -> Iterator[Gaussians]:
+        for index in group:
+            yield video.read(index).to("cpu")
+
+    order = morton_order(video.read(group[0]).means.detach().cpu().numpy())
+    for values in component_frames(frames(), order):
+        normals = np.zeros((NORMALS, values.shape[1]), np.float32)
+        scales = np.exp(values[-7:-4])
+        yield np.concatenate([values[:POSITIONS], normals, values[POSITIONS:-7], scales, values[-4:]])
+
+
+def opacity_levels(qp: int) -> int:
+    """Largest code of an opacity: as many steps as the codec's own quantizer has in 0 to 255 at that QP.
+
+    That step is 2^((QP - 4) / 6) (H.264 / AVC, 8.5.9); below QP 4 it is finer than the codes.
+    """
+    return max(1, min(255, round(255 / 2 ** ((qp - 4) / 6))))
+
+
+def _ranges(values: np.ndarray, qp: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values of the codes 0 and 255 of each attribute, (A,) float64: minimum and maximum, except for the opacity.
+
+    Opacities begin at 0, and their largest code is `opacity_levels`, so that 255 stands for more than the maximum.
+    """
+    low, high = values.min(axis=1).astype(np.float64), values.max(axis=1).astype(np.float64)
+    opacity = _opacity(len(values))
+    low[opacity] = 0.0
+    high[opacity] *= 255 / opacity_levels(qp)
+    return low, high
+
+
+def _opacity(attributes: int) -> int:
+    """Index of the opacity among the attributes."""
+    return attributes - 8
+
+
+def _encoders(folder: Path, attributes: int, side: int, qp: int, preset: str) -> list[PlaneEncoder]:
+    lossless = {1, 3, 5, _opacity(attributes) + POSITIONS}  # high bytes of positions, opacities
+    result = []
+    for channel in range(attributes + POSITIONS):
+        value = 0 if channel in lossless else qp if channel < 2 * POSITIONS else min(qp, QP_KNEE)
+        result.append(PlaneEncoder(folder / f"{channel}.mp4", (side, side), value, preset))
+    return result
+
+
+def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) -> Iterator[np.ndarray]:
+    """One (side, side) uint8 picture per channel."""
+
+    def picture(codes: np.ndarray) -> np.ndarray:
+        plane = np.zeros(side * side, np.uint8)
+        plane[: len(codes)] = codes
+        return plane.reshape(side, side)
+
+    for row in range(len(values)):
+        if row < POSITIONS:
+            codes = quantize(values[row], low[row], high[row], 65535)
+            yield picture(codes & 255)
+            yield picture(codes >> 8)
+        else:
+            yield picture(quantize(values[row], low[row], high[row], 255))
+
+
+def is_videogs(folder: Path) -> bool:
+    """Whether a folder contains the two JSON files of the layout."""
+    return (folder / "group_info.json").is_file() and (folder / "viewer_min_max.json").is_file()
+
+
+class _Frame:
+    """One validated entry of viewer_min_max.json."""
+
+    def __init__(self, path: Path, key: str, entry: Any) -> None:
+        def invalid(name: str, problem: str, value: Any = None) -> StudioError:
+            return StudioError(
+                "videogs.invalid_frame",
+                f"frame {key}: {problem}",
+                file=path,
+                value=value,
+                fix=EXPORT_AGAIN,
+                frame=key,
+                name=name,
+            )
+
+        count = entry.get("num") if isinstance(entry, dict) else None
+        info = entry.get("info") if isinstance(entry, dict) else None
+        if not isinstance(count, int) or isinstance(count, bool) or not 0 < count <= MAX_SPLATS:
+            raise invalid("num", f"'num' is {count!r}; it must be an integer from 1 to {MAX_SPLATS}", count)
+        try:
+            ranges = np.array(info, np.float64).reshape(-1, 2)
+        except (TypeError, ValueError):
+            raise invalid("info", "'info' must be a list of minima and maxima") from None
+        if len(ranges) not in _DEGREES:
+            raise invalid("info", f"'info' has {2 * len(ranges)} values; expected 34, 52, 82 or 124", 2 * len(ranges))
+        if not np.isfinite(ranges).all() or (ranges[:, 0] > ranges[:, 1]).any():
+            raise invalid("info", "'info' contains a value that is not finite, or a minimum above its maximum")
+        self.count = count
+        self.ranges = ranges
+
+    @property
+    def degree(self) -> int:
+        return _DEGREES[len(self.ranges)]
+
+
+def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
+    """Open a folder in this layout as a video. Frames are decoded when read; sequential reading is fastest.
+
+    Raises:
+        StudioError: a JSON file is missing or damaged, there are gaps between groups, or values are out of bounds.
+            Reading a frame raises it if a video is missing, damaged or too short.
+    """
+    groups = _groups(folder)
+    table = _read_json(folder / "viewer_min_max.json")
+    frames: list[_Frame] = []
+    for frame_range, first_name in groups:
+        for index in frame_range:
+            name = str(first_name + index - frame_range.start)
+            key = str(index) if str(index) in table and not _named(table, groups) else name
+            path = folder / "viewer_min_max.json"
+            if key not in table:
+                raise StudioError(
+                    "videogs.missing_frame", f"frame {key} is missing", file=path, fix=EXPORT_AGAIN, frame=key
+                )
+            frames.append(_Frame(path, key, table[key]))
+    if len({frame.degree for frame in frames}) > 1:
+        raise StudioError(
+            "videogs.mixed_degrees", "frames have different numbers of attributes", file=folder, fix=EXPORT_AGAIN
+        )
+    decoder = _Decoder(folder, [frame_range for frame_range, _ in groups], frames)
+    starts: list[int] = []
+    for frame_range, _ in groups:  # a new group starts where the number of splats changes within a group
+        first = frame_range.start
+        starts += [index for index in frame_range if index == first or frames[index].count != frames[index - 1].count]
+    return SplatVideo(str(folder), fps, len(frames), tuple(starts), decoder.read, up=np.array([0.0, -1.0, 0.0]))
+
+
+def _named(table: JsonObject, groups: list[tuple[range, int]]) -> bool:
+    """Whether the keys are frame numbers of the footage, in which case some indices are missing."""
+    return any(str(index) not in table for frame_range, _ in groups for index in frame_range)
+
+
+def _groups(folder: Path) -> list[tuple[range, int]]:
+    """The frames of each group, and the footage number of its first frame."""
+    path = folder / "group_info.json"
+    values = _read_json(path)
+    result: list[tuple[range, int]] = []
+    expected = 0
+    for number in range(len(values)):
+        entry: Any = values.get(str(number))
+        try:
+            first, last = (int(value) for value in entry["frame_index"])
+            name = int(entry.get("name_index", [first])[0])
+        except (AttributeError, KeyError, TypeError, ValueError, IndexError):
+            raise StudioError(
+                "videogs.invalid_group",
+                f"group {number} is missing or has no 'frame_index'",
+                file=path,
+                fix=EXPORT_AGAIN,
+                group=number,
+            ) from None
+        if first != expected or last < first or last >= MAX_FRAMES:
+            raise StudioError(
+                "videogs.invalid_group",
+                f"group {number} has frames {first} to {last}; it must start at frame {expected} and not end before it",
+                file=path,
+                value=(first, last),
+                fix=EXPORT_AGAIN,
+                group=number,
+                expected=expected,
+            )
+        result.append((range(first, last + 1), name))
+        expected = last + 1
+    if not result:
+        raise StudioError("videogs.no_groups", "the file contains no groups", file=path, fix=EXPORT_AGAIN)
+    return result
+
+
+def _read_json(path: Path) -> JsonObject:
+    try:
+        values = parse_json(read_bounded(path))
+    except FileNotFoundError:
+        raise StudioError(
+            "videogs.file_missing", "the file is missing", file=path, fix="Specify a folder in the VideoGS layout."
+        ) from None
+    except (OSError, TextError) as error:
+        raise StudioError("videogs.not_json", f"not valid JSON ({error})", file=path, fix=EXPORT_AGAIN) from None
+    if not isinstance(values, dict):
+        raise StudioError("videogs.not_json", "not a JSON object", file=path, fix=EXPORT_AGAIN)
+    return values
+
+
+class _Decoder:
+    """Decodes frames in order; seeking backward restarts the group. Thread safe."""
+
+    def __init__(self, folder: Path, groups: list[range], frames: list[_Frame]) -> None:
+        self._folder = folder
+        self._groups = groups
+        self._frames = frames
+        self._lock = threading.Lock()
+        self._group = -1
+        self._next = 0
+        self._channels: list[Iterator[np.ndarray]] = []
+
+    def read(self, index: int) -> Gaussians:
+        """The frame of an index, float32."""
+        with self._lock:
+            group = next(number for number, frame_range in enumerate(self._groups) if index in frame_range)
+            if group != self._group or index < self._next:
+                self._open(group)
+            try:
+                while True:
+                    planes = [next(channel) for channel in self._channels]
+                    self._next += 1
+                    if self._next > index:
+                        break
+            except BaseException:
+                self._group = -1
+                raise
+        return _gaussians(self._frames[index], planes, self._folder / f"group{group}", index)
+
+    def _open(self, group: int) -> None:
+        for channel in self._channels:
+            channel.close()  # type: ignore[attr-defined]  # a generator
+        place = self._folder / f"group{group}"
+        count = len(self._frames[self._groups[group].start].ranges) + 3
+        self._channels = [_pictures(place / f"{channel}.mp4") for channel in range(count)]
+        self._group, self._next = group, self._groups[group].start
+
+
+def _pictures(path: Path) -> Iterator[np.ndarray]:
+    """The pictures of a video as full-range luma, flattened, uint8."""
+    import av
+
+    try:
+        with av.open(str(path), "r", format="mp4") as container:
+            for frame in container.decode(video=0):
+                height, width = frame.height, frame.width
+                plane: Any = frame.planes[0]
+                luma = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[:height, :width]
+                if frame.format.name.startswith("yuvj") or frame.color_range == _JPEG_RANGE:
+                    yield luma.ravel()
+                elif frame.format.name.startswith(("yuv", "gray")) and frame.format.components[0].bits == 8:
+                    yield np.clip(np.rint((luma.ravel() - 16.0) * (255 / 219)), 0, 255).astype(np.uint8)
+                else:
+                    raise StudioError(
+                        "videogs.pixel_format",
+                        f"unsupported pixel format {frame.format.name}",
+                        file=path,
+                        value=frame.format.name,
+                        fix="Export 8-bit YUV.",
+                    )
+    except FileNotFoundError:
+        raise StudioError("videogs.file_missing", "the file is missing", file=path, fix=EXPORT_AGAIN) from None
+    except (av.error.FFmpegError, IndexError, ValueError, OSError) as error:
+        raise StudioError(
+            "videogs.video_unreadable", f"not a readable video ({error})", file=path, fix=EXPORT_AGAIN
+        ) from None
+    raise StudioError(
+        "videogs.video_too_short", "the video has fewer frames than its group", file=path, fix=EXPORT_AGAIN
+    )
+
+
+def _gaussians(frame: _Frame, planes: list[np.ndarray], folder: Path, index: int) -> Gaussians:
+    for channel, plane in enumerate(planes):
+        if plane.size < frame.count:
+            raise StudioError(
+                "videogs.picture_too_small",
+                f"frame {index} has {plane.size} pixels for {frame.count} splats",
+                file=folder / f"{channel}.mp4",
+                value=plane.size,
+                fix=EXPORT_AGAIN,
+                frame=index,
+                expected=frame.count,
+            )
+    codes = [plane[: frame.count].astype(np.float64) for plane in planes]
+    levels = [(codes[2 * axis] + 256 * codes[2 * axis + 1]) / 65535 for axis in range(3)]
+    levels += [code / 255 for code in codes[6:]]
+    low, high = frame.ranges.T
+    values = np.stack(levels) * (high - low)[:, None] + low[:, None]
+    data = torch.from_numpy(values.astype(np.float32))
+    return Gaussians.from_activated(
+        means=data[:3].T.contiguous(),
+        sh=data[6:-8].T.reshape(frame.count, -1, 3).contiguous(),
+        opacities=data[-8].contiguous(),
+        scales=data[-7:-4].T.contiguous(),
+        quats=data[-4:].T.contiguous(),
+    )

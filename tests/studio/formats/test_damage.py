@@ -1,0 +1,362 @@
+"""Damaged and hostile files of every format: one refusal, quickly, and without more memory than the file justifies."""
+
+import io
+import json
+import struct
+import tracemalloc
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from studio.errors import StudioError
+from studio.formats import read_splats, splats_size
+from tests.support.errors import refuses
+
+DATA = Path(__file__).parents[2] / "data" / "splats"
+FILES = (
+    "degree1.spz",
+    "degree1-v3.spz",
+    "degree1.compressed.ply",
+    "degree3.sog",
+    "degree0.splat",
+    "degree1-level1.ksplat",
+    "degree2-level2.ksplat",
+)
+REPEATED = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+MEMORY = 256 << 20
+
+
+def refused_or_sound(path: Path) -> None:
+    """Reading raises a StudioError about this file or gives finite splats, within bounded memory."""
+    refusal, splats = None, None
+    tracemalloc.start()
+    try:
+        splats = read_splats(path)
+    except StudioError as error:
+        refusal = error
+    finally:
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    assert peak < MEMORY
+    if splats is not None:
+        assert len(splats) > 0
+        assert all(values.isfinite().all() for _, values in splats.items())
+    elif refusal is not None:
+        assert Path(refusal.file or "").parent == path.parent
+
+
+@pytest.mark.parametrize("name", FILES)
+@REPEATED
+@given(data=st.data())
+def test_changed_bytes(tmp_path, name, data):
+    content = bytearray((DATA / name).read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        start = data.draw(st.one_of(st.integers(0, 64), st.integers(0, len(content) - 1)))
+        content[start : start + 4] = data.draw(st.binary(min_size=4, max_size=4))
+    if data.draw(st.booleans()):
+        del content[data.draw(st.integers(0, len(content))) :]
+    path = tmp_path / name
+    path.write_bytes(content)
+    refused_or_sound(path)
+
+
+@REPEATED
+@given(data=st.data())
+def test_changed_values_inside_spz_4(tmp_path, data):
+    """Below the compression, so that the values are reached."""
+    good = (DATA / "degree1.spz").read_bytes()
+    streams, table = good[15], struct.unpack_from("<I", good, 16)[0]
+    entries = [struct.unpack_from("<QQ", good, table + 16 * index) for index in range(streams)]
+    position, bodies = table + 16 * streams, []
+    for stored, _ in entries:
+        body = bytearray(zstandard.decompress(good[position : position + stored]))
+        position += stored
+        start = data.draw(st.integers(0, len(body) - 1))
+        body[start : start + 8] = data.draw(st.binary(min_size=8, max_size=8))
+        bodies.append(bytes(body))
+    frames = [zstandard.compress(body) for body in bodies]
+    listed = b"".join(struct.pack("<QQ", len(f), len(b)) for f, b in zip(frames, bodies, strict=True))
+    head = bytearray(good[:32])
+    if data.draw(st.booleans()):
+        head[data.draw(st.integers(4, 31))] = data.draw(st.integers(0, 255))
+    path = tmp_path / "a.spz"
+    path.write_bytes(bytes(head) + listed + b"".join(frames))
+    refused_or_sound(path)
+
+
+def sog_parts() -> dict[str, bytes]:
+    with zipfile.ZipFile(DATA / "degree3.sog") as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def write_sog(path: Path, parts: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> Path:
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    return path
+
+
+ODD = st.one_of(
+    st.none(), st.booleans(), st.integers(-10, 10**12), st.floats(), st.text(max_size=4), st.just([]), st.just({}),
+    st.just("../meta.json"), st.just("/etc/passwd"), st.just([None] * 256), st.just([1e400] * 256), st.just(["\0"]),
+)  # fmt: skip
+
+
+@REPEATED
+@given(data=st.data())
+def test_changed_values_inside_sog(tmp_path, data):
+    parts = sog_parts()
+    meta = json.loads(parts["meta.json"])
+    place = meta
+    key = data.draw(st.sampled_from(sorted(meta)))
+    if isinstance(place[key], dict) and data.draw(st.booleans()):
+        place = place[key]
+        key = data.draw(st.sampled_from(sorted(place)))
+    place[key] = data.draw(ODD)
+    parts["meta.json"] = json.dumps(meta).encode()
+    refused_or_sound(write_sog(tmp_path / "a.sog", parts))
+
+
+def image(width: int, height: int, mode: str = "RGBA", value: int = 255, **options) -> bytes:
+    out = io.BytesIO()
+    Image.new(mode, (width, height), (value,) * len(mode)).save(out, **{"format": "WEBP", "lossless": True, **options})
+    return out.getvalue()
+
+
+def test_sog_parts_that_disagree(tmp_path):
+    good = sog_parts()
+    meta = json.loads(good["meta.json"])
+    path = tmp_path / "a.sog"
+
+    def changed(**sections) -> bytes:
+        return json.dumps({**meta, **sections}).encode()
+
+    big = io.BytesIO()
+    Image.new("L", (16000, 16000)).save(big, format="PNG")
+    cases = [
+        ({"meta.json": b"{"}, "splat_file.sog_meta", {"name": "meta.json"}),
+        ({"meta.json": b"[" * 100_000}, "splat_file.sog_meta", {"name": "meta.json"}),
+        ({"meta.json": b"[]"}, "splat_file.sog_meta", {"name": "meta.json"}),
+        ({"meta.json": changed(version=1)}, "splat_file.unsupported_version", {"value": 1}),
+        ({"meta.json": changed(count=0)}, "splat_file.splat_count", {"value": 0}),
+        ({"meta.json": changed(count=10**9)}, "splat_file.splat_count", {"value": 10**9}),
+        ({"meta.json": changed(count=100_000)}, "splat_file.sog_image", {"name": "means_l.webp"}),
+        ({"meta.json": changed(sh0=None)}, "splat_file.sog_meta", {"name": "sh0"}),
+        (
+            {"meta.json": changed(quats={"files": ["../quats.webp"]})},
+            "splat_file.sog_meta",
+            {"name": "quats.files"},
+        ),
+        (
+            {"meta.json": changed(scales={**meta["scales"], "codebook": [None] * 256})},
+            "splat_file.sog_meta",
+            {"name": "scales.codebook"},
+        ),
+        ({"meta.json": changed(shN={**meta["shN"], "bands": 4})}, "splat_file.sog_meta", {"name": "shN.bands"}),
+        (
+            {"meta.json": changed(shN={**meta["shN"], "bands": 2})},
+            "splat_file.sog_image",
+            {"name": "shN_centroids.webp"},
+        ),
+        ({"meta.json": changed(shN={**meta["shN"], "count": 2})}, "splat_file.sog_meta", {"name": "shN.count"}),
+        ({"quats.webp": image(20, 16, value=100)}, "splat_file.sog_image", {"name": "quats.webp", "value": 100}),
+        ({"sh0.webp": good["sh0.webp"][:200]}, "splat_file.sog_image", {"name": "sh0.webp"}),
+        ({"sh0.webp": b"GIF89a" + bytes(50)}, "splat_file.sog_image", {"name": "sh0.webp", "value": None}),
+        ({"sh0.webp": image(20, 16, lossless=False)}, "splat_file.sog_image", {"name": "sh0.webp", "value": None}),
+        ({"sh0.webp": image(8, 8)}, "splat_file.sog_image", {"name": "sh0.webp", "value": (8, 8)}),
+        ({"sh0.webp": image(4000, 4000)}, "splat_file.sog_image", {"name": "sh0.webp", "value": (4000, 4000)}),
+        ({"sh0.webp": big.getvalue()}, "splat_file.sog_image", {"name": "sh0.webp", "value": (16000, 16000)}),
+    ]
+    for parts, code, fields in cases:
+        write_sog(path, {**good, **parts})
+        with refuses(code, file=path, **fields):
+            read_splats(path)
+    del good["scales.webp"]
+    with refuses("splat_file.sog_part_missing", file=path, name="scales.webp"):
+        read_splats(write_sog(path, good))
+    path.write_bytes(b"PK\3\4" + bytes(100))
+    with refuses("splat_file.unreadable", file=path):
+        read_splats(path)
+    path.write_bytes(b"hello" * 100)
+    with refuses("splat_file.unreadable", file=path):
+        read_splats(path)
+
+
+def test_sog_images_may_be_png_and_zipped(tmp_path):
+    parts = sog_parts()
+    meta = json.loads(parts["meta.json"])
+    out = io.BytesIO()
+    Image.open(io.BytesIO(parts.pop("scales.webp"))).save(out, format="PNG")
+    meta["scales"]["files"] = ["scales.png"]
+    path = tmp_path / "a.sog"
+    write_sog(
+        path, {**parts, "scales.png": out.getvalue(), "meta.json": json.dumps(meta).encode()}, zipfile.ZIP_DEFLATED
+    )
+    assert read_splats(path).log_scales.equal(read_splats(DATA / "degree3.sog").log_scales)
+
+
+def test_an_open_sog_with_a_part_missing(tmp_path):
+    for part in (DATA / "sog" / "degree1").iterdir():
+        if part.name != "quats.webp":
+            (tmp_path / part.name).write_bytes(part.read_bytes())
+    with refuses("splat_file.not_found", file=tmp_path / "quats.webp"):
+        read_splats(tmp_path / "meta.json")
+    with refuses("splat_file.not_found", file=tmp_path / "none" / "meta.json"):
+        splats_size(tmp_path / "none" / "meta.json")
+
+
+def test_small_files_that_claim_much(tmp_path):
+    """Bombs: refused before they are unpacked."""
+    huge = (1 << 26) - 1
+    zeros = zstandard.compress(bytes(9 * 10_000_000))
+    entries = b"".join(struct.pack("<QQ", len(zeros), huge * size) for size in (9, 1, 3, 3, 4))
+    spz = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, huge, 0, 12, 0, 5, 32) + entries + zeros * 5
+    sog = {**sog_parts(), "meta.json": b" " * (200 << 20)}
+    out = tmp_path / "a.sog"
+    write_sog(out, sog, zipfile.ZIP_DEFLATED)
+    (tmp_path / "a.spz").write_bytes(spz)
+    for path in (tmp_path / "a.spz", out):
+        tracemalloc.start()
+        with refuses("splat_file.expansion", file=path):
+            read_splats(path)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 16 << 20
+
+
+def test_zstandard_frames_that_give_more_than_listed(tmp_path):
+    good = (DATA / "degree0.spz").read_bytes()
+    first, listed = struct.unpack_from("<QQ", good, 32)
+    frame = zstandard.compress(bytes(300_000_000))
+    path = tmp_path / "a.spz"
+    path.write_bytes(good[:32] + struct.pack("<QQ", len(frame), listed) + good[48:112] + frame + good[112 + first :])
+    tracemalloc.start()
+    with refuses("splat_file.unreadable", file=path):
+        read_splats(path)
+    assert tracemalloc.get_traced_memory()[1] < 64 << 20
+    tracemalloc.stop()
+
+
+def test_spz_4_containers(tmp_path):
+    good = bytearray((DATA / "degree0.spz").read_bytes())
+    path = tmp_path / "a.spz"
+
+    def with_bytes(start: int, content: bytes) -> bytes:
+        return bytes(good[:start]) + content + bytes(good[start + len(content) :])
+
+    def with_extension(kind: int) -> bytes:
+        record = struct.pack("<II", kind, 12) + bytes(12)
+        return with_bytes(14, b"\x02\x05" + struct.pack("<I", 52))[:32] + record + bytes(good[32:])
+
+    cases = [
+        (bytes(good[:20]), "splat_file.truncated"),
+        (bytes(good[:100]), "splat_file.truncated"),
+        (bytes(good[:-1]), "splat_file.truncated"),
+        (with_bytes(4, b"\x05"), "splat_file.unsupported_version"),
+        (with_bytes(4, b"\x01"), "splat_file.unsupported_version"),
+        (with_bytes(12, b"\x04"), "splat_file.invalid_header"),
+        (with_bytes(12, b"\x01"), "splat_file.invalid_header"),  # degree 1 needs a sixth attribute
+        (with_bytes(16, struct.pack("<I", 16)), "splat_file.invalid_header"),
+        (with_bytes(16, struct.pack("<I", 10**9)), "splat_file.truncated"),
+        (with_bytes(40, struct.pack("<Q", 10**15)), "splat_file.unreadable"),
+        (with_bytes(32, struct.pack("<Q", 2**63)), "splat_file.truncated"),
+        (with_bytes(112, b"\0\0\0\0"), "splat_file.unreadable"),
+        (with_extension(0xADBE0001), "splat_file.extensions"),
+    ]
+    for content, code in cases:
+        path.write_bytes(content)
+        with refuses(code, file=path):
+            read_splats(path)
+    path.write_bytes(with_extension(0xADBE0002))  # camera limits do not change the splats
+    assert read_splats(path).means.equal(read_splats(DATA / "degree0.spz").means)
+
+
+def test_splat_files_of_odd_sizes_and_values(tmp_path):
+    path = tmp_path / "a.splat"
+    good = np.frombuffer((DATA / "degree0.splat").read_bytes(), np.uint8).copy()
+    for size, code in ((0, "splat_file.splat_count"), (31, "splat_file.unreadable"), (33, "splat_file.unreadable")):
+        path.write_bytes(good[:size].tobytes())
+        for reader in (read_splats, splats_size):
+            with refuses(code, file=path):
+                reader(path)
+    for start, value, code, fields in (
+        (0, np.nan, "gaussians.not_finite", {"attribute": "means", "splat": 0}),
+        (12, -1.0, "gaussians.not_finite", {"attribute": "log_scales", "splat": 0}),
+    ):
+        wrong = good.copy()
+        wrong[start : start + 4] = np.frombuffer(np.float32(value).tobytes(), np.uint8)
+        path.write_bytes(wrong.tobytes())
+        with refuses(code, file=path, **fields):
+            read_splats(path)
+    flat = good.copy()
+    flat[12:16] = 0  # a scale of 0: as thin as can be stored
+    path.write_bytes(flat.tobytes())
+    assert read_splats(path).scales[0, 0] < 1e-11
+
+
+def test_ksplat_headers(tmp_path):
+    good = (DATA / "degree1-level1.ksplat").read_bytes()
+    path = tmp_path / "a.ksplat"
+    section = 4096
+    partial = section + 1024  # lengths of the buckets that are not full come first
+    cases = [
+        (good[:4000], "splat_file.truncated"),
+        (good[:5000], "splat_file.truncated"),
+        (good[:-1], "splat_file.truncated"),
+        ((0, b"\x01"), "splat_file.unsupported_version"),
+        ((4, struct.pack("<I", 0)), "splat_file.invalid_header"),
+        ((4, struct.pack("<I", 2**32 - 1)), "splat_file.invalid_header"),
+        ((16, struct.pack("<I", 0)), "splat_file.splat_count"),
+        ((16, struct.pack("<I", 259)), "splat_file.invalid_header"),
+        ((20, struct.pack("<H", 3)), "splat_file.invalid_header"),
+        ((section, struct.pack("<I", 261)), "splat_file.invalid_header"),
+        ((section + 4, struct.pack("<I", 2**32 - 1)), "splat_file.truncated"),
+        ((section + 12, struct.pack("<I", 2**32 - 1)), "splat_file.truncated"),
+        ((section + 16, struct.pack("<f", np.nan)), "gaussians.not_finite"),
+        ((section + 20, struct.pack("<H", 16)), "splat_file.invalid_header"),
+        ((section + 40, struct.pack("<H", 3)), "splat_file.invalid_header"),
+        ((partial, struct.pack("<I", 2**32 - 1)), "splat_file.invalid_header"),
+        ((partial, struct.pack("<I", 0)), "splat_file.invalid_header"),
+    ]
+    for change, code in cases:
+        if isinstance(change, bytes):
+            path.write_bytes(change)
+        else:
+            start, content = change
+            path.write_bytes(good[:start] + content + good[start + len(content) :])
+        with refuses(code, file=path):
+            read_splats(path)
+    with refuses("splat_file.not_found", file=tmp_path / "none.ksplat"):
+        read_splats(tmp_path / "none.ksplat")
+
+
+def test_compressed_ply_headers(tmp_path):
+    good = (DATA / "degree1.compressed.ply").read_bytes()
+    path = tmp_path / "a.ply"
+    cases = [
+        ((b"element chunk 2", b"element chunk 1"), {"splat_file.invalid_header", "splat_file.unreadable"}),
+        ((b"uint packed_scale", b"uint packed_size"), {"splat_file.not_splats"}),
+        ((b"float min_x", b"uint min_x"), {"splat_file.not_splats"}),
+        ((b"property uchar f_rest_8", b"property uchar f_rest_9"), {"splat_file.not_splats"}),
+        ((b"element vertex 260", b"element vertex 0"), {"splat_file.splat_count"}),
+        ((b"element vertex 260", b"element vertex 99999999999"), {"splat_file.unreadable"}),
+    ]
+    for (before, after), codes in cases:
+        assert before in good
+        path.write_bytes(good.replace(before, after, 1))
+        with pytest.raises(StudioError) as caught:
+            read_splats(path)
+        assert (caught.value.code in codes, caught.value.file) == (True, path), caught.value
+    head = good.index(b"end_header\n") + len(b"end_header\n")
+    path.write_bytes(good[:head] + np.float32(np.nan).tobytes() + good[head + 4 :])
+    with refuses("gaussians.not_finite", file=path, attribute="means"):
+        read_splats(path)
+    path.write_bytes(good[:-1])
+    with refuses("splat_file.unreadable", file=path):
+        read_splats(path)

@@ -1,0 +1,199 @@
+"""Sequences of splat files from other programs: order, group boundaries, baking."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from studio.errors import Cancelled
+from studio.formats import write_splats
+from studio.formats.baking import bake_video, cut
+from studio.formats.sequence import find_frames, open_import
+from studio.formats.videogs import export_videogs
+from studio.gaussians import Gaussians
+from studio.playback import play_headless
+from studio.stream import BakeSettings, StreamReader
+from tests.support.errors import refuses
+
+SPLATS = Path(__file__).parents[2] / "data" / "splats"
+
+
+def body(frame: int, splats: int = 120, degree: int = 0, seed: int = 0) -> Gaussians:
+    """A body that moves along x, with the same splats in each frame."""
+    generator = torch.Generator().manual_seed(seed)
+    means = torch.randn(splats, 3, generator=generator) * torch.tensor([0.2, 0.2, 0.5])
+    means[:, 0] += 0.05 * frame
+    quats = torch.nn.functional.normalize(torch.randn(splats, 4, generator=generator), dim=1)
+    log_scales = torch.randn(splats, 3, generator=generator) * 0.3 - 4
+    sh = torch.randn(splats, (degree + 1) ** 2, 3, generator=generator) * 0.2
+    return Gaussians(means, quats, log_scales, torch.randn(splats, generator=generator), sh)
+
+
+def covariances(splats: Gaussians) -> torch.Tensor:
+    """(N, 3, 3) covariances, independent of the order of a splat's axes."""
+    matrix = torch.from_numpy(Rotation.from_quat(splats.quats.numpy(), scalar_first=True).as_matrix())
+    stretched = matrix * splats.scales[:, None]
+    return stretched @ stretched.transpose(1, 2)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    return folder
+
+
+def test_numbers_say_the_order(folder):
+    for name in ("walk10.ply", "walk9.ply", "walk_2.extra.ply", ".hidden_1.ply", "notes.txt"):
+        (folder / name).touch()
+    assert [path.name for path in find_frames(folder)] == ["walk_2.extra.ply", "walk9.ply", "walk10.ply"]
+    (folder / "other9.ply").touch()
+    with refuses("import.duplicate_frame", file=folder, value=9, files=["other9.ply", "walk9.ply"]):
+        find_frames(folder)
+
+
+def test_nothing_to_import(folder, tmp_path):
+    with refuses("import.no_files", file=folder):
+        open_import(folder)
+    with refuses("import.not_found", file=tmp_path / "none"):
+        open_import(tmp_path / "none")
+
+
+def test_a_folder_of_more_than_one_format_is_refused_by_name(folder):
+    for name in ("a1.ply", "a2.PLY", "a2.spz", "a3.glb"):
+        (folder / name).touch()
+    files = ["a1.ply", "a2.spz", "a3.glb"]
+    with refuses("import.mixed_formats", file=folder, value=[".ply", ".spz", ".glb"], files=files):
+        open_import(folder)
+    for name in ("a1.ply", "a2.PLY"):
+        (folder / name).unlink()
+    with refuses("import.mixed_formats", file=folder, value=[".spz", ".glb"]):
+        open_import(folder)
+    (folder / "a2.spz").unlink()
+    with refuses("import.no_files", file=folder):  # GLB is only written
+        open_import(folder)
+
+
+def test_a_videogs_folder_with_other_files_is_refused(folder):
+    write_splats(folder / "f0.ply", body(0))
+    export_videogs(open_import(folder), folder / "out")
+    assert open_import(folder / "out").frame_count == 1
+    write_splats(folder / "out" / "f0.ply", body(0))
+    with refuses("import.mixed_formats", file=folder / "out", value=["VideoGS", ".ply"]):
+        open_import(folder / "out")
+
+
+def test_open_sog_data_sets(folder):
+    """meta.json with images: itself, its folder, and folders of them as frames; others' meta.json do not count."""
+    assert open_import(SPLATS / "sog" / "degree1" / "meta.json").frame_count == 1
+    assert open_import(SPLATS / "sog" / "degree1").frame_count == 1
+    for number in (10, 9):
+        shutil.copytree(SPLATS / "sog" / "degree1", folder / f"frame{number}")
+    (folder / "notes").mkdir()
+    (folder / "meta.json").write_text('{"made by": "someone"}')
+    assert [path.parent.name for path in find_frames(folder)] == ["frame9", "frame10"]
+    video = open_import(folder)
+    assert (video.frame_count, video.group_starts, video.up.tolist()) == (2, (0,), [0, -1, 0])
+    shutil.copytree(SPLATS / "sog" / "degree1", folder / "again9")
+    with refuses("import.duplicate_frame", file=folder, value=9, files=["again9", "frame9"]):
+        find_frames(folder)
+    shutil.copy(SPLATS / "degree3.sog", folder)
+    with refuses("import.mixed_formats", file=folder, value=["*/meta.json", ".sog"]):
+        find_frames(folder)
+
+
+@pytest.mark.parametrize("name", ["degree1.compressed.ply", "degree1.spz", "degree0.sog", "degree0.splat",
+                                  "degree2-level2.ksplat"])  # fmt: skip
+def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
+    for frame in range(3):
+        shutil.copy(SPLATS / name, folder / f"f{frame}{name[name.index('.') :]}")
+    manifest = bake_video(open_import(folder), tmp_path / "stream", BakeSettings(qp=0))
+    assert [group.frame_count for group in manifest.groups] == [3]
+    assert manifest.sh_degree == int(name[6])
+    assert manifest.metadata["up"] == ([0, 1, 0] if name.endswith(".spz") else [0, -1, 0])
+
+
+@pytest.mark.parametrize("ending", [".ply", ".spz"])
+def test_one_body_is_one_group(folder, ending):
+    for frame in range(6):
+        write_splats(folder / f"f{frame}{ending}", body(frame))
+    video = open_import(folder, fps=12)
+    assert (video.frame_count, video.fps, video.group_starts) == (6, 12, (0,))
+    assert video.up.tolist() == ([0, -1, 0] if ending == ".ply" else [0, 1, 0])
+    np.testing.assert_allclose(video.read(5).means, body(5).means, atol=1e-4)
+
+
+def test_groups_begin_where_splats_can_no_longer_be_followed(folder):
+    shuffled = torch.randperm(120, generator=torch.Generator().manual_seed(5))
+    frames = [
+        body(0),
+        body(1),
+        body(2)[shuffled],
+        body(3)[shuffled],
+        body(4, splats=90),
+        body(5, splats=80),
+        body(6, splats=80),
+    ]
+    for index, frame in enumerate(frames):
+        write_splats(folder / f"f{index}.ply", frame)
+    told = []
+    video = open_import(folder, progress=lambda done, total, **figures: told.append((done, total)))
+    assert video.group_starts == (0, 2, 4, 5)
+    assert told == [(index, 7) for index in range(8)]
+    assert cut(video, 1) == [range(index, index + 1) for index in range(7)]
+    assert cut(video, 20) == [range(2), range(2, 4), range(4, 5), range(5, 7)]
+
+
+def test_baked_and_played(folder, tmp_path):
+    frames = [body(index, degree=1) for index in range(5)] + [body(5, splats=70)]
+    for index, frame in enumerate(frames):
+        write_splats(folder / f"f{index:02d}.ply", frame)
+    manifest = bake_video(open_import(folder, fps=10), tmp_path / "stream", BakeSettings(qp=0), group_size=3)
+    assert [group.frame_count for group in manifest.groups] == [3, 2, 1]
+    assert manifest.sh_degree == 1
+    assert manifest.fps == 10
+    assert manifest.metadata["up"] == [0, -1, 0]
+    with StreamReader.open(tmp_path / "stream") as reader:
+        for index, meant in enumerate(frames):
+            found = reader.gaussians(index)
+            assert len(found) == len(meant)
+            nearest = torch.cdist(meant.means.double(), found.means.double())
+            assert nearest.min(dim=1).values.max() < 1e-3  # position steps depend on the splats' size and opacity
+            which = nearest.argmin(dim=1)
+            assert (found.opacities[which] - meant.opacities).abs().max() < 0.01
+            shapes = [covariances(splats) for splats in (found[which], meant)]
+            size = shapes[1].diagonal(dim1=1, dim2=2).sum(1).max()
+            assert (shapes[0] - shapes[1]).abs().max() < 0.02 * size
+            if len(meant) == 120:
+                assert (found.sh[which] - meant.sh).abs().max() < 0.02
+    assert play_headless(tmp_path / "stream").shown == 6
+
+
+def test_one_file_is_a_video_of_one_frame(folder, tmp_path):
+    write_splats(folder / "one.ply", body(0))
+    manifest = bake_video(open_import(folder / "one.ply"), tmp_path / "stream", BakeSettings())
+    assert manifest.frame_count == 1
+
+
+def test_a_damaged_frame_leaves_nothing_behind(folder, tmp_path):
+    for frame in range(3):
+        write_splats(folder / f"f{frame}.ply", body(frame))
+    video = open_import(folder)
+    path = folder / "f2.ply"
+    path.write_bytes(path.read_bytes()[:-100])
+    with refuses("splat_file.unreadable", file=path):
+        bake_video(video, tmp_path / "stream", BakeSettings())
+    write_splats(path, body(2))
+
+    def stop(done, total, **figures):
+        if done == 2:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        bake_video(video, tmp_path / "stream", BakeSettings(), progress=stop)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
+    with refuses("import.invalid_group_size", value=0):
+        bake_video(video, tmp_path / "stream", BakeSettings(), group_size=0)

@@ -1,0 +1,179 @@
+"""SPZ: files from other programs, an independent reader, and errors within the format's steps."""
+
+import gzip
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import zstandard
+from scipy.spatial.transform import Rotation
+
+from studio.errors import StudioError
+from studio.formats import read_splats, splats_size, write_splats
+from studio.gaussians import Gaussians
+from tests.support.errors import refuses
+
+DATA = Path(__file__).parents[2] / "data" / "splats"
+
+
+@pytest.mark.parametrize(
+    ("name", "z", "dc", "quat"),
+    [
+        ("minimal-raw.spz", -1, 1.1111, 0.0039),
+        ("minimal-v2.spz", -1, 1.1111, 0.0039),
+        ("minimal-v3.spz", 1, 0.5882, 0.0),
+    ],
+)
+def test_files_of_other_programs(name, z, dc, quat):
+    """Values as read by splat-transform 3.7 (which flips y and z to PLY axes; here they are as in the file)."""
+    assert splats_size(DATA / name) == (4, 0)
+    splats = read_splats(DATA / name)
+    expected = [[-1, 0, z], [0, 0, z], [-1, 0, 0], [0, 0, 0]]
+    assert splats.means.tolist() == expected
+    assert torch.allclose(splats.scales, torch.tensor(0.0990), atol=1e-4)
+    assert torch.allclose(splats.opacities, torch.tensor(0.9020), atol=1e-4)
+    assert torch.allclose(splats.quats, torch.tensor([1, quat, quat, quat]), atol=1e-4)
+    signs = torch.tensor([[-1, -1], [1, -1], [-1, 1], [1, 1]])
+    assert torch.allclose(splats.sh[:, 0, :2], dc * signs, atol=1e-4)
+    assert torch.allclose(splats.sh[:, 0, 2], torch.tensor(0.0131), atol=1e-4)
+
+
+def unpacked(data: bytes, version: int) -> bytes:
+    """The 16 bytes of the header that all versions share, and the attributes one after the other."""
+    if version == 3:
+        return gzip.decompress(data)
+    streams, table = data[15], struct.unpack_from("<I", data, 16)[0]
+    assert (data[14], table, data[20:32]) == (0, 32, bytes(12))  # no extensions, nothing in the reserved bytes
+    entries = [struct.unpack_from("<QQ", data, table + 16 * index) for index in range(streams)]
+    position, body = table + 16 * streams, b""
+    for stored, size in entries:
+        body += zstandard.ZstdDecompressor().decompress(data[position : position + stored])
+        position += stored
+        assert size > 0
+    assert position == len(data)
+    assert len(body) == sum(size for _, size in entries)
+    return data[:15] + bytes(1) + body
+
+
+def by_the_description(data: bytes, expected_version: int) -> dict[str, np.ndarray]:
+    """Splat by splat, as in the README of the format."""
+    data = unpacked(data, expected_version)
+    magic, version, count, degree, bits, flags, reserved = struct.unpack_from("<IIIBBBB", data)
+    assert (magic, version, flags, reserved) == (0x5053474E, expected_version, 0, 0)
+    rest = (degree + 1) ** 2 - 1
+    starts = np.cumsum([16, 9 * count, count, 3 * count, 3 * count, 4 * count])
+    assert len(data) == starts[-1] + 3 * rest * count
+    out = {name: [] for name in ("means", "opacities", "dc", "log_scales", "quats", "sh")}
+    for i in range(count):
+        at = data[starts[0] + 9 * i :]
+        out["means"].append([int.from_bytes(at[3 * k : 3 * k + 3], "little", signed=True) / 2**bits for k in range(3)])
+        out["opacities"].append(data[starts[1] + i] / 255)
+        out["dc"].append([(data[starts[2] + 3 * i + k] / 255 - 0.5) / 0.15 for k in range(3)])
+        out["log_scales"].append([data[starts[3] + 3 * i + k] / 16 - 10 for k in range(3)])
+        word = int.from_bytes(data[starts[4] + 4 * i :][:4], "little")
+        largest = word >> 30
+        xyzw, shift = [0.0] * 4, 20
+        for k in range(4):
+            if k != largest:
+                part = word >> shift & 0x3FF
+                xyzw[k] = (-1 if part & 512 else 1) * (part & 511) / 511 / math.sqrt(2)
+                shift -= 10
+        xyzw[largest] = math.sqrt(1 - sum(value * value for value in xyzw))
+        out["quats"].append([xyzw[3], *xyzw[:3]])
+        values = data[starts[5] + 3 * rest * i :][: 3 * rest]
+        out["sh"].append([[(values[3 * k + c] - 128) / 128 for c in range(3)] for k in range(rest)])
+    return {name: np.array(values) for name, values in out.items()}
+
+
+@pytest.mark.parametrize("degree", [0, 1, 3])
+@pytest.mark.parametrize("version", [3, 4])
+def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree, version):
+    splats = make_splats(120, degree)
+    path = tmp_path / "a.spz"
+    write_splats(path, splats, version=version)
+    found = by_the_description(path.read_bytes(), version)
+    np.testing.assert_allclose(found["means"], splats.means, atol=0.5 / 2**14 + 1e-7)
+    np.testing.assert_allclose(found["opacities"], splats.opacities, atol=0.5 / 255 + 1e-6)
+    np.testing.assert_allclose(found["dc"], splats.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-6)
+    np.testing.assert_allclose(found["log_scales"], splats.log_scales, atol=1 / 32 + 1e-6)
+    theirs = Rotation.from_quat(found["quats"], scalar_first=True)
+    turned = theirs.inv() * Rotation.from_quat(splats.quats.numpy(), scalar_first=True)
+    assert np.degrees(turned.magnitude()).max() < 0.25
+    if degree:
+        np.testing.assert_allclose(found["sh"][:, :3], splats.sh[:, 1:4], atol=4.5 / 128 + 1e-6)
+        np.testing.assert_allclose(found["sh"][:, 3:], splats.sh[:, 4:], atol=8.5 / 128 + 1e-6)
+    assert splats_size(path) == (120, degree)
+    mine = read_splats(path)
+    np.testing.assert_allclose(mine.means, found["means"], atol=1e-6)
+    np.testing.assert_allclose(mine.quats, found["quats"], atol=1e-6)
+    np.testing.assert_allclose(mine.opacities, found["opacities"], atol=1e-6)
+    np.testing.assert_allclose(mine.log_scales, found["log_scales"], atol=1e-6)
+    np.testing.assert_allclose(mine.sh[:, 1:], found["sh"].reshape(120, -1, 3), atol=1e-6)
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_equal_splats_give_equal_bytes(tmp_path, make_splats, version):
+    for name in ("a.spz", "b.spz"):
+        write_splats(tmp_path / name, make_splats(), version=version)
+    assert (tmp_path / "a.spz").read_bytes() == (tmp_path / "b.spz").read_bytes()
+
+
+def test_version_4_is_the_default_and_2_is_not_written(tmp_path, make_splats):
+    write_splats(tmp_path / "a.spz", make_splats(5))
+    assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
+    with refuses("splat_file.unsupported_version", file=tmp_path / "b.spz", value=2):
+        write_splats(tmp_path / "b.spz", make_splats(5), version=2)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 300.0, 1e6])
+def test_positions_of_any_size(tmp_path, make_splats, size):
+    splats = make_splats(50)
+    scaled = Gaussians(**{**dict(splats.items()), "means": splats.means * size})
+    write_splats(tmp_path / "a.spz", scaled)
+    error = (read_splats(tmp_path / "a.spz").means - scaled.means).abs().max()
+    farthest, extent = scaled.means.abs().max(), (scaled.means.max(0).values - scaled.means.min(0).values).max()
+    step = max(min(extent / 2**16, 2**-12), 2**-20, 2 * farthest / 2**23)
+    assert error <= 0.5 * step + 1e-7 * size
+
+
+def test_too_far_out(tmp_path, make_splats):
+    splats = make_splats(5)
+    far = Gaussians(**{**dict(splats.items()), "means": splats.means + 1e8})
+    with refuses("splat_file.position_range", file=tmp_path / "a.spz"):
+        write_splats(tmp_path / "a.spz", far)
+
+
+def test_damage(tmp_path, make_splats):
+    path = tmp_path / "a.spz"
+    write_splats(path, make_splats(64), version=3)
+    good = path.read_bytes()
+    plain = gzip.decompress(good)
+
+    def with_head(**changes) -> bytes:
+        names = ("magic", "version", "count", "degree", "bits", "flags", "reserved")
+        values = dict(zip(names, struct.unpack_from("<IIIBBBB", plain), strict=True))
+        return gzip.compress(struct.pack("<IIIBBBB", *{**values, **changes}.values()) + plain[16:])
+
+    cases = [
+        (good[:-200], {"splat_file.truncated", "splat_file.unreadable"}),
+        (good[:30] + bytes([good[30] ^ 255]) + good[31:], {"splat_file.truncated", "splat_file.unreadable"}),
+        (b"", {"splat_file.unreadable"}),
+        (b"hello, this is text", {"splat_file.unreadable"}),
+        (with_head(version=5), {"splat_file.unsupported_version"}),
+        (with_head(version=4), {"splat_file.unreadable"}),  # version 4 is not gzipped as a whole
+        (with_head(count=65), {"splat_file.truncated"}),
+        (with_head(count=0), {"splat_file.invalid_header"}),
+        (with_head(count=4_000_000_000), {"splat_file.invalid_header"}),
+        (with_head(degree=4), {"splat_file.invalid_header"}),
+        (with_head(flags=2), {"splat_file.extensions"}),
+        (with_head(count=1 << 26), {"splat_file.expansion"}),
+    ]
+    for data, codes in cases:
+        path.write_bytes(data)
+        with pytest.raises(StudioError) as caught:
+            read_splats(path)
+        assert caught.value.code in codes
+        assert caught.value.file == path

@@ -1,0 +1,332 @@
+"""The VideoGS layout, read by a reader that was written from the description of the layout alone. Like the players of
+the released code, it decodes with OpenCV to BGR pictures and converts these to gray."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from scipy.spatial import cKDTree
+
+from studio.errors import Cancelled
+from studio.formats.sequence import open_import
+from studio.formats.videogs import export_videogs, open_videogs
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from tests.support.errors import refuses
+
+
+def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]:
+    """All frames: positions, f_dc, f_rest, opacity, scale and rotation, as in the released players."""
+    groups = json.loads((folder / "group_info.json").read_text())
+    ranges = json.loads((folder / "viewer_min_max.json").read_text())
+    assert sorted(groups, key=int) == [str(g) for g in range(len(groups))]
+    frames = []
+    for g in range(len(groups)):
+        first, last = groups[str(g)]["frame_index"]
+        assert first == len(frames)
+        attributes = len(ranges[str(first)]["info"]) // 2
+        files = [cv2.VideoCapture(str(folder / f"group{g}" / f"{c}.mp4")) for c in range(attributes + 3)]
+        for index in range(first, last + 1):
+            count, info = ranges[str(index)]["num"], ranges[str(index)]["info"]
+            assert len(info) == 2 * attributes
+            pixels = []
+            for file in files:
+                good, picture = file.read()
+                assert good
+                gray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+                assert gray.shape[0] == gray.shape[1]
+                assert gray.shape[0] % 8 == 0
+                assert (gray.shape[0] - 8) ** 2 < count <= gray.shape[0] ** 2
+                assert not (lossless and gray.ravel()[count:].any())
+                pixels.append(gray.ravel()[:count].astype(np.float64))
+            values = []
+            for attribute in range(attributes):
+                if attribute < 3:
+                    level = (256 * pixels[2 * attribute + 1] + pixels[2 * attribute]) / 65535
+                else:
+                    level = pixels[attribute + 3] / 255
+                low, high = info[2 * attribute : 2 * attribute + 2]
+                values.append(level * (high - low) + low)
+            table = np.stack(values, axis=1)
+            frames.append(
+                {
+                    "position": table[:, :3],
+                    "normal": table[:, 3:6],
+                    "f_dc": table[:, 6:9],
+                    "f_rest": table[:, 9:-8],
+                    "opacity": table[:, -8],
+                    "scale": table[:, -7:-4],
+                    "rotation": table[:, -4:],
+                }
+            )
+        assert not any(file.read()[0] for file in files)
+    return frames
+
+
+@pytest.mark.parametrize("degree", [0, 1, 3])
+def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
+    """QP 0: every splat is within half a quantization step of the ranges of its frame."""
+    video = make_video((3, 1, 2), degree=degree)
+    export_videogs(video, tmp_path / "out", qp=0)
+    frames = players_reader(tmp_path / "out")
+    assert len(frames) == 6
+    for group in video.groups:
+        keyframe = video.read(group[0])
+        # match exported splats by the nearest one in the first frame of the group
+        distance = torch.cdist(torch.tensor(frames[group[0]]["position"]), keyframe.means.double())
+        which = distance.argmin(dim=1)
+        assert len(set(which.tolist())) == len(keyframe)
+        for index in group:
+            meant, found = video.read(index)[which], frames[index]
+            expected = {
+                "position": (meant.means, 65535),
+                "f_dc": (meant.sh[:, 0], 255),
+                "f_rest": (meant.sh[:, 1:].reshape(len(meant), -1), 255),
+                "opacity": (meant.opacities, 255),
+                "scale": (meant.scales, 255),
+            }
+            assert not found["normal"].any()
+            for name, (values, levels) in expected.items():
+                array = values.double().numpy()
+                if array.size:
+                    least = 0 if name == "opacity" else array.min(axis=0)
+                    step = (array.max(axis=0) - least) / levels
+                    assert (np.abs(found[name] - array) <= 0.5 * step + 1e-6).all(), name
+            rotation = found["rotation"] / np.linalg.norm(found["rotation"], axis=1, keepdims=True)
+            alike = np.abs((rotation * meant.unit_quats.double().numpy()).sum(axis=1))
+            assert alike.min() > 1 - 4e-5
+
+
+def test_independent_reader_agrees_with_our_decoder(tmp_path, make_video):
+    """For a losslessly exported stream, the players' decoder, our import and our stream decoder agree."""
+    video = make_video((4, 3))
+    settings = BakeSettings(qp=12)
+    entries = [
+        bake_group([video.read(index) for index in group], tmp_path / "stream", number, group[0], settings)
+        for number, group in enumerate(video.groups)
+    ]
+    write_manifest(tmp_path / "stream", entries, 20.0, settings)
+    from pipelines.takes.videos import decoded_video
+
+    with StreamReader.open(tmp_path / "stream") as reader:
+        export_videogs(decoded_video(reader), tmp_path / "out", qp=0)
+        decoded = list(reader.iterate())
+    imported = open_import(tmp_path / "out")
+    assert imported.groups == video.groups
+    for index, players in enumerate(players_reader(tmp_path / "out")):
+        mine, back = decoded[index], imported.read(index)
+        np.testing.assert_allclose(back.means, players["position"], atol=1e-6)
+        np.testing.assert_allclose(back.scales, players["scale"], rtol=1e-5)
+        np.testing.assert_allclose(back.opacities, players["opacity"], atol=2e-6)
+        np.testing.assert_allclose(back.sh[:, 0], players["f_dc"], atol=1e-6)
+        np.testing.assert_allclose(back.quats, players["rotation"], atol=1e-6)
+        splat = cKDTree(mine.means.numpy()).query(back.means.numpy())[1]
+        assert np.array_equal(np.sort(splat), np.arange(len(mine)))
+        extent = np.ptp(mine.means.numpy(), axis=0).max()
+        np.testing.assert_allclose(mine.means.numpy()[splat], back.means.numpy(), atol=extent / 65535)
+        for name in ("opacities", "scales"):
+            one, two = getattr(mine, name).numpy()[splat], getattr(back, name).numpy()
+            np.testing.assert_allclose(one, two, atol=np.ptp(one) / 255)
+
+
+def test_lossy_export_is_smaller_and_keeps_high_bytes(tmp_path, make_video):
+    video = make_video((3,), splats=2000)
+    sizes = {}
+    for qp in (0, 20, 35):
+        export_videogs(video, tmp_path / str(qp), qp=qp)
+        sizes[qp] = {path.name: path.stat().st_size for path in (tmp_path / str(qp) / "group0").iterdir()}
+    assert sum(sizes[35].values()) < sum(sizes[20].values()) < sum(sizes[0].values())
+    for channel in (1, 3, 5):
+        data = [(tmp_path / str(qp) / "group0" / f"{channel}.mp4").read_bytes() for qp in (0, 35)]
+        assert data[0] == data[1]
+    # the QP of color, scale and rotation is at most 22; low bytes of positions and opacity have the given QP
+    export_videogs(video, tmp_path / "22", qp=22)
+    files = {path.name: path.read_bytes() for path in (tmp_path / "22" / "group0").iterdir()}
+    same = {name for name, data in files.items() if data == (tmp_path / "35" / "group0" / name).read_bytes()}
+    assert {f"{c}.mp4" for c in range(20)} - same == {"0.mp4", "2.mp4", "4.mp4", "12.mp4"}
+    high = players_reader(tmp_path / "35", lossless=False)
+    extent = np.ptp(video.read(1).means.numpy(), axis=0)
+    a, b = (np.sort(points, axis=0) for points in (high[1]["position"], video.read(1).means.numpy()))
+    assert (np.abs(a - b) < 256 / 65535 * extent + 1e-6).all()
+
+
+def opacities_of_pixels(folder, group: int, frame: int, index: int, attributes: int = 17) -> tuple[np.ndarray, int]:
+    """Opacity of each pixel of a frame as a player has it that draws padding, too, and the number of splats."""
+    file = cv2.VideoCapture(str(folder / f"group{group}" / f"{attributes - 8 + 3}.mp4"))
+    for _ in range(frame + 1):
+        good, picture = file.read()
+        assert good
+    entry = json.loads((folder / "viewer_min_max.json").read_text())[str(index)]
+    low, high = entry["info"][2 * (attributes - 8) : 2 * (attributes - 8) + 2]
+    return cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).ravel() / 255 * (high - low) + low, entry["num"]
+
+
+@pytest.mark.parametrize("qp", [0, 20, 28, 35])
+def test_padding_is_invisible_and_opacities_are_as_exact_as_the_codec_would_be(tmp_path, make_video, qp):
+    """Players draw nothing below 1/255. A codec's quantizer with the step s has an error of s / sqrt(12)."""
+    video = make_video((4,), splats=1900)  # of 48 x 48 pixels
+    export_videogs(video, tmp_path / "out", qp=qp)
+    for index in range(4):
+        values, count = opacities_of_pixels(tmp_path / "out", 0, index, index)
+        assert (len(values), count) == (48 * 48, 1900)
+        assert abs(values[count:]).max() < 1 / 255
+        # ordered, since the export orders splats: a lower bound of the error, and close to it where it is small
+        meant = np.sort(video.read(index).opacities.numpy())
+        error = np.sort(values[:count]) - meant
+        step = max(1, 2 ** ((qp - 4) / 6)) / 255 * meant.max()
+        assert np.sqrt((error**2).mean()) <= 1.1 * step / 12**0.5
+        assert abs(error).max() <= 0.55 * step
+
+
+def test_names_and_constant_channels(tmp_path, make_video):
+    video = make_video((5,))
+    still = video.read(0)
+    still.sh[:] = 0.25
+    part = video.part(2, 5)
+    export_videogs(part, tmp_path / "out", qp=0)
+    info = json.loads((tmp_path / "out" / "group_info.json").read_text())
+    assert info == {"0": {"frame_index": [0, 2], "name_index": [2, 4]}}
+    export_videogs(video.part(0, 1), tmp_path / "constant", qp=0)
+    np.testing.assert_array_equal(players_reader(tmp_path / "constant")[0]["f_dc"], 0.25)
+
+
+def test_whole_or_not_at_all(tmp_path, make_video):
+    def stop(done, total, **figures):
+        if done == 2:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        export_videogs(make_video(), tmp_path / "out", progress=stop)
+    assert list(tmp_path.iterdir()) == []
+    with refuses("export.invalid_qp", value=52):
+        export_videogs(make_video(), tmp_path / "out", qp=52)
+    (tmp_path / "out").mkdir()
+    with refuses("export.already_exists", file=tmp_path / "out"):
+        export_videogs(make_video(), tmp_path / "out")
+    with refuses("export.no_parent_folder", file=tmp_path / "a" / "b"):
+        export_videogs(make_video(), tmp_path / "a" / "b")
+
+
+@pytest.fixture
+def exported(tmp_path, make_video):
+    export_videogs(make_video((3, 2)), tmp_path / "out", qp=0)
+    return tmp_path / "out"
+
+
+def test_frames_in_any_order(exported):
+    video = open_videogs(exported)
+    in_order = list(video)
+    for index in (4, 0, 2, 2, 1, 3):
+        assert torch.equal(video.read(index).means, in_order[index].means)
+
+
+def test_frames_called_by_their_names_as_the_released_baker_does(exported):
+    expected = [frame.means for frame in open_videogs(exported)]
+    info = json.loads((exported / "group_info.json").read_text())
+    for entry in info.values():
+        entry["name_index"] = [number + 3 for number in entry["frame_index"]]
+    (exported / "group_info.json").write_text(json.dumps(info))
+    table = json.loads((exported / "viewer_min_max.json").read_text())
+    (exported / "viewer_min_max.json").write_text(json.dumps({str(int(k) + 3): v for k, v in table.items()}))
+    for found, meant in zip(open_videogs(exported), expected, strict=True):
+        assert torch.equal(found.means, meant)
+
+
+def test_limited_range_video_is_scaled_to_the_full_one(exported):
+    """Limited range, as the released baker encodes: within two levels of full range."""
+    import av
+
+    before = open_videogs(exported).read(0)
+    path = exported / "group0" / "12.mp4"  # opacity
+    with av.open(str(path)) as file:
+        pictures = [frame.to_ndarray()[: frame.height] for frame in file.decode(video=0)]
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", rate=30, options={"qp": "0"})
+        stream.width, stream.height, stream.pix_fmt = pictures[0].shape[1], pictures[0].shape[0], "yuv420p"
+        for picture in pictures:
+            limited = np.full((picture.shape[0] * 3 // 2, picture.shape[1]), 128, np.uint8)
+            limited[: picture.shape[0]] = np.rint(16 + picture * (219 / 255))
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(limited, format="yuv420p")))
+        out.mux(stream.encode())
+    after = open_videogs(exported).read(0)
+    span = float(before.opacities.max() - before.opacities.min())
+    assert (after.opacities - before.opacities).abs().max() <= 2 / 255 * span
+
+
+def test_damaged_layouts(exported, tmp_path):
+    def change(name, edit):
+        path = exported / name
+        good = path.read_text()
+        values = json.loads(good)
+        edit(values)
+        path.write_text(json.dumps(values))
+        return path, good
+
+    cases = [
+        (
+            "group_info.json",
+            lambda v: v["1"].update(frame_index=[4, 4]),
+            "videogs.invalid_group",
+            {"group": 1, "value": (4, 4), "expected": 3},
+        ),
+        (
+            "group_info.json",
+            lambda v: v["1"].update(frame_index=[3, 10**9]),
+            "videogs.invalid_group",
+            {"group": 1, "value": (3, 10**9)},
+        ),
+        ("group_info.json", lambda v: v.pop("0"), "videogs.invalid_group", {"group": 0}),
+        ("viewer_min_max.json", lambda v: v.pop("4"), "videogs.missing_frame", {"frame": "4"}),
+        (
+            "viewer_min_max.json",
+            lambda v: v["2"].update(num=10**9),
+            "videogs.invalid_frame",
+            {"frame": "2", "name": "num", "value": 10**9},
+        ),
+        (
+            "viewer_min_max.json",
+            lambda v: v["2"]["info"].pop(),
+            "videogs.invalid_frame",
+            {"frame": "2", "name": "info", "value": None},
+        ),
+        (
+            "viewer_min_max.json",
+            lambda v: v["2"].update(info=[0, 1] * 5),
+            "videogs.invalid_frame",
+            {"frame": "2", "name": "info", "value": 10},
+        ),
+        (
+            "viewer_min_max.json",
+            lambda v: v["2"]["info"].__setitem__(0, 1e9),
+            "videogs.invalid_frame",
+            {"frame": "2", "name": "info"},
+        ),
+    ]
+    for name, edit, code, fields in cases:
+        path, good = change(name, edit)
+        with refuses(code, file=path, **fields):
+            list(open_videogs(exported))
+        path.write_text(good)
+    path, good = change("viewer_min_max.json", lambda v: v["2"].update(num=10**6))
+    with refuses("videogs.picture_too_small", file=exported / "group0" / "0.mp4", frame=2, expected=10**6):
+        list(open_videogs(exported))
+    path.write_text(good)
+    video = exported / "group0" / "7.mp4"
+    data = video.read_bytes()
+    for wrong, code in (
+        (data[:200], "videogs.video_unreadable"),
+        (b"", "videogs.video_unreadable"),
+        (None, "videogs.file_missing"),
+    ):
+        video.unlink()
+        if wrong is not None:
+            video.write_bytes(wrong)
+        with refuses(code, file=video):
+            open_videogs(exported).read(1)
+        video.write_bytes(b"")
+    video.write_bytes((exported / "group1" / "7.mp4").read_bytes())  # two frames instead of three
+    with refuses("videogs.video_too_short", file=video):
+        open_videogs(exported).read(2)
+    with refuses("videogs.file_missing", file=tmp_path / "group_info.json"):
+        open_videogs(tmp_path)
