@@ -286,7 +286,12 @@ def test_each_dependency_says_why() -> None:
 
 
 # Where the import's name is not the package's. torch, numpy and so on are the same.
-MODULES = {"opencv-contrib-python-headless": "cv2", "pillow": "PIL", "ruamel.yaml": "ruamel"}
+MODULES = {
+    "lazy-loader": "lazy_loader",
+    "opencv-contrib-python-headless": "cv2",
+    "pillow": "PIL",
+    "ruamel.yaml": "ruamel",
+}
 NEVER_IMPORTED = {"packaging", "s3fs", "gcsfs", "adlfs"}  # gsplat (extra cuda) and fsspec import them
 FROM_TORCH = {"triton"}  # torch's CUDA builds for Linux bring the version that fits them
 

@@ -19,131 +19,67 @@ the pixel origin is the outer corner of the top-left pixel; images are RGB.
 Exports are imported on first use, so `import v3studio` is fast.
 """
 
-from typing import TYPE_CHECKING
-
-from studio.lazy import lazy_exports
-
-if TYPE_CHECKING:
-    from pipelines.config import Config, load_config
-    from pipelines.events import Event, Metrics, Progress, RunFinished, StageFinished, Warned
-    from pipelines.runs.runner import run, status
-    from pipelines.runs.staleness import StageStatus
-    from pipelines.share.publishing import publish
-    from pipelines.share.results import PageText, Shared
-    from pipelines.share.serving import Serving, serve
-    from pipelines.share.sharing import share
-    from pipelines.takes.take import Take
-    from pipelines.takes.videos import trained_video
-    from studio.calibration import (
-        CalibrationResult,
-        CalibrationTarget,
-        TiePoint,
-        align_rigs,
-        calibrate_from_images,
-        calibrate_from_target,
-        calibrate_from_tie_points,
-        compare_rigs,
-        detect_target,
-        read_tie_points,
-        write_target_pdf,
-    )
-    from studio.calibration.settings import CalibrateSettings
-    from studio.camera_files import read_rig, write_rig
-    from studio.cameras import Camera, Rig
-    from studio.capture import (
-        CaptureSettings,
-        Footage,
-        FootageView,
-        FunctionMaskSource,
-        MaskSource,
-        open_footage,
-    )
-    from studio.errors import Cancelled, Message, StudioError
-    from studio.formats import read_splats, write_splats
-    from studio.formats.baking import bake_video
-    from studio.formats.sequence import open_import
-    from studio.gaussians import Gaussians
-    from studio.meshing import Mesh, initialize_points
-    from studio.meshing.settings import InitializeSettings
-    from studio.metrics import psnr, ssim
-    from studio.rasterizer import Render, available_backends, rasterize
-    from studio.splat_video import SplatVideo
-    from studio.stream import BakeSettings, Manifest, StreamReader, bake_group, write_manifest
-    from studio.stream.publish import Published
-    from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.2.0"
 
-__all__ = [
-    "BakeSettings",
-    "CalibrateSettings",
-    "CalibrationResult",
-    "CalibrationTarget",
-    "Camera",
-    "Cancelled",
-    "CaptureSettings",
-    "Config",
-    "Event",
-    "Footage",
-    "FootageView",
-    "FunctionMaskSource",
-    "Gaussians",
-    "InitializeSettings",
-    "Manifest",
-    "MaskSource",
-    "Mesh",
-    "Message",
-    "Metrics",
-    "PageText",
-    "Progress",
-    "Published",
-    "Render",
-    "Rig",
-    "RunFinished",
-    "Serving",
-    "Shared",
-    "SplatVideo",
-    "StageFinished",
-    "StageStatus",
-    "StreamReader",
-    "StudioError",
-    "Take",
-    "TiePoint",
-    "TrainSettings",
-    "TrainingView",
-    "Warned",
-    "__version__",
-    "align_rigs",
-    "available_backends",
-    "bake_group",
-    "bake_video",
-    "calibrate_from_images",
-    "calibrate_from_target",
-    "calibrate_from_tie_points",
-    "compare_rigs",
-    "detect_target",
-    "initialize_points",
-    "load_config",
-    "open_footage",
-    "open_import",
-    "psnr",
-    "publish",
-    "rasterize",
-    "read_rig",
-    "read_splats",
-    "read_tie_points",
-    "run",
-    "serve",
-    "share",
-    "ssim",
-    "status",
-    "train_interframe",
-    "train_keyframe",
-    "trained_video",
-    "write_manifest",
-    "write_rig",
-    "write_splats",
-    "write_target_pdf",
-]
+_EXPORTS = {
+    "pipelines.config": ("Config", "load_config"),
+    "pipelines.events": ("Event", "Metrics", "Progress", "RunFinished", "StageFinished", "Warned"),
+    "pipelines.runs.runner": ("run", "status"),
+    "pipelines.runs.staleness": ("StageStatus",),
+    "pipelines.share.publishing": ("publish",),
+    "pipelines.share.results": ("PageText", "Shared"),
+    "pipelines.share.serving": ("Serving", "serve"),
+    "pipelines.share.sharing": ("share",),
+    "pipelines.takes.take": ("Take",),
+    "pipelines.takes.videos": ("trained_video",),
+    "studio.calibration": (
+        "CalibrationResult",
+        "CalibrationTarget",
+        "TiePoint",
+        "align_rigs",
+        "calibrate_from_images",
+        "calibrate_from_target",
+        "calibrate_from_tie_points",
+        "compare_rigs",
+        "detect_target",
+        "read_tie_points",
+        "write_target_pdf",
+    ),
+    "studio.calibration.settings": ("CalibrateSettings",),
+    "studio.camera_files": ("read_rig", "write_rig"),
+    "studio.cameras": ("Camera", "Rig"),
+    "studio.capture": ("CaptureSettings", "Footage", "FootageView", "open_footage"),
+    "studio.errors": ("Cancelled", "Message", "StudioError"),
+    "studio.formats": ("read_splats", "write_splats"),
+    "studio.formats.baking": ("bake_video",),
+    "studio.formats.sequence": ("open_import",),
+    "studio.gaussians": ("Gaussians",),
+    "studio.masks": ("FunctionMaskSource", "MaskSource"),
+    "studio.meshing": ("Mesh", "initialize_points"),
+    "studio.meshing.settings": ("InitializeSettings",),
+    "studio.metrics": ("psnr", "ssim"),
+    "studio.rasterizer": ("Render", "available_backends", "rasterize"),
+    "studio.splat_video": ("SplatVideo",),
+    "studio.stream": ("BakeSettings", "Manifest", "StreamReader", "bake_group", "write_manifest"),
+    "studio.stream.publish": ("Published",),
+    "studio.training": ("TrainingView", "TrainSettings", "train_interframe", "train_keyframe"),
+}
+"""Names by module; type checkers read the same from __init__.pyi."""
 
-lazy_exports(__name__)
+_MODULES = {name: module for module, names in _EXPORTS.items() for name in names}
+
+__all__ = sorted(["__version__", *_MODULES])
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'v3studio' has no attribute '{name}'")
+    value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__.copy()

@@ -9,7 +9,8 @@ MODULES = {
     "v3studio": "The public interface",
     "studio.gaussians": "Gaussians",
     "studio.cameras": "Cameras",
-    "studio.capture": "Footage and masks",
+    "studio.capture": "Footage",
+    "studio.masks": "Masks",
     "studio.calibration": "Calibration",
     "studio.camera_files": "Camera files",
     "studio.meshing": "Visual hull and initial points",
@@ -63,9 +64,11 @@ def _file(root: Path, name: str) -> Path | None:
 
 
 def _exported(file: Path | None) -> list[str]:
-    """The names in a module's `__all__`; empty where it has none."""
+    """The names in the `__all__` of a module or its stub; empty where it has none."""
     if file is None:
         return []
+    stub = file.with_suffix(".pyi")
+    file = stub if stub.is_file() else file
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return [str(name) for name in ast.literal_eval(node.value)]

@@ -3,26 +3,6 @@
 `load_config` reads a YAML file and command-line overrides; `describe` prints all settings with their documentation.
 """
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from studio.lazy import lazy_exports
-
-if TYPE_CHECKING:
-    from pipelines.config.config import Config, EvaluateSettings, GroupSettings, RunSettings, TrainStageSettings
-    from pipelines.config.description import describe
-    from pipelines.config.loading import dump_config, load_config, parse_override
-
-__all__ = [
-    "Config",
-    "EvaluateSettings",
-    "GroupSettings",
-    "RunSettings",
-    "TrainStageSettings",
-    "describe",
-    "dump_config",
-    "load_config",
-    "parse_override",
-]
-
-# `pipelines.config.renamed` needs neither pydantic nor YAML, so that --help stays fast
-lazy_exports(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # imported on first use; see __init__.pyi

@@ -1,1 +1,5 @@
-"""Mask sources, one per file, and the code that they share."""
+"""Masks of the performer: one module per source, and the table of sources in `sources`."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # imported on first use; see __init__.pyi

@@ -1,30 +1,5 @@
 """Geometry from masks: the visual hull, its surface, and colored points on it."""
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from studio.lazy import lazy_exports
-
-if TYPE_CHECKING:
-    from studio.meshing.hull import Hull
-    from studio.meshing.initialize import InitResult, initialize_points
-    from studio.meshing.sampling import sample_surface
-    from studio.meshing.settings import InitializeSettings
-    from studio.meshing.silhouettes import Silhouettes
-    from studio.meshing.surface import Mesh
-    from studio.meshing.visual_hull import HullResult, visual_hull
-    from studio.views import ViewLike
-
-__all__ = [
-    "Hull",
-    "HullResult",
-    "InitResult",
-    "InitializeSettings",
-    "Mesh",
-    "Silhouettes",
-    "ViewLike",
-    "initialize_points",
-    "sample_surface",
-    "visual_hull",
-]
-
-lazy_exports(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # imported on first use; see __init__.pyi

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, FunctionMaskSource, open_footage
+from studio.capture import CaptureSettings, open_footage
+from studio.masks import FunctionMaskSource
 from tests.support.errors import refuses
 
 

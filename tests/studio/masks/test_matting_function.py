@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, FunctionMaskSource, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.settings import OnnxSettings
+from studio.masks import FunctionMaskSource
 from studio.masks.mask_cache import MaskCache
 from studio.masks.onnx_model import OnnxModel, first_mask, input_size, preprocess, providers
 from tests.support.errors import refuses

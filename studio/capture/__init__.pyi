@@ -1,0 +1,16 @@
+from .checks import check_footage
+from .footage import Footage, FootageView
+from .open_footage import find_cameras, held_out_cameras, match_rig, open_footage, refuse_unknown_cameras
+from .settings import CaptureSettings
+
+__all__ = [
+    "CaptureSettings",
+    "Footage",
+    "FootageView",
+    "check_footage",
+    "find_cameras",
+    "held_out_cameras",
+    "match_rig",
+    "open_footage",
+    "refuse_unknown_cameras",
+]

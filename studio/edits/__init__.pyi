@@ -1,0 +1,23 @@
+from .edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, RegionView, Trim, World
+from .following import follow
+from .moving import moved
+from .selection import Paths, Selection, select
+from .silhouette import silhouette
+
+__all__ = [
+    "CropBox",
+    "DetailMark",
+    "EditList",
+    "Floaters",
+    "Ground",
+    "Paths",
+    "Region",
+    "RegionView",
+    "Selection",
+    "Trim",
+    "World",
+    "follow",
+    "moved",
+    "select",
+    "silhouette",
+]

@@ -1,0 +1,19 @@
+from .hull import Hull
+from .initialize import InitResult, initialize_points
+from .sampling import sample_surface
+from .settings import InitializeSettings
+from .silhouettes import Silhouettes
+from .surface import Mesh
+from .visual_hull import HullResult, visual_hull
+
+__all__ = [
+    "Hull",
+    "HullResult",
+    "InitResult",
+    "InitializeSettings",
+    "Mesh",
+    "Silhouettes",
+    "initialize_points",
+    "sample_surface",
+    "visual_hull",
+]
