@@ -29,13 +29,13 @@ from gui.models.worker import LatestWorker
 from gui.overlays import Overlays
 from gui.pages.stage_views import StageViews
 from gui.pages.start.panel import StartPanel
-from gui.platform.chords import Chords
 from gui.platform.closing import CloseRequests
 from gui.platform.drawn_frames import DrawnFrames
 from gui.platform.fonts import title_font, use_icons
 from gui.platform.input_order import InputOrder
 from gui.platform.memory import give_back
 from gui.platform.menu_bar import MenuBar
+from gui.platform.presses import Chords
 from gui.platform.redraw import Redraws
 from gui.platform.x_window import XDisplay
 from gui.shell import Page
@@ -165,7 +165,7 @@ class MainWindow:
             self.workspace, em, self.select, self.actions.run, changed, self.actions.pick, self._widen,
             self.actions.help.stage, self._guard, hints,
         )  # fmt: skip
-        self.inspector = InspectorPanel(em, changed, self.actions.help.mend, self.laid_out)
+        self.inspector = InspectorPanel(em, changed, self.actions.help.apply_fix, self.laid_out)
         self.camera_menu = CameraMenu(em, changed)
         self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
         self.timeline.moved_key = self.actions.path.move_frame

@@ -224,6 +224,17 @@ def test_packages_of_gui_import_downwards() -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def test_gui_accesses_stages_through_one_module() -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line} imports {name}"
+        for path in (ROOT / "gui").rglob("*.py")
+        if path != ROOT / "gui" / "models" / "stages.py"
+        for line, name in imported_names(path)
+        if name.startswith("pipelines.stages")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_models_and_drawing_know_no_open3d() -> None:
     wrong = [
         f"{path.relative_to(ROOT)}:{line} imports {name}"

@@ -36,9 +36,9 @@ class HelpActions:
             if notice is not None:
                 # a warning of every camera or frame is told once here: its fix is the same
                 found.setdefault(notice.code or text, (text, fix_of(notice, config)))
-        show_warnings(window.dialogs, list(found.values()), self.mend)
+        show_warnings(window.dialogs, list(found.values()), self.apply_fix)
 
-    def mend(self, fix: Fix) -> None:
+    def apply_fix(self, fix: Fix) -> None:
         """Set the setting that fixes a warning, or show it where people must choose the value."""
         window = self._window
         if fix.sets and not fix.done:

@@ -10,8 +10,8 @@ import numpy as np
 from gui.models.camera_path import PathEditor, PathKey
 from gui.models.playback.sources import take_contents
 from gui.models.playback.thumbnails import Thumbnails
-from gui.models.remembered import Remembered
 from gui.models.scene.orbit import OrbitCamera
+from gui.models.ttl_cache import TtlCache
 from gui.shell import Shell
 from pipelines.takes.take import Take
 from studio.errors import StudioError
@@ -29,7 +29,7 @@ class PathActions:
     def __init__(self, window: Shell, export: Callable[[], None]) -> None:
         self._window, self._export = window, export
         self.thumbnails = Thumbnails()
-        self._contents: Remembered[Take, tuple[object, ...]] = Remembered(take_contents)
+        self._contents: TtlCache[Take, tuple[object, ...]] = TtlCache(take_contents)
         self._preview: tuple[CameraPath, float] | None = None
         self._shown: tuple[int, OrbitCamera] | None = None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipelines.stages.inputs import Inputs
+from gui.models.stages import Inputs
 from studio.capture import find_cameras, held_out_cameras
 from studio.errors import StudioError
 

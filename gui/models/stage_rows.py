@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gui.models.stages import Inputs
 from pipelines.runs.staleness import StageStatus
-from pipelines.stages.inputs import Inputs
 from studio.errors import Message, StudioError
 
 TITLES = {

@@ -14,11 +14,11 @@ from gui.drawing.palette import DIM, GROUND, RAISED, SECOND
 from gui.drawing.plots import curve, legend
 from gui.models.playback.frame_renderer import RenderRequest, ground_truth
 from gui.models.playback.image_zoom import ImageZoom
-from gui.models.remembered import Remembered
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw
 from gui.models.take.run_state import Curve
 from gui.models.take.workspace import Workspace
+from gui.models.ttl_cache import TtlCache
 from gui.pages.capture.camera_color_pairs import CameraColorPairs
 from gui.pages.stage_view import Size, StageView
 from pipelines.runs.staleness import MISSING
@@ -50,7 +50,7 @@ class TrainView(StageView):
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self._pairs = CameraColorPairs(workspace)
-        self._count: Remembered[Take, int] = Remembered(lambda take: len(take.trained_files()[0]))
+        self._count: TtlCache[Take, int] = TtlCache(lambda take: len(take.trained_files()[0]))
 
     def state(self) -> Hashable:
         """The run's metrics and previews, and the trained frames."""

@@ -17,10 +17,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gui.platform.escapes import ESCAPE, Escapes
-from gui.platform.input_event import InputEvent
-from gui.platform.key_reports import KeyReports
-from gui.platform.x_window import BUTTONS, EXPOSE, EXPOSURE_MASK, errors_ignored
+from gui.platform.presses import Escapes, KeyReports
+from gui.platform.x_window import BUTTONS, ESCAPE, EXPOSE, EXPOSURE_MASK, InputEvent, errors_ignored
 
 Kind = Literal["press", "release", "key", "key up", "move"]
 

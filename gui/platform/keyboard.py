@@ -13,8 +13,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from gui.platform.input_event import InputEvent
-from gui.platform.x_window import EXPOSE, EXPOSURE_MASK
+from gui.platform.x_window import EXPOSE, EXPOSURE_MASK, InputEvent
 
 _KEY_PRESS, _KEY_RELEASE = 2, 3
 _SHIFT = 1

@@ -9,16 +9,33 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from gui.platform.escapes import ESCAPE
-
 _MIN_SIZE = 1 << 4  # PMinSize
 BUTTONS = 0x1F00
 """Bits of the mouse buttons in the state of X: Button1Mask to Button5Mask."""
 _CARDINAL = 6
+ESCAPE = 9
+"""X key code, the same on all Linux systems."""
 EXPOSE, EXPOSURE_MASK = 12, 1 << 15
 """An event that asks a window to be drawn, and its mask."""
 
 _IGNORE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda _display, _error: 0)
+
+
+class InputEvent(ctypes.Structure):
+    """XKeyEvent, XButtonEvent and XMotionEvent of Xlib.h, which begin alike; `code` is the key code or the button."""
+
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("serial", ctypes.c_ulong),
+        ("send_event", ctypes.c_int),
+        ("display", ctypes.c_void_p),
+        *((name, ctypes.c_ulong) for name in ("window", "root", "subwindow", "time")),
+        *((name, ctypes.c_int) for name in ("x", "y", "x_root", "y_root")),
+        ("state", ctypes.c_uint),
+        ("code", ctypes.c_uint),
+        ("same_screen", ctypes.c_int),
+        ("padding", ctypes.c_long * 24),  # XEvent, which is copied as a whole, is larger
+    )
 
 
 @contextmanager

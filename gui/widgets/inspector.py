@@ -50,7 +50,7 @@ class InspectorPanel:
     Args:
         em: font size, pixels.
         changed: called when the log is scrolled.
-        mend: called with the fix whose button in the log was clicked.
+        apply_fix: called with the fix whose button in the log was clicked.
         laid_out: called when the window must be laid out again.
 
     Attributes:
@@ -65,10 +65,10 @@ class InspectorPanel:
         self,
         em: float,
         changed: Callable[[], None],
-        mend: Callable[[Fix], None],
+        apply_fix: Callable[[Fix], None],
         laid_out: Callable[[], None] = lambda: None,
     ) -> None:
-        self._em, self._changed, self._mend, self._laid_out = em, changed, mend, laid_out
+        self._em, self._changed, self._apply_fix, self._laid_out = em, changed, apply_fix, laid_out
         self.figures = PictureWidget(self._on_figures)
         self.log = PictureWidget(self._on_mouse)
         self.stage = "review"
@@ -255,7 +255,7 @@ class InspectorPanel:
         if event.type == kind.BUTTON_DOWN:
             fix = self._view.fix_at(x, y)
             if fix is not None:
-                self._mend(fix)
+                self._apply_fix(fix)
                 self._changed()
             return fix is not None
         if event.type == kind.MOVE:

@@ -19,8 +19,7 @@ from gui.models.scene.contents import SceneWanted
 from gui.models.scene.native import NativeScene
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.render import Place, SceneRenderer
-from pipelines.stages.footage import performer_over
-from pipelines.stages.inputs import Inputs
+from gui.models.stages import Inputs, performer_over
 from studio.cameras import Camera, Rig
 from studio.coverage import ViewRange
 from studio.errors import StudioError

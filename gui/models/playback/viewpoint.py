@@ -11,7 +11,7 @@ from gui.models.playback.other_source import OTHER
 from gui.models.playback.sources import FrameSource, Opened
 from gui.models.scene.contents import SHOWN_AT_FIRST
 from gui.models.scene.orbit import OrbitCamera
-from pipelines.stages.inputs import Inputs
+from gui.models.stages import Inputs
 from studio.cameras import Camera
 
 BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}

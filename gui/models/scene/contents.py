@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from gui.drawing.palette import AXES, FAIR, HELD_OUT, LINE, RGB
-from pipelines.stages.inputs import Inputs
+from gui.models.stages import Inputs
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
 

@@ -6,9 +6,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from gui.models.stages import camera_file
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config.presets import PRESETS, with_values
-from pipelines.stages.camera_file import camera_file
 from pipelines.takes.atomic_files import disk_errors, write_text
 from pipelines.takes.drawn_masks import for_another_take
 from pipelines.takes.take import Take

@@ -16,6 +16,7 @@ from pydantic import JsonValue
 
 from gui.models.history import Change, History
 from gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
+from gui.models.stages import Inputs
 from gui.models.take.jobs import Job, is_paused, pause_process, stop_process
 from gui.models.take.run_state import RunState
 from gui.models.worker import LatestWorker
@@ -24,7 +25,6 @@ from pipelines.config.loading import COMMAND_LINE
 from pipelines.events import RunFinished
 from pipelines.events.log_follower import LogFollower
 from pipelines.reports.terminal import duration
-from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.cancel_request import request_cancel
 from pipelines.takes.settings_file import save_config

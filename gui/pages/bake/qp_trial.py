@@ -10,12 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gui.models.stages import (
+    Inputs,
+    Part,
+    RenderedError,
+    edited_group,
+    planned_parts,
+    rendered_contribution,
+    stream_cameras,
+)
 from gui.models.take.workspace import Workspace
-from pipelines.stages.inputs import Inputs
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from pipelines.stages.baking.plan import Part
     from studio.stream.settings import BakeSettings
 
 TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
@@ -74,8 +81,6 @@ class QpTrial:
         Raises:
             StudioError: `take.not_trained`.
         """
-        from pipelines.stages.baking.plan import planned_parts
-
         take, context = workspace.take, workspace.context
         assert take is not None
         assert context is not None
@@ -135,8 +140,6 @@ def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
         part: the group.
         settings: with the QP to try, without targets.
     """
-    from pipelines.stages.baking.measures import RenderedError, rendered_contribution
-    from pipelines.stages.baking.plan import edited_group, stream_cameras
     from pipelines.takes.edited import EditedFrames
     from studio.stream import StreamReader, bake_group, write_manifest
 

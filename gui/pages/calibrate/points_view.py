@@ -10,12 +10,12 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas
 from gui.drawing.palette import FAIR, GROUND
+from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.magnifier import Magnifier
 from gui.pages.calibrate.marks import TieMarks, advice, expected
 from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
 from gui.pages.stage_view import Size, StageView
-from pipelines.stages.inputs import Inputs
 from pipelines.takes.calibration import read_cameras_report
 from studio.calibration.report import CalibrationReport, TiePointReport
 from studio.cameras import Rig

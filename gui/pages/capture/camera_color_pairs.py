@@ -11,11 +11,11 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, wrapped
 from gui.drawing.palette import BAD, DIM, GROUND, RAISED, RGB, TEXT
-from gui.models.remembered import Remembered
+from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
+from gui.models.ttl_cache import TtlCache
 from gui.pages.capture.view import grid
 from gui.pages.stage_view import Size, rectangle, sentence
-from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
 from studio.errors import StudioError
@@ -57,7 +57,7 @@ class CameraColorPairs:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.places: list[tuple[str, np.ndarray]] = []
-        self._modified: Remembered[Path, float] = Remembered(lambda path: path.stat().st_mtime if path.is_file() else 0)
+        self._modified: TtlCache[Path, float] = TtlCache(lambda path: path.stat().st_mtime if path.is_file() else 0)
         self._pairs: _Pairs | None = None
 
     @property

@@ -11,10 +11,10 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, wrapped
 from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
+from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
-from pipelines.stages.inputs import Inputs
 from studio.capture import Footage, check_footage, open_footage
 from studio.capture.color_drift import ColorDrift
 from studio.capture.lru_cache import ByteCache

@@ -12,7 +12,6 @@ from gui.drawing import compare
 from gui.drawing.canvas import Canvas, wrapped
 from gui.drawing.palette import FAIR, TEXT
 from gui.models.playback.viewpoint import BACKGROUNDS
-from gui.models.remembered import Remembered
 from gui.models.scene.compose import SplatLayer
 from gui.models.scene.handles import (
     Handle,
@@ -28,6 +27,7 @@ from gui.models.scene.handles import (
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw_layer
 from gui.models.take.workspace import Workspace
+from gui.models.ttl_cache import TtlCache
 from gui.pages.review import picture
 from gui.pages.review.details import detail_handles, draw_detail, marked, resized
 from gui.pages.review.frame import EditedFrame
@@ -90,7 +90,7 @@ class EditView(OrbitView):
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
-        self._trained: Remembered[Take, int] = Remembered(lambda take: len(take.trained_files()[0]))
+        self._trained: TtlCache[Take, int] = TtlCache(lambda take: len(take.trained_files()[0]))
         self.tool, self.show_removed = "look", False
         self.pending: EditList | None = None
         self.clicks: tuple[tuple[float, ...], ...] = ()

@@ -14,8 +14,8 @@ from gui.models.playback.sources import Opened, body_of, open_path
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw
+from gui.models.stages import Inputs
 from pipelines.config import load_config
-from pipelines.stages.inputs import Inputs
 from studio.atomic_files import write_bytes
 from studio.stream import is_address
 

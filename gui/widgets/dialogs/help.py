@@ -53,13 +53,13 @@ def show_shortcuts(dialogs: Dialogs, sections: Sequence[Section]) -> None:
     dialogs.show("message", "Shortcuts", [image], [("close", "Close", dialogs.close)], 40, dialogs.close)
 
 
-def show_warnings(dialogs: Dialogs, found: Sequence[tuple[str, Fix | None]], mend: Callable[[Fix], None]) -> None:
+def show_warnings(dialogs: Dialogs, found: Sequence[tuple[str, Fix | None]], apply_fix: Callable[[Fix], None]) -> None:
     """Show warnings of the last run, the newest first, each with the button that fixes it.
 
     Args:
         dialogs: shows them.
         found: (text, fix) of each.
-        mend: called with the fix whose button was pressed, after the dialog is closed.
+        apply_fix: called with the fix whose button was pressed, after the dialog is closed.
     """
     dialogs.widgets = {}
     parts: list[gui.Widget] = []
@@ -67,7 +67,7 @@ def show_warnings(dialogs: Dialogs, found: Sequence[tuple[str, Fix | None]], men
         parts.append(dialogs.label(broken(text), dim=False))
         if fix is not None:
             row = gui.Horiz()
-            row.add_child(dialogs.button(f"fix{number}", fix.words, _closing(dialogs, partial(mend, fix))))
+            row.add_child(dialogs.button(f"fix{number}", fix.words, _closing(dialogs, partial(apply_fix, fix))))
             row.add_stretch()
             parts.append(row)
     if len(found) > MOST_WARNINGS:

@@ -67,10 +67,10 @@ def test_settings(notices: Notices) -> None:
     help_actions = HelpActions(window)
     fix: Any = SimpleNamespace(sets=True, done=False, setting="bake.qp", value=30)
     assert {"sets", "done", "setting", "value"} <= set(dir(Fix)) | set(Fix.__dataclass_fields__)
-    help_actions.mend(fix)
+    help_actions.apply_fix(fix)
     assert failure(notices) == "settings are locked during a run"
     workspace.config = object()
-    help_actions.mend(fix)
+    help_actions.apply_fix(fix)
     assert failure(notices) == ""
     workspace.config = None
     help_actions._show("bake.qp")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gui.models.remembered import Remembered
+from gui.models.ttl_cache import TtlCache
 
 
 def test_a_look_is_repeated_for_another_key_and_when_it_is_old() -> None:
@@ -13,7 +13,7 @@ def test_a_look_is_repeated_for_another_key_and_when_it_is_old() -> None:
         looks.append(key)
         return len(looks)
 
-    remembered = Remembered(look, 0.5, lambda: clock[0])
+    remembered = TtlCache(look, 0.5, lambda: clock[0])
     assert [remembered.get("a"), remembered.get("a")] == [1, 1]
     clock[0] = 0.4
     assert remembered.get("a") == 1

@@ -1,0 +1,148 @@
+"""Presses of keys: each does one thing, whether or not the toolkit reports it, and with which modifiers.
+
+The toolkit's key events have no modifiers. It keeps a press of Escape to itself if a text field takes it, and on a
+busy machine has been seen to report one press twice, which would jump over two groups instead of one.
+"""
+
+from __future__ import annotations
+
+from open3d.visualization import gui
+
+PATIENCE = 10
+"""Ticks within which the toolkit reports a press, if it does."""
+
+SETTLED = 30
+"""Ticks after a press, or the release of Escape, in which a report without a press is another one of the same press."""
+
+_MODIFIERS = {
+    gui.KeyName.LEFT_CONTROL: "control",
+    gui.KeyName.RIGHT_CONTROL: "control",
+    gui.KeyName.META: "control",
+    gui.KeyName.LEFT_SHIFT: "shift",
+    gui.KeyName.RIGHT_SHIFT: "shift",
+}
+
+
+class Chords:
+    """See the module. Give it every key event.
+
+    Attributes:
+        control, shift: whether such a key is held.
+        again: whether the newest event repeats the press of a key that is held.
+    """
+
+    def __init__(self) -> None:
+        self._held: set[object] = set()
+        self.again = False
+
+    def note(self, event: gui.KeyEvent) -> bool:
+        """Note an event; returns whether it is one of a modifier."""
+        down = event.type == gui.KeyEvent.Type.DOWN
+        self.again = down and event.key in self._held
+        (self._held.add if down else self._held.discard)(event.key)
+        return event.key in _MODIFIERS
+
+    @property
+    def control(self) -> bool:
+        """Whether Ctrl (on a Mac, Command) is held."""
+        return self._any("control")
+
+    @property
+    def shift(self) -> bool:
+        """Whether Shift is held."""
+        return self._any("shift")
+
+    def _any(self, name: str) -> bool:
+        return any(_MODIFIERS.get(key) == name for key in self._held)  # type: ignore[call-overload]
+
+
+class Escapes:
+    """See the module. Call `tick` at each tick.
+
+    Attributes:
+        dialog: whether a dialog is open; the window sets it.
+    """
+
+    def __init__(self) -> None:
+        self.dialog = False
+        self._tick = 0
+        self._unheard: list[tuple[int, bool]] = []  # presses passed on to the toolkit: tick, whether a dialog was open
+        self._last = -SETTLED
+
+    def tick(self) -> None:
+        """Note that the window has ticked."""
+        self._tick += 1
+        while self._unheard and self._tick >= self._unheard[0][0] + SETTLED:
+            del self._unheard[0]  # kept by a text field outside of dialogs
+
+    def pressed(self) -> None:
+        """Note a press that is passed on to the toolkit; not the repeats of a key that is held."""
+        self._unheard.append((self._tick, self.dialog))
+        self._last = self._tick
+
+    def released(self) -> None:
+        """Note a release that is passed on to the toolkit."""
+        self._last = self._tick
+
+    def heard(self, again: bool) -> bool:
+        """Note that the toolkit reports a press; returns whether it is one that nothing was done about.
+
+        Args:
+            again: whether the key was down already, as far as the toolkit has told. Presses that did not come through
+                here, as with the pointer outside of the window, are told apart by it.
+        """
+        if self._unheard:
+            del self._unheard[0]
+            return True
+        return not again and self._tick >= self._last + SETTLED
+
+    def kept(self) -> bool:
+        """Whether the toolkit has kept a press in the open dialog to itself; True once for each press. Without a dialog
+        nobody would act on it, and a report that comes late still counts."""
+        late = self._tick - PATIENCE
+        due = [number for number, (tick, within) in enumerate(self._unheard) if within and tick <= late]
+        if not self.dialog or not due:
+            return False
+        del self._unheard[due[0]]
+        self._last = self._tick
+        return True
+
+
+class KeyReports:
+    """See the module. Call `tick` at each tick.
+
+    Attributes:
+        passed, again: number of presses passed on to the toolkit, and of reports that were dropped, for bug reports.
+    """
+
+    def __init__(self) -> None:
+        self.passed = self.again = 0
+        self._tick = 0
+        self._unheard: list[int] = []  # ticks of the presses that were passed on
+        self._last = -SETTLED
+
+    def tick(self) -> None:
+        """Note that the window has ticked."""
+        self._tick += 1
+        while self._unheard and self._tick >= self._unheard[0] + SETTLED:
+            del self._unheard[0]  # a text field kept it
+
+    def press(self) -> None:
+        """Note a press, or a repeat of a key that is held, that is passed on to the toolkit."""
+        self.passed += 1
+        self._unheard.append(self._tick)
+        self._last = self._tick
+
+    def is_new(self) -> bool:
+        """Note that the toolkit reports a press; returns whether it is to be acted on.
+
+        Presses that did not come through here, as with the pointer outside of the window, are: long after the last one
+        that did.
+        """
+        if self._unheard:
+            del self._unheard[0]
+            return True
+        if self._tick >= self._last + SETTLED:
+            return True
+        self.again += 1
+        return False
