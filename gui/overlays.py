@@ -42,15 +42,6 @@ class Overlays:
         card = notices.card if self._window.tour_bubble.words else None
         return notices.line or (card.line if card is not None and not card.bad else "")
 
-    def poll(self) -> bool:
-        """Call at each tick; returns whether something changed."""
-        window = self._window
-        changed = self._actions.start.poll(self._actions.clipboard.poll())
-        if window.start.shown != self._actions.start.wanted:
-            window.layout.set_start(self._actions.start.wanted)
-            changed = True
-        return changed
-
     def update(self) -> bool:
         """Show the state; returns whether anything changed. Call before the window is drawn."""
         window, tour = self._window, self._actions.tour

@@ -97,6 +97,9 @@ class Shell(Protocol):
     def run(self, stage: str, again: bool) -> None:
         """Run a stage, or check the footage."""
 
+    def changed(self) -> None:
+        """Note that something on screen may have changed."""
+
     def ask_close(self) -> None:
         """Close the window; ask first if a job is running."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 from open3d.visualization import gui, rendering
@@ -14,6 +15,7 @@ from gui.drawing.icons import FONT
 from gui.drawing.palette import DIM, GROUND, PANEL, TEXT
 from gui.layout import Layout, Panels
 from gui.models.evaluation import Evaluation, EvaluationFile
+from gui.models.loop import LOOP
 from gui.models.marks import Marks
 from gui.models.notices import Notices
 from gui.models.playback.loading import load
@@ -25,7 +27,7 @@ from gui.models.preferences import PICTURE_SIZES, Preferences
 from gui.models.take.exports import Exports
 from gui.models.take.serving import Serving
 from gui.models.take.workspace import Workspace
-from gui.models.worker import LatestWorker
+from gui.models.worker import Done, LatestWorker
 from gui.overlays import Overlays
 from gui.pages.stage_views import StageViews
 from gui.pages.start.panel import StartPanel
@@ -71,6 +73,9 @@ REST, AWAKE = 0.05, 0.5
 """Seconds between two looks at everything while nothing happens; seconds after something has happened, or while a
 picture is awaited, in which the window looks at each tick (10 ms)."""
 
+LOOK_EVERY = 0.5
+"""Seconds between two looks at the file of the marks, which browsers also change."""
+
 LEAST_SIZE = (51, 40)
 """Width and height of the window in em below which controls would be cut off."""
 
@@ -106,7 +111,7 @@ class MainWindow:
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.notices = Notices()
         self.opening = ""
-        self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
+        self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open", self._loaded)
         self._evaluation_file = EvaluationFile()
         self._waveform: Waveform | None = None
         self._software = software
@@ -115,7 +120,6 @@ class MainWindow:
         self.pictures = 0
         self.numbers: list[int | None] = [None, None, None]
         self._told = False
-        self._items: list[str] = []  # of the menus, chosen since the last tick
         self.drawn = Rate()
         self.close_requests = CloseRequests(lambda: self._x.escape_down)
         self.wants_close = False
@@ -150,7 +154,9 @@ class MainWindow:
         self.window.set_on_key(self._on_key)
         self.window.set_on_close(self.close_requests.asked)
         menus.connect(self.window, self._item_chosen)
+        self._connect()
         self.apply_preferences()
+        self.actions.start.update()
 
     def _build(self) -> None:
         em, changed = self.em, self.changed
@@ -208,6 +214,31 @@ class MainWindow:
         ):
             self.window.add_child(widget)
 
+    def _connect(self) -> None:
+        workspace, exports = self.workspace, self.exports
+        workspace.changed.connect(self.changed)
+        workspace.run_ended.connect(partial(self.notices.tell, topic="run"))
+        workspace.new_results.connect(self.player.refresh)
+        exports.changed.connect(self.changed)
+        exports.finished.connect(self._exported)
+        for signal in (self.serving.started, self.serving.failed, self.actions.bakes.bakes.changed):
+            signal.connect(lambda *_: self.changed())
+        self._marks_timer = LOOP.every(LOOK_EVERY, self._look_at_marks)
+
+    def _exported(self) -> None:
+        exports = self.exports
+        if not exports.failed:
+            self.notices.clear("export")
+        stays = exports.request is not None and exports.request.stays
+        self.notices.tell(exports.result, exports.failed, exports.written, topic="export", stays=stays)
+        self.workspace.note(" ".join(exports.result.split()), exports.failed)
+        self.changed()
+
+    def _look_at_marks(self) -> None:
+        if self.marks.refresh():  # somebody marked a frame in a browser
+            self.marks_changed()
+            self.changed()
+
     # Opening and closing
 
     def open(self, path: str) -> None:
@@ -218,18 +249,20 @@ class MainWindow:
         else:
             self.notices.tell(f"Opening {path} ...", topic="open")
         self._opener.ask(path)
-        self.changed()
+        self.actions.start.update()
 
-    def _opened(self, path: str, found: Loaded) -> None:
+    def _loaded(self, done: Done[str, Loaded]) -> None:
+        found = done.result
         self.opening = self.workspace.opening = ""
-        if isinstance(found, str):
-            self.notices.tell(found, bad=True, topic="open")
+        if found is None or isinstance(found, str):
+            self.notices.tell(found or str(done.error), bad=True, topic="open")
             self.actions.tour.failed()
+            self.actions.start.update()
             return
         self.notices.clear("open")
-        self.actions.start.opened()
         opened, _ = found
         self.player.adopt(*found)
+        self.actions.start.opened()
         self.workspace.open(opened.take)
         self.views.forget()
         # what was open before has just been freed; on a thread, because it can take half a second
@@ -290,6 +323,7 @@ class MainWindow:
         self.timeline.filmstrip.close()
         self.workspace.close()
         self._opener.close()
+        LOOP.stop(self._marks_timer)
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
         self.input.close()
@@ -340,16 +374,15 @@ class MainWindow:
             return
         row = self.views.row
         self.views.choose(key)
-        if self.views.asked_bakes:
-            self.views.asked_bakes = False
-            self.actions.bakes.show()
         if self.views.row != row:
             self.window.set_needs_layout()
         self.changed()
 
     def _on_key(self, event: gui.KeyEvent) -> bool:
-        self._act()  # what is typed is for what it opens
+        LOOP.run()  # what is typed is for what a chosen item opens
         modifier = self._chords.note(event)
+        if modifier and event.type == gui.KeyEvent.Type.UP:
+            self.actions.search.show_expected()
         is_new = event.type != gui.KeyEvent.Type.DOWN or self.input.reports.is_new()
         if event.key == gui.KeyName.ESCAPE:
             self.close_requests.escape()
@@ -407,7 +440,7 @@ class MainWindow:
     def _on_tick(self) -> bool:
         if self._frames.poll():
             self._redraws.drawn()
-        self._act()
+        LOOP.run()
         self.input.escapes.dialog = bool(self.dialogs.name)
         came = self.input.poll(hold=self.dialogs.focusing, release=self.dialogs.expected)
         if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
@@ -422,41 +455,13 @@ class MainWindow:
         if self._rests():
             self._log.tick()
             return False
-        opened = self._opener.take()
-        if opened is not None and opened.result is not None:
-            self._opened(opened.request, opened.result)
-            self.changed()
-        changed = self.workspace.poll()
-        if self.workspace.ended:
-            self.notices.tell(self.workspace.ended, topic="run")
-            self.workspace.ended = ""
-        if self.workspace.take_results():
-            changed |= self.player.refresh()
         self._read_evaluation()
         self._show_waveform()
-        if self.marks.refresh():  # somebody marked a frame in a browser
-            self.marks_changed()
-            changed = True
-        if self.exports.poll():
-            changed = True
-            if self.exports.result:
-                if not self.exports.failed:
-                    self.notices.clear("export")
-                result, failed, request = self.exports.result, self.exports.failed, self.exports.request
-                stays = request is not None and request.stays
-                self.notices.tell(result, failed, self.exports.written, topic="export", stays=stays)
-                self.workspace.note(" ".join(result.split()), failed)
-                self.exports.result = ""
-        changed |= self.actions.shares.poll()
-        changed |= self.actions.points.poll()
-        changed |= self.actions.cameras.poll()
-        changed |= self.actions.queue.poll()
-        changed |= self.actions.bakes.poll()
-        changed |= self.actions.edits.poll()
-        changed |= self.actions.path.poll()
-        changed |= self.actions.search.poll()
-        changed |= self.actions.scene.poll()
-        changed |= self.overlays.poll()
+        copied = self.actions.clipboard.poll()
+        if copied is not None:
+            self.actions.start.copied(copied)
+        changed = self.actions.path.advance()
+        changed |= self.actions.scene.follow()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:
@@ -473,6 +478,7 @@ class MainWindow:
             changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
             changed |= self._update_panels()
             changed |= self.overlays.update()
+            changed |= self.actions.search.update()
         if self.window.title != self.title:
             self.window.title = self.title
         message = self.workspace.message or self.views.message
@@ -520,17 +526,12 @@ class MainWindow:
         return False
 
     def _item_chosen(self, key: str) -> None:
-        """An item of a menu was chosen, which closes the menu. It acts before the next tick or key: the toolkit tells
-        of it while it draws, and a dialog that opens then would come below its shade, which the next frame has first.
+        """An item of a menu was chosen, which closes the menu. It acts before the next tick or key: the toolkit reports
+        it while it draws, and a dialog that opens then would come below its shade, which the next frame has first.
         """
         self.menu_bar.closed()
-        self._items.append(key)
+        LOOP.post(self.actions.menu()[key])
         self.changed()
-
-    def _act(self) -> None:
-        """Do what was chosen in a menu."""
-        while self._items:
-            self.actions.menu()[self._items.pop(0)]()
 
     def _watch_mouse(self) -> None:
         """Draw when a mouse button is pressed or released: the toolkit tells of no clicks on its menus and lists, and
@@ -540,6 +541,8 @@ class MainWindow:
             self._buttons = buttons
             self.changed()
         pointer, before, self._pointer = self.input.pointer, self._pointer, self.input.pointer
+        if pointer != before:
+            self.actions.edits.moved()
         if pointer not in (None, before) and holds(self.stages.settings[self.stages.selected].widget, *pointer):
             self.changed()  # a tooltip has the size of the one before it until the second draw
 

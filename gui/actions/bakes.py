@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gui.models.playback.other_source import OtherSource, open_other
 from gui.models.take.bakes import BakeRow, Bakes
-from gui.models.worker import LatestWorker
+from gui.models.worker import Done, LatestWorker
 from gui.shell import Shell
 from gui.widgets.dialogs.bakes import NAME, BakeChoices, BakesDialog
 from gui.widgets.dialogs.folder import ask_path
@@ -26,8 +26,9 @@ class BakeActions:
         self._window = window
         self.bakes = Bakes()
         self._opener: LatestWorker[Place, OtherSource] = LatestWorker(
-            lambda place: open_other(*place), "v3studio other"
+            lambda place: open_other(*place), "v3studio other", self._opened
         )
+        self.bakes.changed.connect(self._changed)
         choices = BakeChoices(self._compare, self._ask_take, self.stop, self._choose, self._ask_remove, self._ask_keep)
         self._dialog = BakesDialog(window.dialogs, self.bakes, choices)
 
@@ -118,22 +119,19 @@ class BakeActions:
             [("save", "Keep", keep), ("close", "Cancel", lambda _: self.show())],
         )  # fmt: skip
 
-    def poll(self) -> bool:
-        """Call at each tick; returns whether something changed."""
+    def _changed(self) -> None:
         window = self._window
-        changed = self.bakes.poll()
-        if changed:
-            if not self.bakes.failed:
-                window.notices.clear("bakes")
-            window.notices.tell(self.bakes.message, bad=self.bakes.failed, topic="bakes")
-            if window.workspace.take is not None:
-                self.bakes.look(window.workspace.take)
-                window.player.refresh()
-            if window.dialogs.name == NAME:
-                self._dialog.update()
-        done = self._opener.take()
-        if done is None:
-            return changed
+        if not self.bakes.failed:
+            window.notices.clear("bakes")
+        window.notices.tell(self.bakes.message, bad=self.bakes.failed, topic="bakes")
+        if window.workspace.take is not None:
+            self.bakes.look(window.workspace.take)
+            window.player.refresh()
+        if window.dialogs.name == NAME:
+            self._dialog.update()
+
+    def _opened(self, done: Done[Place, OtherSource]) -> None:
+        window = self._window
         if done.result is None:
             known = isinstance(done.error, StudioError)
             words = str(done.error) if known else f"It cannot be opened: {done.error!r}"
@@ -142,7 +140,7 @@ class BakeActions:
             window.select("review")
             window.notices.clear("compare")
             window.player.compare_with(done.result)
-        return True
+        window.changed()
 
     def close(self) -> None:
         """End the threads."""

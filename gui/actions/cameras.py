@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from statistics import fmean
 
+from gui.models.loop import later
 from gui.models.take.cameras import CameraUses, camera_facts, change_uses, known
 from gui.shell import Shell
 from gui.widgets.camera_menu import Item
@@ -21,32 +22,22 @@ class CameraActions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
-        self._refused_of: object = None
+        views, garbage, notices = window.views, window.views.capture.garbage, window.notices
+        views.clicked.connect(self._close_menu)
+        views.camera_clicked.connect(self._clicked)
+        views.camera_menu.connect(later(self._open_menu))
+        garbage.refused.connect(partial(notices.tell, bad=True, topic="garbage"))
+        garbage.written.connect(partial(notices.clear, "garbage"))
 
-    def poll(self) -> bool:
-        """Handle a click on a camera; returns whether there was one."""
-        window = self._window
-        garbage = window.views.capture.garbage
-        if garbage.refused:
-            window.notices.tell(garbage.refused, bad=True, topic="garbage")
-            garbage.refused, self._refused_of = "", (garbage.stamp,)
-        elif self._refused_of is not None and self._refused_of != (garbage.stamp,):  # drawn since
-            self._refused_of = None
-            window.notices.clear("garbage")
-        asked, window.views.asked = window.views.asked, None
-        if window.camera_menu.camera and (asked is not None or window.views.pressed):
-            window.camera_menu.close()
-        window.views.pressed = False
-        if asked is None:
-            return False
-        kind, camera = asked
-        if kind == "menu":
-            self._open_menu(camera)
-        elif window.views.stage == "capture":
-            window.views.show_alone(camera)
+    def _close_menu(self) -> None:
+        if self._window.camera_menu.camera:
+            self._window.camera_menu.close()
+
+    def _clicked(self, camera: str) -> None:
+        if self._window.views.stage == "capture":
+            self._window.views.show_alone(camera)
         else:
             self.look_through(camera)
-        return True
 
     def look_through(self, camera: str) -> None:
         """Show the performer from a camera; its footage while nothing is trained."""

@@ -24,6 +24,7 @@ from gui.actions.search import SearchActions, opens_list
 from gui.actions.shares import ShareActions
 from gui.actions.start import StartActions
 from gui.actions.tour import TourActions
+from gui.models.loop import later
 from gui.models.preferences import Preferences
 from gui.models.stage_rows import TITLES
 from gui.models.take.exports import FORMATS
@@ -71,6 +72,7 @@ class Actions:
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
+        window.views.bake_wanted.connect(later(self.bakes.show))
         self.edits = EditActions(window)
         self.scene = SceneActions(window, software)
         self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
@@ -227,9 +229,6 @@ class Actions:
         self._window.select("review")
         if not (came and choice == views.player.mode):  # from elsewhere a key shows a comparison, never turns it off
             views.choose(choice)
-        if views.asked_bakes:
-            views.asked_bakes = False
-            self.bakes.show()
 
     def pick(self, field: SettingField) -> None:
         """Choose the file or the folder of a setting in a dialog."""

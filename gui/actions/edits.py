@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from open3d.visualization import gui
 
+from gui.models.loop import later
 from gui.pages.review.numbers import TITLES, brush_field, brush_of, fields_of, with_numbers
 from gui.pages.review.session import edits_of
 from gui.shell import Shell
@@ -39,6 +40,11 @@ class EditActions:
     def __init__(self, window: Shell) -> None:
         self._window = window
         self._known = EditList()
+        views, notices = window.views, window.notices
+        views.edit_dialog.connect(later(self._show_dialog))
+        views.editor.two_points.connect(later(self._ask_distance))
+        views.editor.refusal.connect(partial(notices.tell, bad=True, topic="edits"))
+        window.workspace.changed.connect(self._follow_edits)
 
     def show(self) -> None:
         """Show the edits of the take."""
@@ -51,30 +57,23 @@ class EditActions:
         """After undo and redo: what was selected belongs to other edits."""
         self._window.views.editor.pending = None
 
-    def poll(self) -> bool:
-        """Call at each tick; returns whether something changed."""
-        window, editor = self._window, self._window.views.editor
-        found, editor.pointer = False, self._pointer() if editor.tool == "brush" else None
-        if editor.refused:
-            window.notices.tell(editor.refused, bad=True, topic="edits")
-            editor.refused, found = "", True
-        if editor.distance_asked is not None:
-            start, end = editor.distance_asked
-            editor.distance_asked, found = None, True
-            self._ask_distance(start, end)
-        asked, window.views.asked_edit = window.views.asked_edit, ""
-        if asked:
-            found = True
-            if asked == "list":
-                self._list()
-            else:
-                self._numbers()
-        now = edits_of(window.workspace)
+    def moved(self) -> None:
+        """The pointer has moved: the brush follows it."""
+        editor = self._window.views.editor
+        editor.pointer = self._pointer() if editor.tool == "brush" else None
+
+    def _show_dialog(self, key: str) -> None:
+        if key == "list":
+            self._list()
+        else:
+            self._numbers()
+
+    def _follow_edits(self) -> None:
+        now = edits_of(self._window.workspace)
         if now != self._known:
-            self._known, found = now, True
-            window.notices.clear("edits")
-            window.player.refresh()
-        return found
+            self._known = now
+            self._window.notices.clear("edits")
+            self._window.player.refresh()
 
     def keys(self) -> dict[Any, Callable[[], object]]:
         """Key bindings while the brush is chosen."""
@@ -116,8 +115,8 @@ class EditActions:
                 editor.pending = edits  # shown before it is removed
                 return ""
             if not editor.commit(edits, title.lower()):
-                refused, editor.refused = editor.refused, ""
-                return refused
+                self._window.notices.clear("edits")  # the dialog shows it
+                return editor.refused
             return ""
 
         ask_numbers(self._window.dialogs, title, text, fields_of(editor.pending or editor.edits, kind, editor.up), save)
@@ -153,8 +152,8 @@ class EditActions:
             except ValueError:
                 return f"'{texts['distance']}' is not a number; example: 1.83."
             if not editor.set_scale(start, end, distance):
-                refused, editor.refused = editor.refused, ""
-                return refused
+                self._window.notices.clear("edits")  # the dialog shows it
+                return editor.refused
             return ""
 
         ask_numbers(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -102,10 +101,6 @@ ROW, SEPARATOR, MARGINS, WIDER = 1.52, 0.4, 0.4, 6.6
 menus unasked."""
 
 
-LOOK_EVERY = 0.5
-"""Seconds between two looks at what is possible."""
-
-
 def boxes(em: float) -> list[tuple[float, float]]:
     """(width, height) of the menus in pixels; `em` is the font size."""
     found = []
@@ -139,20 +134,16 @@ class MenuStates:
 
     Args:
         why_not: why the action of a key of `MENUS` is not possible now; "" if it is.
-        now: a clock in seconds that never runs backwards.
     """
 
-    def __init__(self, why_not: Callable[[str], str], now: Callable[[], float] = time.monotonic) -> None:
-        self._why_not, self._now, self._next = why_not, now, 0.0
+    def __init__(self, why_not: Callable[[str], str]) -> None:
+        self._why_not = why_not
         self._possible: dict[int, bool] = {}
 
-    def poll(self, bar: gui.Menu | None) -> bool:
-        """Call at each tick, with the menu bar. Looks at the reasons `LOOK_EVERY` at most; returns whether an item has
-        changed."""
-        now = self._now()
-        if bar is None or now < self._next:
+    def update(self, bar: gui.Menu | None) -> bool:
+        """Call before the window is drawn, with the menu bar; returns whether an item has changed."""
+        if bar is None:
             return False
-        self._next = now + LOOK_EVERY
         before = self._possible
         self._possible = {number: not self._why_not(key) for number, key in _numbers()}
         changed = [number for number, on in self._possible.items() if before.get(number, True) != on]
@@ -167,6 +158,6 @@ def _numbers() -> Iterator[tuple[int, str]]:
 
 
 def connect(window: gui.Window, chosen: Callable[[str], None]) -> None:
-    """Have the key of each item told that is chosen."""
+    """Report the key of each chosen item."""
     for number, key in _numbers():
         window.set_on_menu_item_activated(number, partial(chosen, key))

@@ -29,6 +29,7 @@ class PathActions:
     def __init__(self, window: Shell, export: Callable[[], None]) -> None:
         self._window, self._export = window, export
         self.thumbnails = Thumbnails()
+        self.thumbnails.changed.connect(window.changed)
         self._contents: TtlCache[Take, tuple[object, ...]] = TtlCache(take_contents)
         self._preview: tuple[CameraPath, float] | None = None
         self._shown: tuple[int, OrbitCamera] | None = None
@@ -150,11 +151,10 @@ class PathActions:
         """Stop the preview."""
         self._preview = self._shown = None
 
-    def poll(self) -> bool:
-        """Call at each tick: move the preview on, and draw thumbnails. Returns whether something changed."""
-        changed = self.thumbnails.poll()
+    def advance(self) -> bool:
+        """Advance the preview. Call at each tick; returns whether something changed."""
         if self._preview is None:
-            return changed
+            return False
         player = self._window.player
         path, start = self._preview
         moved = self._shown is not None and (player.orbit is not self._shown[1] or player.transport.playing)

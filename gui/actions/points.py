@@ -7,6 +7,7 @@ from typing import Any
 
 from open3d.visualization import gui
 
+from gui.models.loop import later
 from gui.shell import Shell
 
 
@@ -19,6 +20,8 @@ class PointActions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
+        window.views.points.described.connect(later(self._describe))
+        window.views.points.run.connect(self._run)
 
     def keys(self) -> dict[Any, Callable[[], object]]:
         """Key bindings that replace the usual ones in the points view."""
@@ -36,16 +39,6 @@ class PointActions:
             key.UP: lambda: stage_view.step_point(-1),
             key.DOWN: lambda: stage_view.step_point(1),
         }
-
-    def poll(self) -> bool:
-        """Handle a button pressed in the view; return whether one was pressed."""
-        stage_view = self._window.views.points
-        asked, stage_view.asks = stage_view.asks, ""
-        if asked == "describe":
-            self._describe()
-        elif asked == "run":
-            self._run()
-        return bool(asked)
 
     def _describe(self, problem: str = "", text: str | None = None) -> None:
         marks = self._window.views.points.marks

@@ -20,8 +20,9 @@ class QueueActions:
     def __init__(self, window: Shell) -> None:
         self._window = window
         self.queue = TakeQueue()
+        self.queue.watched = lambda: self._shown or window.start.shown
+        self.queue.changed.connect(self._update)
         self._dialog: QueueDialog | None = None
-        self._shown: object = None
 
     def show(self) -> None:
         """Show the queue."""
@@ -30,19 +31,15 @@ class QueueActions:
         opening = Opening(take.root if take is not None else None, window.open)
         self._dialog = QueueDialog(window.dialogs, self.queue, opening)
         self._dialog.show()
-        self._shown = self.queue.state
 
-    def poll(self) -> bool:
-        """Call at each tick; returns whether something changed."""
-        if self._dialog is None or self._window.dialogs.name != NAME:
-            return False
-        self.queue.poll()
-        if self.queue.state == self._shown:  # what it shows: the start page polls too
-            return False
-        self._shown = self.queue.state
-        self._dialog.update()
-        return True
+    @property
+    def _shown(self) -> bool:
+        return self._dialog is not None and self._window.dialogs.name == NAME
+
+    def _update(self) -> None:
+        if self._dialog is not None and self._shown:
+            self._dialog.update()
 
     def close(self) -> None:
-        """End the thread; the queue goes on."""
+        """End the thread; the queue keeps running."""
         self.queue.close()

@@ -38,7 +38,7 @@ class SceneActions:
             words = "Preferences could not be saved; they apply until the window is closed."
             window.notices.tell(words, bad=True, topic="preferences")
 
-    def poll(self) -> bool:
+    def follow(self) -> bool:
         """Show what is wanted; returns whether something changed. Call at each tick."""
         window = self._window
         player, view, views = window.player, window.scene_view, window.views

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from open3d.visualization import gui
 
 from gui.actions.menus import MENUS, MenuStates
+from gui.models.loop import LOOP
 from gui.shell import Shell
 from gui.widgets.command_list import Command
 from gui.widgets.dialogs.command import CommandDialog
@@ -47,6 +48,17 @@ class SearchActions:
         """Show the list as soon as Ctrl and Shift are released: dialogs focus their field with Tab, and these change
         what it does. Until then, input is kept for the list."""
         self._window.dialogs.expect()
+        LOOP.post(self.show_expected)
+
+    def show_expected(self) -> None:
+        """Show the list if it is expected and the keys are released. Call when a modifier is released."""
+        dialogs = self._window.dialogs
+        if dialogs.expected and not self._window.control_held:
+            try:
+                self._show()
+            finally:  # input must not stay kept back if that fails
+                dialogs.expected = False
+            self._window.changed()
 
     def _show(self) -> None:
         commands = [
@@ -54,16 +66,10 @@ class SearchActions:
         ]
         self._dialog.show([command for command in commands if command.key != "search"])
 
-    def poll(self) -> bool:
-        """Call at each tick; returns whether something changed. Keeps the menus up to date, too."""
-        grayed = self._states.poll(gui.Application.instance.menubar)
-        if self._window.dialogs.expected and not self._window.control_held:
-            try:
-                self._show()
-            finally:  # input must not stay kept back if that fails
-                self._window.dialogs.expected = False
-            return True
-        return self._dialog.tick() or grayed
+    def update(self) -> bool:
+        """Keep the menus and the list up to date. Call before the window is drawn; returns whether something
+        changed."""
+        return self._dialog.tick() | self._states.update(gui.Application.instance.menubar)
 
     def press(self, button: int, x: int, y: int) -> bool:
         """A mouse button is pressed in the window while a dialog is open; returns whether that closed the list."""

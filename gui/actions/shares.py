@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from gui.models.loop import later
 from gui.models.take.shares import ShareRequest, share_words, stale_words
 from gui.shell import Shell
 from gui.widgets.dialogs.share import ask_serve, ask_share, show_serving, show_stale
@@ -22,6 +23,9 @@ class ShareActions:
     def __init__(self, window: Shell) -> None:
         self._window = window
         self._request: ShareRequest | None = None
+        window.workspace.changed.connect(self._show_stale)
+        window.serving.started.connect(later(self._started))
+        window.serving.failed.connect(partial(window.notices.tell, bad=True, topic="serve"))
 
     def ask(self, form: str) -> None:
         """Ask for the options, then share. `form` is a key of `FORMS`."""
@@ -71,29 +75,18 @@ class ShareActions:
         """Stop serving."""
         self._window.serving.stop()
 
-    def poll(self) -> bool:
-        """Call at each tick; returns whether something changed."""
+    def _started(self) -> None:
         window = self._window
-        changed = self._tell_stale()
-        serving = window.serving
-        if not serving.poll():
-            return changed
-        if serving.failure:
-            window.notices.tell(serving.failure, bad=True, topic="serve")
-            serving.failure = ""
-            return True
-        if serving.address:
-            window.notices.clear("serve")
-        if serving.address and not window.dialogs.name:  # what is being typed elsewhere must not be lost
-            show_serving(window.dialogs, serving, self.stop)
-        return True
+        window.notices.clear("serve")
+        if window.serving.address and not window.dialogs.name:  # what is being typed elsewhere must not be lost
+            show_serving(window.dialogs, window.serving, self.stop)
 
-    def _tell_stale(self) -> bool:
-        """Tell in the open dialog what has been found out meanwhile; returns whether it has changed."""
+    def _show_stale(self) -> None:
+        """Show in the open dialog whether the stream is up to date."""
         words = self.stale
         if self._request is not None:
             self._request.stale = words
-        return show_stale(self._window.dialogs, words)
+        show_stale(self._window.dialogs, words)
 
     @property
     def stale(self) -> str | None:

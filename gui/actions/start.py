@@ -7,6 +7,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from gui.models.folders import kind_of
+from gui.models.loop import LOOP
 from gui.models.take.new_take import NewTake
 from gui.models.take.take_queue import TakeQueue
 from gui.pages.start.page import StartPage
@@ -15,6 +16,9 @@ from gui.platform.clipboard import Clipboard
 from gui.shell import Shell
 from studio.errors import StudioError
 from studio.storage import is_address
+
+LOOK_EVERY = 0.25
+"""Seconds between two looks at the files of the page."""
 
 
 class StartActions:
@@ -41,21 +45,36 @@ class StartActions:
         self._window, self._clipboard, self._others, self._new_take = window, clipboard, others, new_take
         self._tour = tour
         self.page = StartPage(queue, sample_settings() is not None)
+        self.page.changed.connect(window.changed)
         self._asked = self._pasting = False
+        self._timer = LOOP.every(LOOK_EVERY, self._look)
 
-    @property
-    def wanted(self) -> bool:
-        """Whether the page is to be on screen: when asked for, and when nothing is open."""
-        return self._asked or (self._window.player.opened is None and not self._window.opening)
+    def update(self) -> None:
+        """Show the page if it is asked for or nothing is open, else hide it."""
+        window = self._window
+        opened = window.player.opened
+        wanted = self._asked or (opened is None and not window.opening)
+        if window.start.shown != wanted:
+            window.layout.set_start(wanted)
+        self._timer.soon()
+        window.changed()
+
+    def _look(self) -> None:
+        opened = self._window.player.opened
+        if self._window.start.shown:
+            self.page.back = opened.title if opened is not None else ""
+            self.page.look(self._window.preferences.recent)
 
     def show(self) -> None:
         """Show the page over what is open."""
         self._window.player.transport.pause()
         self._asked = True
+        self.update()
 
     def hide(self) -> bool:
         """Show what is open again; returns whether the page was over it."""
         was_shown, self._asked = self._asked and self._window.player.opened is not None, False
+        self.update()
         return was_shown
 
     def toggle(self) -> None:
@@ -86,6 +105,7 @@ class StartActions:
             self.open_sample()
         else:
             self._others[kind]()
+        self._timer.soon()
 
     def _open_card(self, number: int) -> None:
         card = self.page.card(number)
@@ -157,21 +177,17 @@ class StartActions:
     def opened(self) -> None:
         """Something has been opened."""
         self._asked = False
+        self.update()
 
-    def poll(self, text: str | None) -> bool:
-        """Call at each tick with what came from the clipboard; returns whether something changed."""
-        changed = False
-        if text is not None and self._pasting:
-            self._pasting, changed = False, True
+    def copied(self, text: str) -> None:
+        """Open what came from the clipboard, if it was asked for."""
+        if self._pasting:
+            self._pasting = False
             self.pasted(text)
-        if self._window.start.shown:
-            opened = self._window.player.opened
-            self.page.back = opened.title if opened is not None else ""
-            changed |= self.page.poll(self._window.preferences.recent)
-        return changed
 
     def close(self) -> None:
         """End the thread."""
+        LOOP.stop(self._timer)
         self.page.close()
 
 

@@ -1,6 +1,6 @@
 """LatestWorker: a thread with a single request slot. A request made while it works replaces the waiting one.
 
-The window requests a picture at every change and never blocks; the thread always works on the newest request, so a slow
+The window requests an image at every change and never blocks; the thread always works on the newest request, so a slow
 renderer drops frames but does not lag.
 """
 
@@ -10,6 +10,8 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
+
+from gui.models.loop import LOOP
 
 Request = TypeVar("Request")
 Result = TypeVar("Result")
@@ -31,10 +33,16 @@ class LatestWorker(Generic[Request, Result]):
     Args:
         work: called with a request on the worker's thread; an exception becomes the result's `error`.
         name: the thread's name.
+        done: called with each finished request on the window's thread; None to `take` them instead.
     """
 
-    def __init__(self, work: Callable[[Request], Result], name: str) -> None:
-        self._work = work
+    def __init__(
+        self,
+        work: Callable[[Request], Result],
+        name: str,
+        done: Callable[[Done[Request, Result]], object] | None = None,
+    ) -> None:
+        self._work, self._done = work, done
         self._condition = threading.Condition()
         self._waiting: tuple[int, Request] | None = None
         self._finished: Done[Request, Result] | None = None
@@ -94,3 +102,10 @@ class LatestWorker(Generic[Request, Result]):
                 self._finished = Done(number, request, result, failure)
                 self._busy = False
                 self._condition.notify_all()
+            if self._done is not None:
+                LOOP.post(self._deliver)
+
+    def _deliver(self) -> None:
+        finished = self.take()
+        if finished is not None and self._done is not None and not self._closed:
+            self._done(finished)

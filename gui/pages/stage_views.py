@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gui.drawing.palette import GROUND
+from gui.models.loop import Signal
 from gui.models.playback.player import PlayerPresenter
 from gui.models.scene.contents import PARTS
 from gui.models.scene.gizmo import along
@@ -96,11 +97,11 @@ class StageViews:
         now: a clock in seconds that never runs backwards.
 
     Attributes:
-        asked: ("look" or "menu", camera) after a click on a camera; the window takes it.
-        asked_bakes: whether another bake is wanted, but none is open; the window asks for it.
-        asked_edit: button of the edits that needs a dialog; the window takes it.
+        clicked: emitted at each click.
+        camera_clicked, camera_menu: emitted with a camera's name after a click, a right click on it.
+        bake_wanted: emitted if another bake is chosen, but none is open.
+        edit_dialog: emitted with the button of the edits that needs a dialog.
         editing: whether Review shows the edits.
-        pressed: whether there was a click since the window last looked.
     """
 
     def __init__(
@@ -132,10 +133,11 @@ class StageViews:
         self._ticked = now()
         self._waits = ""
         self._rest = Rest(now)
-        self.asked: tuple[str, str] | None = None
-        self.asked_bakes = False
-        self.asked_edit = ""
-        self.pressed = False
+        self.clicked: Signal[[]] = Signal()
+        self.camera_clicked: Signal[[str]] = Signal()
+        self.camera_menu: Signal[[str]] = Signal()
+        self.bake_wanted: Signal[[]] = Signal()
+        self.edit_dialog: Signal[[str]] = Signal()
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
         """Buttons above the viewport, by stage."""
@@ -230,7 +232,7 @@ class StageViews:
         elif key == "edit":
             self.edit()
         elif key == "other" and player.why_not(key):
-            self.asked_bakes = True
+            self.bake_wanted.emit()
         elif key in ("truth", "trained", "decoded", "other"):
             if key == "truth" and player.mode != "single":
                 player.choose_mode("single")
@@ -243,7 +245,7 @@ class StageViews:
             self.editor.choose_tool("look")
             self.leave_edits()
         elif key in ("numbers", "list"):
-            self.asked_edit = key
+            self.edit_dialog.emit(key)
         else:
             self.editor.press(key)
 
@@ -438,11 +440,11 @@ class StageViews:
 
     def click(self, x: float, y: float) -> None:
         """Handle a click."""
-        self.pressed = True
+        self.clicked.emit()
         if self.stage_view is not None:
             camera = self.stage_view.camera_at(x, y)
             if camera:
-                self.asked = ("look", camera)
+                self.camera_clicked.emit(camera)
             self.stage_view.click(x, y)
         elif self.shows_scene:
             self._click_scene(x, y)
@@ -455,11 +457,11 @@ class StageViews:
             player.look_through("")
             player.orbit = along(player.orbit, end)
         elif camera:
-            self.asked = ("look", camera)
+            self.camera_clicked.emit(camera)
 
     def context(self, x: float, y: float) -> None:
         """Handle a right click."""
-        self.pressed = True
+        self.clicked.emit()
         view = self.stage_view
         if view is not None:
             camera = view.camera_at(x, y)
@@ -467,7 +469,7 @@ class StageViews:
             hit = shown_at(self.player.scene_places[0], x, y) if self.shows_scene else ""
             camera = hit or self.player.camera
         if camera:
-            self.asked = ("menu", camera)
+            self.camera_menu.emit(camera)
         elif view is not None:
             view.right_click(x, y)
 

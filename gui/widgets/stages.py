@@ -92,12 +92,13 @@ class StagesPanel:
         self.error.text_color = color(BAD)
         self.error.background_color = color(PANEL)
         self.estimates = Estimates()
+        self.estimates.changed.connect(self._show_estimates)
         actions = SettingActions(self._set, self._reset, self._choose, pick, self._estimate, changed)
         self.settings = {stage: SettingsList(stage, em, actions, self.estimates) for stage in TITLES}
         for widget in (self.detail, self.error, self.link, *(panel.widget for panel in self.settings.values())):
             widget.visible = False  # until there is something to show
         self._shown_config: Config | None = None
-        self._estimating = self._widening = False
+        self._widening = False
         self._widen = widen
 
     @property
@@ -274,6 +275,8 @@ class StagesPanel:
                 panel.widget.visible = shown
                 changed = layout = True
         config = self._workspace.config
+        if self.estimates.show(self._workspace.take, config):
+            self._show_estimates()
         if self.settings[self.selected].refilter():
             self._shown_config = None
             changed = layout = True
@@ -282,24 +285,21 @@ class StagesPanel:
             for panel in self.settings.values():
                 panel.show(config)
             changed = layout = True
-        if self._update_estimates(config):
-            changed = layout = True
         if self._update_buttons(row.state):
             changed = layout = True  # the new text has another width
         return changed, layout
 
-    def _update_estimates(self, config: Config | None) -> bool:
-        """Whether what is known about the presets has changed."""
-        if not self.estimates.poll(self._workspace.take, config) and self._estimating == self.estimates.running:
-            return False
-        self._estimating = self.estimates.running
-        if self.estimates.failure:
-            self._say(f"The presets could not be estimated: {self.estimates.failure}")
-            self.estimates.failure = ""
+    def _show_estimates(self) -> None:
+        """Show what is known about the presets."""
+        estimates = self.estimates
+        if estimates.failure:
+            self._say(f"The presets could not be estimated: {estimates.failure}")
+            estimates.failure = ""
         for panel in self.settings.values():
             panel.show_estimates()
-            panel.estimate.enabled = not self._estimating
-        return True
+            panel.estimate.enabled = not estimates.running
+        self._shown_config = None  # lay the settings out again
+        self._changed()
 
     def _update_buttons(self, state: str) -> bool:
         changed = False

@@ -45,6 +45,7 @@ class TimelinePanel:
 
     def __init__(self, player: PlayerPresenter, em: float, changed: Callable[[], None]) -> None:
         self.filmstrip = Filmstrip()
+        self.filmstrip.changed.connect(changed)
         self.busy = False
         self._selecting: int | None = None  # where the drag began that selects a span
         self._player = player
@@ -103,7 +104,6 @@ class TimelinePanel:
         if frame is not None and transport.playing:
             self.zoom = self.zoom.following(frame, transport.frame_count)
         view, size = self.plots_view, self._picture_size
-        self.filmstrip.poll()
         frames = [slot.frame for slot in slots(view.timeline, size[0])] if has_pictures(self._player) else []
         pictures = self.filmstrip.pictures(self._player, frames, size, self.busy)
         below = (

@@ -30,6 +30,7 @@ from pipelines.events import (
 from pipelines.events.log_follower import LogFollower
 from pipelines.runs.runner import Logged
 from pipelines.takes.take import Take
+from tests.support.looping import heard, wait_in_loop
 from tests.support.waiting import wait_until
 
 
@@ -86,7 +87,7 @@ def finish(job: Job, seconds: float = 60.0) -> list[object]:
     events: list[object] = []
 
     def ended() -> bool:
-        events.extend(job.poll())
+        events.extend(job.take_events())
         return not job.running
 
     wait_until("ended", ended, seconds)
@@ -202,12 +203,8 @@ def workspace() -> Iterator[Workspace]:
 
 
 def wait(workspace: Workspace, what: str, accept: Callable[[], bool], seconds: float = 180.0) -> None:
-    def there() -> bool:
-        workspace.poll()
-        return accept()
-
     try:
-        wait_until(what, there, seconds)
+        wait_in_loop(what, accept, seconds)
     except pytest.fail.Exception:
         pytest.fail(f"never {what}: {workspace.rows()}, {workspace.message}, {list(workspace.run.lines)[-5:]}")
 
@@ -255,6 +252,7 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     wait(workspace, "stale", lambda: states(workspace)["bake"] == "stale")
     assert states(workspace)["train"] == "done"
     assert "bake.qp changed from 20 to 33" in workspace.row("bake").detail
+    ended = heard(workspace.run_ended)
     assert workspace.start("review")
     assert not workspace.start("all"), "one run at a time"
     refusal = workspace.change_setting("bake.qp", 34)
@@ -265,12 +263,12 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     assert workspace.run.finished == ["bake", "evaluate"]
     wait(workspace, "done again", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
     assert workspace.run.outcome == "done"
-    assert workspace.ended.startswith("The run has finished after ")
+    assert str(ended.pop()[0]).startswith("The run has finished after ")
     lines = list(workspace.run.lines)
 
     assert workspace.start("all")
     wait(workspace, "nothing to do", lambda: not workspace.busy and workspace.run.outcome == "done")
-    assert workspace.ended == "There was nothing to run: everything is up to date."
+    assert ended == [("There was nothing to run: everything is up to date.",)]
     assert list(workspace.run.lines)[: len(lines)] == lines, "the log of the run before is still there"
 
 
@@ -296,7 +294,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         process = psutil.Process(terminal.pid)
         wait_until("halted", lambda: process.status() == psutil.STATUS_STOPPED)
         halted, written = process.cpu_times(), take_copy.joinpath(".v3studio", "events.jsonl").stat().st_size
-        workspace.poll()  # read what it had written
+        workspace._look()  # read what it had written
         wait(workspace, "seen as paused", lambda: workspace.paused)
         assert process.cpu_times() == halted
         assert take_copy.joinpath(".v3studio", "events.jsonl").stat().st_size == written
@@ -344,7 +342,6 @@ def test_a_run_on_another_machine_is_not_looked_for_here(
         (take.private / "lock").write_text('{"pid": 7, "command": "v3studio run", "host": "another machine"}')
         workspace.open(take)
         wait(workspace, "seen", lambda: workspace.pid == 7)
-        workspace.poll()
         workspace._look()
         assert not workspace.paused, "process 7 of this machine is another one"
         with monkeypatch.context() as change:

@@ -82,6 +82,7 @@ class Filmstrip:
 
     def __init__(self) -> None:
         self._thumbnails = Thumbnails()
+        self.changed = self._thumbnails.changed
         self._camera: Camera | None = None
         self._camera_of: object = None
 
@@ -110,10 +111,6 @@ class Filmstrip:
             self._camera_of = key
             self._camera = player.home.filling(player.points, *size)
         return self._camera
-
-    def poll(self) -> bool:
-        """Call at each tick; returns whether there is a new picture."""
-        return self._thumbnails.poll()
 
     def close(self) -> bool:
         """End the thread. Returns whether it ended in time."""

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from gui.models.camera_path import fitted
+from gui.models.loop import Signal
 from gui.models.playback.sources import FrameSource, open_path
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.splats import draw
-from gui.models.worker import LatestWorker
+from gui.models.worker import Done, LatestWorker
 from studio.cameras import Camera
 
 KEPT = 200
@@ -39,7 +40,8 @@ class Thumbnails:
     """See the module. Trained frames are used where there are any: each is read by itself."""
 
     def __init__(self) -> None:
-        self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._draw, "v3studio thumbnails")
+        self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._draw, "v3studio thumbnails", self._drawn)
+        self.changed: Signal[[]] = Signal()
         self._pictures: OrderedDict[tuple[object, ...], tuple[object, np.ndarray | None]] = OrderedDict()
         self._source: FrameSource | None = None
         self._source_of: object = None
@@ -74,16 +76,13 @@ class Thumbnails:
             self._worker.ask(request)
         return held[1] if held is not None else None
 
-    def poll(self) -> bool:
-        """Call at each tick; returns whether there is a new picture. One that failed is not asked for again."""
-        done = self._worker.take()
-        if done is None:
-            return False
+    def _drawn(self, done: Done[_Request, np.ndarray]) -> None:
+        """Keep a new picture. One that failed is not asked for again."""
         self._asked = False
         self._pictures[done.request.key] = done.request.contents, done.result
         while len(self._pictures) > KEPT:
             self._pictures.popitem(last=False)
-        return True
+        self.changed.emit()
 
     def _draw(self, request: _Request) -> np.ndarray:
         if self._source_of != (request.place, request.contents):

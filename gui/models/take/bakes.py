@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from gui.models.worker import LatestWorker
+from gui.models.loop import Signal
+from gui.models.worker import Done, LatestWorker
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.kept_bakes import KeptBake, choose_bake, keep_bake, kept_bakes, remove_bake
 from pipelines.takes.take import Take
@@ -59,10 +60,12 @@ class Bakes:
         rows: the kept bakes of the take.
         message: what happened last.
         failed: whether it was refused.
+        changed: emitted when a change has been made or refused.
     """
 
     def __init__(self) -> None:
-        self._worker: LatestWorker[Change, str] = LatestWorker(lambda change: change(), "v3studio bakes")
+        self._worker: LatestWorker[Change, str] = LatestWorker(lambda change: change(), "v3studio bakes", self._made)
+        self.changed: Signal[[]] = Signal()
         self.rows: list[BakeRow] = []
         self.message, self.failed = "", False
 
@@ -120,17 +123,13 @@ class Bakes:
         self.message, self.failed = "Working ...", False
         self._worker.ask(locked)
 
-    def poll(self) -> bool:
-        """Call at each tick; returns whether a change has been made or refused."""
-        done = self._worker.take()
-        if done is None:
-            return False
+    def _made(self, done: Done[Change, str]) -> None:
         self.failed = done.error is not None
         if isinstance(done.error, StudioError) or done.error is None:
             self.message = str(done.error or done.result)
         else:
             self.message = f"It failed: {done.error!r}"
-        return True
+        self.changed.emit()
 
     def close(self) -> bool:
         """End the thread after a change in progress. Returns whether it ended in time."""

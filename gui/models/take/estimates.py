@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from gui.models.loop import Signal
 from gui.models.take.jobs import ChildProcess, v3studio_command
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS
@@ -41,6 +42,7 @@ class Estimates:
 
     def __init__(self, command: Callable[[], Sequence[str]] = v3studio_command) -> None:
         self._command = command
+        self.changed: Signal[[]] = Signal()
         self.figures: Figures = {}
         self.failure = ""
         self._process: ChildProcess | None = None
@@ -71,17 +73,17 @@ class Estimates:
         command = [*self._command(), "estimate", str(take.root), "--presets", "--json"]
         self._output, self.failure, self._measures = "", "", self._path
         self._process = ChildProcess(command, scratch / "errors.txt", scratch)
+        self._process.output.connect(self._receive)
+        self.changed.emit()
 
-    def poll(self, take: Take | None, config: Config | None) -> bool:
-        """Note what is open and take in the measurement; returns whether something changed. Call at each tick."""
-        changed = self._look(take, config)
+    def _receive(self) -> None:
         process = self._process
         if process is None:
-            return changed
+            return
         self._output += "".join(process.take_lines())
         status = process.status
         if status is None:
-            return changed
+            return
         if status == 0 and self._measures is not None:
             found = _read(self._output)
             if not found:
@@ -94,10 +96,11 @@ class Estimates:
         elif status != 0:
             self.failure = process.last_line().removeprefix("error: ")
         self._forget()
-        return True
+        self.changed.emit()
 
-    def _look(self, take: Take | None, config: Config | None) -> bool:
-        """Read the cached figures of another take, or of other settings of the footage."""
+    def show(self, take: Take | None, config: Config | None) -> bool:
+        """Read the cached figures of another take, or of other settings of the footage; returns whether they are
+        others."""
         of = (take.root if take is not None else None, config)
         if of == self._of:
             return False

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gui.models.camera_path import PathEditor, in_export
+from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.take.jobs import ChildProcess, v3studio_command
 from gui.models.take.shares import ShareRequest
@@ -104,9 +105,11 @@ class Exports:
         path: views of the camera path.
         request: the last one that was started; None before the first.
         progress: last report of progress; stays after the end.
-        result: outcome of the last one, shown once.
+        result: outcome of the last one; "" while one is running.
         failed: whether the last one failed.
         written: what the last one wrote; None if it failed or was stopped.
+        changed: emitted with each progress.
+        finished: emitted at the end.
     """
 
     path: PathEditor = field(default_factory=PathEditor)
@@ -115,6 +118,8 @@ class Exports:
     result: str = ""
     failed: bool = False
     written: Path | None = None
+    changed: Signal[[]] = field(default_factory=Signal)
+    finished: Signal[[]] = field(default_factory=Signal)
     _process: ChildProcess | None = None
     _target: Path | None = None
     _stopping: bool = False
@@ -172,6 +177,7 @@ class Exports:
         self._process = ChildProcess([*v3studio_command(), *arguments], scratch / "errors.txt", scratch)
         self.request, self._target, self._stopping, self._told = request, request.path, False, ""
         self.progress, self.result = f"{request.does.lower()}: starting", ""
+        self._process.output.connect(self._receive)
 
     def _keys(self, request: ExportRequest) -> list[Key]:
         """The path in the frames and the world of what is exported."""
@@ -194,12 +200,10 @@ class Exports:
         write_path_keys(keys, path)
         return path
 
-    def poll(self) -> bool:
-        """Process the output of the export; return whether anything changed."""
+    def _receive(self) -> None:
         process, request = self._process, self.request
         if process is None or request is None:
-            return False
-        before = self.progress
+            return
         for line in process.take_lines():
             with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
                 event = json.loads(line)
@@ -211,7 +215,8 @@ class Exports:
                     self._told += f"\n{event['text']}"
         status = process.status
         if status is None:
-            return self.progress != before
+            self.changed.emit()
+            return
         self._process = None
         self.failed = status not in (0, EXIT_CANCELLED)
         self.written = self._target if status == 0 else None
@@ -223,7 +228,7 @@ class Exports:
             self.result, self.failed = f"{request.does} stopped. No files were left behind.", False
         else:
             self.result = f"{request.does} failed: {last.removeprefix('error: ')}"
-        return True
+        self.finished.emit()
 
     def stop(self) -> None:
         """Stop the export; partial output is removed."""

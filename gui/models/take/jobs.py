@@ -19,6 +19,7 @@ from pathlib import Path
 import psutil
 
 import pipelines
+from gui.models.loop import LOOP, Signal
 from pipelines.events import Event, Log, RunFinished, read_line
 from pipelines.takes.take import Take
 
@@ -39,10 +40,15 @@ class ChildProcess:
         errors: file for its standard error.
         folder: working directory.
         tied: give it a pipe as standard input, which ends with the window, even if that is killed.
+
+    Attributes:
+        output: emitted when there are new lines, and when the process has ended.
     """
 
     def __init__(self, command: Sequence[str], errors: Path, folder: Path, tied: bool = False) -> None:
         self.errors = errors
+        self.output: Signal[[]] = Signal()
+        self._posted = threading.Event()
         root = str(Path(pipelines.__file__).resolve().parents[1])  # so that the child process finds the packages
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         with errors.open("wb") as file:
@@ -65,9 +71,19 @@ class ChildProcess:
         stream, whole = self._process.stdout, True
         while line := stream.readline(_LONGEST_LINE):
             if whole:
-                self._lines.put(line)
+                self._put(line)
             whole = line.endswith(b"\n")
-        self._lines.put(None)
+        self._put(None)
+
+    def _put(self, line: bytes | None) -> None:
+        self._lines.put(line)
+        if not self._posted.is_set():
+            self._posted.set()
+            LOOP.post(self._notify)
+
+    def _notify(self) -> None:
+        self._posted.clear()
+        self.output.emit()
 
     @property
     def pid(self) -> int:
@@ -128,7 +144,7 @@ class Job(ChildProcess):
         super().__init__(command, take.private / STDERR_NAME, take.root)
         self._reported_end = False
 
-    def poll(self) -> list[Event]:
+    def take_events(self) -> list[Event]:
         """New events; a line that is not an event becomes a `Log`. Never blocks."""
         events: list[Event] = []
         for line in self.take_lines():

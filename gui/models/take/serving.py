@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from gui.models.loop import Signal
 from gui.models.take.jobs import ChildProcess, v3studio_command
 from pipelines.takes.atomic_files import remove
 
@@ -20,13 +21,15 @@ class Serving:
         source: what is served; "" if nothing is.
         address: where; "" until the server has told it.
         fingerprint: SHA-256 of its certificate; "" over http.
-        failure: why it ended by itself, to be shown once.
+        started: emitted when the address is known.
+        failed: emitted with the reason if the server ends before it is stopped.
     """
 
     source: str = ""
     address: str = ""
     fingerprint: str = ""
-    failure: str = ""
+    started: Signal[[]] = field(default_factory=Signal)
+    failed: Signal[[str]] = field(default_factory=Signal)
     _process: ChildProcess | None = None
 
     @property
@@ -55,13 +58,13 @@ class Serving:
             "--end-with-stdin",
         ]
         self._process = ChildProcess([*command, *["--https"] * https], scratch / "errors.txt", scratch, tied=True)
-        self.source, self.failure = source, ""
+        self._process.output.connect(self._receive)
+        self.source = source
 
-    def poll(self) -> bool:
-        """Take in the output of the process; returns whether something changed."""
+    def _receive(self) -> None:
         process = self._process
         if process is None:
-            return False
+            return
         before = self.address
         for line in process.take_lines():
             with contextlib.suppress(ValueError, KeyError, TypeError, IndexError, RecursionError):
@@ -70,10 +73,11 @@ class Serving:
                     self.address = str(event["streams"][0]["address"])
                     self.fingerprint = event["fingerprint"] or ""
         if process.status is not None:
-            self.failure = f"Serving has ended: {process.last_line().removeprefix('error: ')}"
+            why = f"Serving has ended: {process.last_line().removeprefix('error: ')}"
             self._forget()
-            return True
-        return self.address != before
+            self.failed.emit(why)
+        elif self.address != before:
+            self.started.emit()
 
     def stop(self) -> None:
         """End the server, if there is one."""

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from gui.models.worker import LatestWorker
+from gui.models.loop import LOOP, Signal
+from gui.models.worker import Done, LatestWorker
 from pipelines.batch.progress import progress
 from pipelines.batch.queue_file import QueueFile, default_queue
 from pipelines.batch.start import errors_of, start_queue
@@ -82,7 +83,7 @@ def _killed(number: int) -> str:
 
 
 class TakeQueue:
-    """See the module. Call `poll` at each tick while the queue is on screen; it does not block.
+    """See the module. Nothing here blocks.
 
     Args:
         queue: the file; None for the user's.
@@ -92,6 +93,8 @@ class TakeQueue:
     Attributes:
         view: the queue when it was last read.
         message: why the last change was refused, or why the program that ran the queue failed; "" if neither.
+        watched: whether the queue is on screen, so that its file is read now and then.
+        changed: emitted when `state` has changed.
     """
 
     def __init__(
@@ -100,24 +103,22 @@ class TakeQueue:
         start: Callable[[QueueFile], subprocess.Popen[bytes]] = start_queue,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._queue, self._start, self._now = queue or QueueFile(default_queue()), start, now
+        self._queue, self._start = queue or QueueFile(default_queue()), start
         self._worker: LatestWorker[QueueFile, QueueView] | None = None
-        self._next_look = 0.0
+        self._timer = LOOP.every(LOOK_EVERY, self._look, now)
+        self.watched: Callable[[], bool] = lambda: True
+        self.changed: Signal[[]] = Signal()
         self._process: subprocess.Popen[bytes] | None = None
         self.view = QueueView()
         self.message = ""
 
-    def poll(self) -> bool:
-        """Read the queue now and then; returns whether anything visible changed."""
-        before = self.state
+    def _look(self) -> None:
+        """Read the queue on a thread, and note whether the program that works through it has ended."""
+        if not self.watched():
+            return
         if self._worker is None:
-            self._worker = LatestWorker(look, "v3studio queue")
-        if self._now() >= self._next_look:
-            self._next_look = self._now() + LOOK_EVERY
-            self._worker.ask(self._queue)
-        done = self._worker.take()
-        if done is not None:
-            self.view = done.result if done.result is not None else QueueView(error=str(done.error))
+            self._worker = LatestWorker(look, "v3studio queue", self._read)
+        self._worker.ask(self._queue)
         if self._process is not None and self._process.poll() is not None:
             code = self._process.returncode
             if code > 0:
@@ -125,8 +126,14 @@ class TakeQueue:
             elif code < 0 and code != -signal.SIGTERM:  # SIGTERM is how it is stopped
                 self.message = _killed(-code)
             self._process = None
-            self._next_look = 0.0
-        return before != self.state
+            self._timer.soon()
+            self.changed.emit()
+
+    def _read(self, done: Done[QueueFile, QueueView]) -> None:
+        view = done.result if done.result is not None else QueueView(error=str(done.error))
+        if view != self.view:
+            self.view = view
+            self.changed.emit()
 
     def _why_it_ended(self) -> str:
         """The error of the program; "" if it only reports that takes failed, which the list shows."""
@@ -208,9 +215,11 @@ class TakeQueue:
             how()
         except (StudioError, OSError) as error:
             self.message = str(error)
-        self._next_look = 0.0
+        self._timer.soon()
+        self.changed.emit()
 
     def close(self) -> None:
-        """End the thread; the program that works through the queue goes on."""
+        """End the thread; the program that works through the queue keeps running."""
+        LOOP.stop(self._timer)
         if self._worker is not None:
             self._worker.close()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -15,11 +15,12 @@ from typing import Any, cast
 from pydantic import JsonValue
 
 from gui.models.history import Change, History
+from gui.models.loop import LOOP, Signal
 from gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from gui.models.stages import Inputs
 from gui.models.take.jobs import Job, is_paused, pause_process, stop_process
 from gui.models.take.run_state import RunState
-from gui.models.worker import LatestWorker
+from gui.models.worker import Done, LatestWorker
 from pipelines.config import Config, load_config
 from pipelines.config.loading import COMMAND_LINE
 from pipelines.events import RunFinished
@@ -44,25 +45,25 @@ frames. A run may keep far more, but a window is open for hours, and its user ha
 
 
 class Workspace:
-    """See the module. Call `poll` at each tick; nothing here blocks.
-
-    Args:
-        start_job: starts a job; tests replace it.
-        now: a clock in seconds that never runs backwards.
+    """See the module. Nothing here blocks.
 
     Attributes:
         opening: name of what is being opened; "" if nothing is.
         history: changes of the take's settings and marks, for undo.
         assessed: whether `assessment` is of this take, maybe before the last change.
         checked: whether it is of the take as it is now, as far as is known.
-        ended: what to tell of a run of this window that ended well; whoever tells it empties it.
+        changed: emitted when something visible has changed.
+        new_results: emitted when the take has new results.
+        run_ended: emitted with a sentence when a run of this window has ended well.
     """
 
-    def __init__(
-        self, start_job: Callable[[Take, tuple[str, ...]], Job] = Job, now: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._start_job, self._now = start_job, now
-        self._worker: LatestWorker[Inputs, Assessment] = LatestWorker(assess, "v3studio assess")
+    def __init__(self) -> None:
+        self._worker: LatestWorker[Inputs, Assessment] = LatestWorker(assess, "v3studio assess", self._assessed)
+        self._timer = LOOP.every(LOOK_EVERY, self._look)
+        self.changed: Signal[[]] = Signal()
+        self.new_results: Signal[[]] = Signal()
+        self.run_ended: Signal[[str]] = Signal()
+        self._seen: object = None
         self.opening = ""
         self._clear()
 
@@ -79,9 +80,7 @@ class Workspace:
         self.message = ""
         self.cancelling = False
         self.paused = False
-        self.ended = ""
         self._follower: LogFollower | None = None
-        self._next_look = 0.0
         self._next_assess = 0.0
         self._fingerprint: tuple[object, ...] = ()
         self._results_seen = 0
@@ -96,7 +95,7 @@ class Workspace:
             return
         self._follower = LogFollower(take.log)
         self._read_config()
-        self.poll()
+        self._look()
 
     @property
     def config(self) -> Config | None:
@@ -133,40 +132,53 @@ class Workspace:
         """Something has changed: an assessment that has begun before does not count."""
         self.checked, self._asked = False, None
 
-    # At each tick
+    # Changes by the run and on disk
 
-    def poll(self) -> bool:
-        """Process events and changes on disk; returns whether anything visible changed."""
-        if self.take is None:
-            return False
-        before = self._shown()
-        if self.job is not None:
-            for event in self.job.poll():
-                self.run.apply(event)
-                if isinstance(event, RunFinished) and event.outcome == "done":
-                    took = f"The run has finished after {duration(event.seconds)}."
-                    self.ended = took if self.run.planned else "There was nothing to run: everything is up to date."
-            if not self.job.running:
-                crash = self.job.crash()
-                if crash is not None:
-                    self.run.crashed(*crash)
-                self._job_over()
-        if self._now() >= self._next_look:
-            self._next_look = self._now() + LOOK_EVERY
-            self._look()
-        done = self._worker.take()
-        if done is not None and self.context is not None and done.request.config is self.context.config:
-            self.assessed = True
-            self._assess_failed = done.result is None
-            self.checked = not self._assess_failed and (self.checked or done.request is self._asked)
-            if done.result is not None:
-                self.assessment = done.result
-            else:
-                self.message = f"Cannot read the status of the take: {done.error}"
-        return before != self._shown()
+    def _job_output(self) -> None:
+        """Apply the events of the job."""
+        job = self.job
+        if job is None:
+            return
+        ended = ""
+        for event in job.take_events():
+            self.run.apply(event)
+            if isinstance(event, RunFinished) and event.outcome == "done":
+                took = f"The run has finished after {duration(event.seconds)}."
+                ended = took if self.run.planned else "There was nothing to run: everything is up to date."
+        if not job.running:
+            crash = job.crash()
+            if crash is not None:
+                self.run.crashed(*crash)
+            self._job_over()
+        self._notify()
+        if ended:
+            self.run_ended.emit(ended)
+
+    def _assessed(self, done: Done[Inputs, Assessment]) -> None:
+        if self.context is None or done.request.config is not self.context.config:
+            return
+        self.assessed = True
+        self._assess_failed = done.result is None
+        self.checked = not self._assess_failed and (self.checked or done.request is self._asked)
+        if done.result is not None:
+            self.assessment = done.result
+        else:
+            self.message = f"Cannot read the status of the take: {done.error}"
+        self._notify()
+
+    def _notify(self) -> None:
+        """Emit what has changed since the last time."""
+        shown = self._shown()
+        if shown != self._seen:
+            self._seen = shown
+            self.changed.emit()
+        if self.run.results != self._results_seen:
+            self._results_seen = self.run.results
+            self.new_results.emit()
 
     def _shown(self) -> tuple[object, ...]:
-        return self.run.changes, self.assessment, self.holder, self.message, self.assessed, self.checked, self.paused
+        now = (self.run.changes, self.assessment, self.holder, self.message, self.assessed, self.checked, self.paused)
+        return (*now, self.context)
 
     def _job_over(self) -> None:
         assert self.take is not None
@@ -174,12 +186,16 @@ class Workspace:
         self._follower = LogFollower(self.take.log)
         self._follower.poll()  # the job's events are already known
         self.holder = None
-        self._next_look = self._next_assess = 0.0
+        self._look_soon()
+
+    def _look_soon(self) -> None:
+        self._next_assess = 0.0
+        self._timer.soon()
 
     def _look(self) -> None:
         """Look for changes on disk."""
-        assert self.take is not None
-        assert self._follower is not None
+        if self.take is None or self._follower is None:
+            return
         self.paused = self.pid is not None and not self._elsewhere and is_paused(self.pid)
         if self.job is None:
             anew, events = self._follower.poll()
@@ -195,17 +211,19 @@ class Workspace:
             if holder is None and self.run.changes and not self.run.outcome and self.run.begun:
                 self.run.crashed("The last run was killed or crashed. Run again to continue.")
         fingerprint = self._take_fingerprint()
-        if fingerprint != self._fingerprint or self._now() >= self._next_assess:
+        now = time.monotonic()
+        if fingerprint != self._fingerprint or now >= self._next_assess:
             inputs_changed = self._fingerprint[:3] != fingerprint[:3]
             if fingerprint != self._fingerprint:
                 self._unchecked()
             self._fingerprint = fingerprint
-            self._next_assess = self._now() + ASSESS_EVERY
+            self._next_assess = now + ASSESS_EVERY
             if inputs_changed or self.context is None:
                 self._read_config()
             if self.context is not None:  # a new context, because the views' context keeps its footage open
                 self._asked = self._new_context(self.context.config)
                 self._worker.ask(self._asked)
+        self._notify()
 
     def _take_fingerprint(self) -> tuple[object, ...]:
         """A cheap fingerprint that changes with everything that a stage's status depends on."""
@@ -289,15 +307,18 @@ class Workspace:
         self.run = self.run.followed()
         try:
             with disk_errors(self.take.root):
-                self.job = self._start_job(self.take, arguments)
+                self.job = Job(self.take, arguments)
         except (StudioError, OSError) as error:
             self.message = f"Cannot start the run: {error}"
             return False
+        self.job.output.connect(self._job_output)
+        self._notify()
         return True
 
     def note(self, text: str, failed: bool = False) -> None:
         """Add a line to the log about something else than the run."""
         self.run.note(text, time.time(), failed)
+        self._notify()
 
     def cancel(self) -> None:
         """Stop the run, whoever started it; finished work is kept."""
@@ -391,7 +412,8 @@ class Workspace:
         if config != self.context.config:
             self.context = self._new_context(config)
             self._unchecked()
-        self._next_look = self._next_assess = 0.0
+        self._look_soon()
+        self._notify()
         return None
 
     def inputs_changed(self) -> None:
@@ -399,16 +421,12 @@ class Workspace:
         if self.take is not None and self.context is not None:
             self.context = self._new_context(self.context.config)
             self._unchecked()
-            self._next_look = self._next_assess = 0.0
-
-    def take_results(self) -> bool:
-        """True once each time the take has new results."""
-        changed = self.run.results != self._results_seen
-        self._results_seen = self.run.results
-        return changed
+            self._look_soon()
+            self._notify()
 
     def close(self) -> bool:
         """End the thread; a job keeps running. Returns whether the thread ended in time."""
+        LOOP.stop(self._timer)
         return self._worker.close()
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas
 from gui.drawing.palette import FAIR, GROUND
+from gui.models.loop import Signal
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.magnifier import Magnifier
@@ -27,7 +28,8 @@ class PointsView(StageView):
     """See the module. Clicks act on the layout of the last picture.
 
     Attributes:
-        asks: what the window should do: "describe" (edit the point), "run" (calibrate) or "".
+        described: emitted when the point is to be edited.
+        run: emitted when the take is to be calibrated.
     """
 
     modes = ("points by hand",)
@@ -37,7 +39,8 @@ class PointsView(StageView):
         self.marks: TieMarks | None = None
         self.camera = ""
         self.snaps = True
-        self.asks = ""
+        self.described: Signal[[]] = Signal()
+        self.run: Signal[[]] = Signal()
         self.problem = ""
         self._magnifiers: dict[str, Magnifier] = {}
         self._images: dict[tuple[str, int], np.ndarray] = {}
@@ -182,12 +185,12 @@ class PointsView(StageView):
     def _buttons(self) -> list[tuple[str, Action]]:
         return [
             ("New point (N)", self.new_point),
-            ("Edit name, position (E)", partial(self._ask, "describe")),
+            ("Edit name, position (E)", self.described.emit),
             ("Not in this camera (Delete)", self.unmark),
             ("Delete point", self.remove),
             ("Undo (U)", self.undo),
             (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
-            ("Calibrate", partial(self._ask, "run")),
+            ("Calibrate", self.run.emit),
         ]
 
     def _solved(self) -> Mapping[str, TiePointReport]:
@@ -249,9 +252,6 @@ class PointsView(StageView):
             self.problem = ""
         except StudioError as error:
             self.problem = str(error)
-
-    def _ask(self, what: str) -> None:
-        self.asks = what
 
     def show_camera(self, name: str) -> None:
         """Show another camera's image."""

@@ -11,6 +11,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas
 from gui.drawing.palette import BAD, FAIR, GOOD
 from gui.models.history import Change
+from gui.models.loop import Signal
 from gui.models.take.workspace import Workspace, setting_value
 from pipelines.takes.atomic_files import disk_errors, remove
 from pipelines.takes.drawn_masks import DRAWN, file_of_garbage
@@ -39,13 +40,15 @@ class GarbageDrawing:
 
     Attributes:
         corners: of the polygon that is being drawn, pixels of the footage.
-        refused: why the last change was refused; whoever shows it empties it.
+        refused: emitted with the reason when a change is refused.
+        written: emitted when a change is made.
     """
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
         self.corners: tuple[Point, ...] = ()
-        self.refused = ""
+        self.refused: Signal[[str]] = Signal()
+        self.written: Signal[[]] = Signal()
         self._corners_of: object = None
 
     def polygons(self) -> Polygons:
@@ -99,7 +102,7 @@ class GarbageDrawing:
         try:
             old = self.polygons()
         except StudioError as error:
-            self.refused = str(error)
+            self.refused.emit(str(error))
             return
         one = old.get(camera, GarbagePolygons())
         place = np.array(at) * _scale(one, size)
@@ -118,7 +121,7 @@ class GarbageDrawing:
             used = context is not None and context.config.capture.garbage_masks
             old = self.polygons() if used else self._own() or {}  # or the file would lose what is in it
         except StudioError as error:
-            self.refused = str(error)
+            self.refused.emit(str(error))
             return
         one = old.get(camera, GarbagePolygons())
         polygon = np.array(self.corners) * _scale(one, size)
@@ -156,15 +159,16 @@ class GarbageDrawing:
         try:
             own = self._own()
         except StudioError as error:
-            self.refused = str(error)
+            self.refused.emit(str(error))
             return False
         before: _State = (setting_value(context.config, SETTING), own)
         after: _State = (DRAWN, left) if left else ("", None)
         refusal = self._apply(after)
         if refusal is not None:
-            self.refused = str(refusal)
+            self.refused.emit(str(refusal))
             return False
         workspace.history.add(Change(words, lambda: self._apply(before), lambda: self._apply(after)))
+        self.written.emit()
         return True
 
     def _apply(self, state: _State) -> Message | None:

@@ -174,7 +174,8 @@ class CaptureView(StageView):
         except StudioError as error:
             told = (str(error), error.value)
             if told != self._told:  # once, not with each frame
-                self._told, self.garbage.refused = told, str(error)
+                self._told = told
+                self.garbage.refused.emit(str(error))
             return {}
         self._told = None
         return found

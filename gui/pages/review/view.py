@@ -11,6 +11,7 @@ import numpy as np
 from gui.drawing import compare
 from gui.drawing.canvas import Canvas, wrapped
 from gui.drawing.palette import FAIR, TEXT
+from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.compose import SplatLayer
 from gui.models.scene.handles import (
@@ -80,8 +81,9 @@ class EditView(OrbitView):
         clicks: picked points, world.
         brush: radius of the brush, relative to the height of the picture.
         pointer: where the pointer is over the picture, relative to its width and height; None elsewhere.
-        distance_asked: two points whose distance is to be asked for; the window takes them.
-        refused: why the last change was refused, or what to do; the window takes it.
+        two_points: emitted with two points, whose distance gives the scale.
+        refused: why the last change was refused, or what to do; "" if it was not.
+        refusal: emitted with `refused`.
         background: name of the background.
         captured_up: (3,) up of the capture.
     """
@@ -94,8 +96,9 @@ class EditView(OrbitView):
         self.tool, self.show_removed = "look", False
         self.pending: EditList | None = None
         self.clicks: tuple[tuple[float, ...], ...] = ()
-        self.distance_asked: tuple[np.ndarray, np.ndarray] | None = None
+        self.two_points: Signal[[np.ndarray, np.ndarray]] = Signal()
         self.refused, self.background = "", "dark"
+        self.refusal: Signal[[str]] = Signal()
         self.captured_up = np.array([0.0, 0.0, 1.0])
         self.brush = BRUSH
         self.pointer: tuple[float, float] | None = None
@@ -190,30 +193,35 @@ class EditView(OrbitView):
         """
         edits = self.pending
         if edits is None:
-            self.refused = "Nothing is selected. Draw with the lasso or the brush, or choose Floaters."
+            self._refuse("Nothing is selected. Draw with the lasso or the brush, or choose Floaters.")
             return
         if edits == self.edits:
-            self.refused = "That is removed already. Change it with Numbers (#)."
+            self._refuse("That is removed already. Change it with Numbers (#).")
             return
         if self.tool in ("lasso", "brush") and self.settled and not self.counts.get("selected"):
-            self.refused = "Nothing is selected in this group. Select splats first."
+            self._refuse("Nothing is selected in this group. Select splats first.")
             return
         if self.tool in ("lasso", "brush") and edits.regions:
             frames = (self.frame, self.frame) if here else None
             last = edits.regions[-1].model_copy(update={"frames": frames})
             edits = edits.with_(regions=(*edits.regions[:-1], last))
         elif here:
-            self.refused = "Only a lasso or a brush can hold in one group; the others hold in all frames."
+            self._refuse("Only a lasso or a brush can hold in one group; the others hold in all frames.")
             return
         self.commit(edits, f"{self.tool} removal" if self.tool in ("lasso", "brush") else self.tool)
 
     def commit(self, edits: EditList, words: str) -> bool:
         """Write the edits as one change; returns whether that was possible, and sets `refused` if not."""
-        self.refused = change(self.workspace, edits, words)
+        self._refuse(change(self.workspace, edits, words))
         self.pending = None
         if self.tool == "floaters":
             self.tool = "look"
         return not self.refused
+
+    def _refuse(self, why: str) -> None:
+        self.refused = why
+        if why:
+            self.refusal.emit(why)
 
     def _trim(self, key: str) -> None:
         edits, last = self.edits, max(self._trained_count() - 1, 0)
@@ -230,13 +238,13 @@ class EditView(OrbitView):
         """Scale the world so that two points are `distance` apart; returns whether that was possible."""
         apart = float(np.linalg.norm(end - start))
         if not (apart > 0 and distance > 0):
-            self.refused = "The points must differ, and the distance must be above 0."
+            self._refuse("The points must differ, and the distance must be above 0.")
             return False
         world = self.edits.world or World()
         try:
             scaled = World.model_validate(world.model_dump() | {"scale": distance / apart})
         except ValueError:
-            self.refused = "The scale must be from 0.000001 to 1000000."
+            self._refuse("The scale must be from 0.000001 to 1000000.")
             return False
         self.clicks = ()
         return self.commit(self.edits.with_(world=scaled), f"scale {scaled.scale:.4g}")
@@ -313,7 +321,7 @@ class EditView(OrbitView):
             )
             self.pending = edits.with_(regions=(*edits.regions, region))
         except ValueError:
-            self.refused = "There are too many regions already. Take some back with List."
+            self._refuse("There are too many regions already. Take some back with List.")
 
     def click(self, x: float, y: float) -> None:
         """See `StageView`."""
@@ -323,7 +331,7 @@ class EditView(OrbitView):
             return
         point = picked(self._view(), self._seen, x, y)
         if point is None:
-            self.refused = NOBODY
+            self._refuse(NOBODY)
             return
         edits = self.edits
         world = edits.world or World()
@@ -337,7 +345,7 @@ class EditView(OrbitView):
         if np.linalg.norm(end - start) < 1e-9:
             self.clicks = self.clicks[:1]
         elif self.tool == "scale":
-            self.distance_asked = (start, end)
+            self.two_points.emit(start, end)
         else:
             up = (end - start) / np.linalg.norm(end - start)
             if self.commit(edits.with_(world=world.model_copy(update={"up": tuple(up.tolist())})), "up"):
@@ -352,14 +360,14 @@ class EditView(OrbitView):
         try:
             mark = marked(take, min(self.frame, max(self._trained_count() - 1, 0)), self._view(), self._seen, x, y)
             if mark is None:
-                self.refused = NOBODY
+                self._refuse(NOBODY)
                 return
             after = edits.with_(details=(*edits.details, mark))
         except StudioError as error:
-            self.refused = str(error.message)
+            self._refuse(str(error.message))
             return
         except ValueError:
-            self.refused = "There are too many details already. Take some back with List."
+            self._refuse("There are too many details already. Take some back with List.")
             return
         self.commit(after, f"detail {len(after.details)}")
 

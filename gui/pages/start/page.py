@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gui.models.loop import Signal
 from gui.models.take.take_queue import TakeQueue
-from gui.models.worker import LatestWorker
+from gui.models.worker import Done, LatestWorker
 from gui.pages.start.cards import Card, Sizes, describe, fingerprint
 from gui.pages.start.thumbnail import thumbnail
 from studio.stream import is_address
@@ -49,7 +50,7 @@ def _look(request: _Request) -> _Facts:
 
 
 class StartPage:
-    """See the module. Call `poll` at each tick while it is on screen; it does not block.
+    """See the module. Call `look` now and then while it is on screen; it does not block.
 
     Args:
         queue: the queue of takes.
@@ -61,10 +62,13 @@ class StartPage:
         focus: name of what has the keyboard focus, see `drawing`: "new", "card 0", ...
         sample: whether the sample capture is there.
         back: name of what is open below the page; "" if nothing is.
+        changed: emitted when something visible has changed.
     """
 
     def __init__(self, queue: TakeQueue, sample: bool, now: Callable[[], float] = time.monotonic) -> None:
         self.queue, self.sample, self._now = queue, sample, now
+        self.changed: Signal[[]] = Signal()
+        queue.changed.connect(self.changed.emit)
         self.places: tuple[str, ...] = ()
         self.cards: dict[str, Card] = {}
         self.pictures: dict[str, np.ndarray | None] = {}
@@ -76,47 +80,39 @@ class StartPage:
         self._worker: LatestWorker[_Request, _Facts] | None = None
         self._asked: _Request | None = None
 
-    def poll(self, places: Sequence[str]) -> bool:
-        """Read cards and pictures one by one; returns whether anything visible changed.
+    def look(self, places: Sequence[str]) -> None:
+        """Read the cards and images that are missing or may have changed, one by one on a thread.
 
         Args:
-            places: what was open recently, newest first.
+            places: what was opened recently, newest first.
         """
-        changed = self.queue.poll()
         if tuple(places) != self.places:
             self.places = tuple(places)
-            changed = True
             for known in (self.cards, self.pictures, self._stamps, self._looked, self._measured, self._pictured):
                 for gone in set(known) - set(places):
                     del known[gone]
+            self.changed.emit()
         if self._worker is None:
-            self._worker = LatestWorker(_look, "v3studio start")
-        done = self._worker.take()
-        if done is not None:
-            changed |= self._received(done.request, done.result, done.error)
-            self._asked = None
+            self._worker = LatestWorker(_look, "v3studio start", self._found)
         if self._asked is None:
             self._asked = self._next()
             if self._asked is not None:
                 self._worker.ask(self._asked)
-        return changed
 
-    def _received(self, request: _Request, facts: _Facts | None, error: Exception | None) -> bool:
-        place = request.place
-        if place not in self.places:
-            return False
-        if request.picture:
-            self.pictures[place] = facts.picture if facts is not None else None
-            return True
-        if facts is None:
-            self._stamps[place] = "failed"
-            self.cards[place] = Card(place, "damaged", f"cannot be read: {error}", "failed")
-            return True
-        self._stamps[place] = facts.stamp
-        if facts.card is None:
-            return False
-        self.cards[place] = facts.card
-        return True
+    def _found(self, done: Done[_Request, _Facts]) -> None:
+        self._asked = None
+        place, facts = done.request.place, done.result
+        if place in self.places:
+            if done.request.picture:
+                self.pictures[place] = facts.picture if facts is not None else None
+            elif facts is None:
+                self._stamps[place] = "failed"
+                self.cards[place] = Card(place, "damaged", f"cannot be read: {done.error}", "failed")
+            else:
+                self._stamps[place] = facts.stamp
+                self.cards[place] = facts.card or self.cards[place]
+            self.changed.emit()
+        self.look(self.places)
 
     def _next(self) -> _Request | None:
         """What to read next: cards that are not known, then pictures, then cards that may have changed."""

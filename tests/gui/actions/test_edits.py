@@ -11,6 +11,8 @@ import pytest
 from open3d.visualization import gui
 
 from gui.actions.edits import EditActions
+from gui.models.loop import LOOP, Signal
+from gui.models.notices import Notices
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
 from gui.pages.review.view import EditView
@@ -34,12 +36,12 @@ def window(take_copy: Path):
     workspace.open(Take.open(take_copy))
     editor = EditView(workspace)
     editor.begin(OrbitCamera(), np.array([0.0, 0.0, 1.0]), np.zeros((0, 3)))
-    views = SimpleNamespace(editor=editor, edits_take=True, asked_edit="")
+    views = SimpleNamespace(editor=editor, edits_take=True, edit_dialog=Signal())
     view = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
     yield SimpleNamespace(
         workspace=workspace, views=views, dialogs=Chosen(), start=SimpleNamespace(shown=False),
         viewport=SimpleNamespace(picture=view), input=SimpleNamespace(pointer=None),
-        notices=SimpleNamespace(clear=lambda topic: None), player=SimpleNamespace(refresh=lambda: None),
+        notices=Notices(), player=SimpleNamespace(refresh=lambda: None),
         over_view=lambda x, y: False,
     )  # fmt: skip
     editor.close()
@@ -47,11 +49,12 @@ def window(take_copy: Path):
 
 
 def test_edits_are_taken_back_in_the_list(window: Any) -> None:
-    actions, editor = EditActions(window), window.views.editor
+    EditActions(window)
+    editor = window.views.editor
     edits = EditList(trim=Trim(first=0, last=2), floaters=Floaters(opacity=0.05))
     assert editor.commit(edits, "both")
-    window.views.asked_edit = "list"
-    actions.poll()
+    window.views.edit_dialog.emit("list")
+    LOOP.run()
     dialogs = window.dialogs
     assert [line.partition(":")[0] for line in dialogs.lines] == ["Take back trim", "Take back floaters"]
     assert all("emove" not in words for words in (*dialogs.lines, *(label for _, label, _ in dialogs.answers)))
@@ -80,11 +83,12 @@ def test_keys_change_the_brush_while_it_is_chosen(window: Any) -> None:
 def test_numbers_of_the_brush_are_its_radius(window: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
     monkeypatch.setattr("gui.actions.edits.ask_numbers", lambda *of: asked.append(of))
-    actions, editor = EditActions(window), window.views.editor
+    EditActions(window)
+    editor = window.views.editor
     editor.choose_tool("brush")
     editor.brush = 0.0312345
-    window.views.asked_edit = "numbers"
-    actions.poll()
+    window.views.edit_dialog.emit("numbers")
+    LOOP.run()
     ((_, title, _, fields, save),) = asked
     assert (title, fields[0][2]) == ("Brush", "3.12")
     assert save({"radius": "3.12"}) == ""
@@ -97,17 +101,17 @@ def test_numbers_of_the_brush_are_its_radius(window: Any, monkeypatch: pytest.Mo
 def test_the_pointer_is_known_over_the_view_alone(window: Any) -> None:
     actions, editor = EditActions(window), window.views.editor
     window.input.pointer = (200, 100)
-    actions.poll()
+    actions.moved()
     assert editor.pointer is None, "without a brush"
     editor.choose_tool("brush")
     for pointer, place in (((200, 100), (0.25, 0.25)), ((50, 100), None), (None, None), ((499, 50), (0.9975, 0.0))):
         window.input.pointer = pointer
-        actions.poll()
+        actions.moved()
         assert editor.pointer == (place and pytest.approx(place))
     window.over_view = lambda x, y: y < 80
-    actions.poll()
+    actions.moved()
     assert editor.pointer is None, "under a notice"
     window.over_view = lambda x, y: False
     window.dialogs.name = "numbers"
-    actions.poll()
+    actions.moved()
     assert editor.pointer is None, "under a dialog"

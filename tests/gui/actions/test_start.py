@@ -12,6 +12,7 @@ from gui.actions import start as start_module
 from gui.actions.commands import Actions
 from gui.actions.start import StartActions, path_in
 from gui.actions.tour import TourActions
+from gui.models.loop import Signal
 from gui.models.notices import Notices
 from studio.errors import StudioError
 
@@ -27,6 +28,8 @@ class Window:
         self.workspace = SimpleNamespace(take=None)
         self.preferences = SimpleNamespace(tour_shown=False)
         self.start = SimpleNamespace(shown=True)
+        self.layout = SimpleNamespace(set_start=lambda on: setattr(self.start, "shown", on))
+        self.changed = lambda: None
 
     def open(self, place: str) -> None:
         """Note it."""
@@ -39,7 +42,7 @@ def window() -> Window:
 
 
 def actions_of(window: Any, footage: list[str], tour: Any = None) -> StartActions:
-    queue, clipboard = SimpleNamespace(), SimpleNamespace()
+    queue, clipboard = SimpleNamespace(changed=Signal()), SimpleNamespace()
     wait = tour.wait if tour is not None else lambda: None
     new_take: Any = lambda new: footage.append(new.footage)  # noqa: E731
     return StartActions(window, queue, clipboard, {}, new_take, wait)  # type: ignore[arg-type]
@@ -101,6 +104,6 @@ def test_the_menu_does_not_act_behind_the_page(window: Window) -> None:
     assert window.notices.line == "Open a take or a stream first."
     window.player.opened = object()
     actions.start.show()
-    assert actions.start.wanted
+    assert window.start.shown
     actions._uncovered(lambda: done.append("scene"))
-    assert (done, actions.start.wanted) == (["scene"], False)
+    assert (done, window.start.shown) == (["scene"], False)

@@ -15,6 +15,7 @@ import pytest
 from gui.actions.cameras import CameraActions
 from gui.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, HELD_OUT, SECOND
 from gui.models.evaluation import Evaluation
+from gui.models.loop import LOOP
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
@@ -45,6 +46,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 from tests.support.errors import refuses
+from tests.support.looping import wait_in_loop
 from tests.support.object_store import ObjectStore
 from tests.support.waiting import wait_until
 
@@ -70,7 +72,7 @@ def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda pictu
     pictures: list[np.ndarray] = []
 
     def there() -> bool:
-        views.workspace.poll()
+        LOOP.run()
         new = views.poll(SIZE, SIZE, 16.0)
         pictures.extend([] if new is None else [new])
         return bool(pictures) and views.settled and accept(pictures[-1])
@@ -247,7 +249,7 @@ def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finis
     opened(views, finished_project / "take")
     views.select("calibrate")
     views.choose("cameras")
-    wait_until("the footage", lambda: views.workspace.poll() or views.workspace.context is not None)
+    wait_in_loop("the footage", lambda: views.workspace.context is not None)
     context = views.workspace.context
     assert context is not None
     held_out = context.footage.raw.held_out_cameras
@@ -469,7 +471,7 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
             stage_view.draw(SIZE, stage_view.state())
         shown(views)  # the sentence, not an exception
     train = views.stage_views["train"]
-    wait_until("the status", lambda: views.workspace.poll() or bool(views.workspace.assessment.stages))
+    wait_in_loop("the status", lambda: views.workspace.assessment.stages)
     assert isinstance(train, TrainView)
     assert train._nothing == NOT_RUN
     views.select("review")
@@ -677,7 +679,7 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     x, y = bake.points[30]
     views.click(x + 2, y - 2)
     assert load_config(take_copy / "config.yaml").bake.qp == 30
-    wait_until("the new setting", lambda: views.workspace.poll() or views.workspace.config.bake.qp == 30)
+    wait_in_loop("the new setting", lambda: views.workspace.config.bake.qp == 30)
     views.click(1.0, 1.0)
     assert load_config(take_copy / "config.yaml").bake.qp == 30, "not a point"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gui.models.loop import LOOP
 from gui.models.playback import player as player_module
 from gui.models.playback.player import PlayerPresenter
 from gui.models.scene.render import no_mesh
@@ -45,7 +46,7 @@ class Views:
         pictures: list[np.ndarray] = []
 
         def there() -> bool:
-            self.workspace.poll()
+            LOOP.run()
             for _ in range(3):  # a picture may lead to another request
                 new = self.views.poll(FULL, DRAWN, 20.0)
                 pictures.extend([] if new is None else [new])

@@ -17,6 +17,7 @@ from gui.pages.stage_views import StageViews
 from gui.widgets.raycast import MeshPicture
 from pipelines.takes.take import Take
 from studio.gaussians import Gaussians
+from tests.support.looping import heard
 from tests.support.waiting import wait_until
 
 SIZE = (360, 250)
@@ -111,8 +112,9 @@ def test_a_turned_view_needs_no_new_picture_and_a_click_finds_the_camera(
             found.append((depth, camera.camera.name, x / depth, y / depth))
     assert found
     _, name, x, y = min(found)
+    clicked = heard(views.camera_clicked)
     views.click(x, y)
-    assert views.asked == ("look", name)
+    assert clicked == [(name,)]
     player.look_through(name)
     shown(views, player)
     assert player.picture.native is not None

@@ -18,9 +18,9 @@ from pipelines.takes.take import Take
 from studio.edits import World
 from studio.stream import CapturePlace
 from tests.support.errors import refuses
+from tests.support.looping import wait_in_loop
 from tests.support.players import settle
 from tests.support.streams import bake_numbered, set_capture
-from tests.support.waiting import wait_until
 
 
 @pytest.fixture
@@ -113,8 +113,12 @@ def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished_projec
 def test_bakes_are_kept_and_deleted_on_a_thread(take_copy: Path) -> None:
     take, bakes = Take.open(take_copy), Bakes()
 
+    changes: list[str] = []
+    bakes.changed.connect(lambda: changes.append(bakes.message))
+
     def done() -> str:
-        wait_until("the change", bakes.poll)
+        wait_in_loop("the change", lambda: changes)
+        changes.clear()
         bakes.look(take)
         return bakes.message
 

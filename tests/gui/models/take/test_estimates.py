@@ -12,7 +12,7 @@ from gui.models.take.estimates import Estimates
 from pipelines.config import load_config
 from pipelines.config.presets import with_values
 from pipelines.takes.take import Take
-from tests.support.waiting import wait_until
+from tests.support.looping import wait_in_loop
 
 PRINTED = {
     "presets": {
@@ -35,21 +35,21 @@ def test_figures_are_measured_once_and_kept(
     runs = tmp_path / "runs"
     counting = f"import sys; open({str(runs)!r}, 'a').write(' '.join(sys.argv[1:]) + chr(10))"
     estimates = Estimates(lambda: program(counting, f"print({json.dumps(PRINTED)!r})"))
-    estimates.poll(take, config)
+    estimates.show(take, config)
     assert estimates.words("preview") == "preview"
     estimates.start(take)
     estimates.start(take)  # it is running
-    wait_until("figures", lambda: estimates.poll(take, config) and not estimates.running)
+    wait_in_loop("figures", lambda: not estimates.running)
     assert runs.read_text() == f"estimate {take.root} --presets --json\n"
     assert estimates.words("preview") == "preview: about 1 min 30 s, 1.2 MB"
     assert estimates.words("final") == "final: about 2 h 00 min"
     assert estimates.words("standard") == "standard"
     again = Estimates(lambda: program("raise SystemExit('it must not run')"))
-    assert again.poll(take, config)
+    assert again.show(take, config)
     assert again.figures == estimates.figures
-    assert not again.poll(take, config)
-    assert not again.poll(take, with_values(config, {"bake.qp": 11})), "the presets set it"
-    assert again.poll(take, with_values(config, {"capture.scale": 0.5}))
+    assert not again.show(take, config)
+    assert not again.show(take, with_values(config, {"bake.qp": 11})), "the presets set it"
+    assert again.show(take, with_values(config, {"capture.scale": 0.5}))
     assert again.figures == {}, "of other images"
 
 
@@ -60,9 +60,9 @@ def test_a_failure_is_told_and_nothing_is_kept(
     take = Take.open(finished_project / "take")
     config = load_config(take.config)
     estimates = Estimates(lambda: program("raise SystemExit('error: no cameras')"))
-    estimates.poll(take, config)
+    estimates.show(take, config)
     estimates.start(take)
-    wait_until("the end", lambda: estimates.poll(take, config) and not estimates.running)
+    wait_in_loop("the end", lambda: not estimates.running)
     assert estimates.failure == "no cameras"
     assert estimates.figures == {}
     assert not list(tmp_path.rglob("*.json"))

@@ -18,13 +18,13 @@ from pipelines.takes.take import Take
 from studio.edits import EditList, Trim, World
 from studio.stream import CapturePlace
 from tests.support.errors import refuses
+from tests.support.looping import wait_in_loop
 from tests.support.splats import converted_splats
 from tests.support.streams import bake_numbered, set_capture
-from tests.support.waiting import wait_until
 
 
 def finish(exports: Exports, seconds: float = 180.0) -> None:
-    wait_until("ended", lambda: exports.poll() and not exports.running, seconds)
+    wait_in_loop("ended", lambda: not exports.running, seconds)
 
 
 def request(kind: str, source: Path | str, target: Path) -> ExportRequest:

@@ -15,6 +15,8 @@ import pytest
 from open3d.visualization import gui
 
 from gui.actions.shares import ShareActions
+from gui.models.loop import Signal
+from gui.models.notices import Notices
 from gui.models.preferences import SHARES, Preferences
 from gui.models.stage_rows import Assessment
 from gui.models.take.exports import Exports
@@ -29,11 +31,12 @@ from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim
 from tests.support.errors import refuses
+from tests.support.looping import wait_in_loop
 from tests.support.waiting import wait_until
 
 
 def finish(exports: Exports) -> None:
-    wait_until("ended", lambda: exports.poll() and not exports.running, 180.0)
+    wait_in_loop("ended", lambda: not exports.running, 180.0)
 
 
 def test_a_folder_is_written_and_its_size_told(stream_folder: Path, tmp_path: Path) -> None:
@@ -86,9 +89,8 @@ def test_sizes_as_sentences(stream_folder: Path) -> None:
 
 def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
     serving = Serving()
-    assert not serving.poll()
     serving.start(str(stream_folder), https=True)
-    wait_until("address", lambda: serving.poll() and bool(serving.address), 180.0)
+    wait_in_loop("address", lambda: serving.address, 180.0)
     assert serving.words.endswith(serving.address)
     place = urllib.parse.urlsplit(serving.address)
     assert place.port is not None
@@ -111,9 +113,11 @@ def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
 
 def test_a_server_that_cannot_start_says_why(tmp_path: Path) -> None:
     serving = Serving()
+    failures: list[str] = []
+    serving.failed.connect(failures.append)
     serving.start(str(tmp_path / "none"), https=False)
-    wait_until("ended", lambda: serving.poll() and not serving.running, 180.0)
-    assert str(tmp_path / "none") in serving.failure
+    wait_in_loop("ended", lambda: not serving.running, 180.0)
+    assert [str(tmp_path / "none") in why for why in failures] == [True]
     assert serving.address == ""
 
 
@@ -165,65 +169,60 @@ def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Pa
     def told() -> str:
         return stale_words(workspace.assessment.stages.get("bake"), workspace.checked, workspace.unreadable)
 
-    def checked() -> bool:
-        workspace.poll()
-        return workspace.checked
-
     workspace = Workspace()
     try:
         workspace.open(Take.open(take_copy))
         assert "Checking" in told()
-        wait_until("the check", checked)
+        wait_in_loop("the check", lambda: workspace.checked)
         assert told() == ""
         config, take = workspace.config, workspace.take
         assert config is not None
         assert take is not None
         assert workspace.change_setting("bake.qp", config.bake.qp + 8) is None
         assert "Checking" in told(), "what was found before the change does not count"
-        wait_until("the check", checked)
+        wait_in_loop("the check", lambda: workspace.checked)
         assert "out of date: bake.qp changed" in told()
         change_edits(take.edits, EditList(trim=Trim(first=1, last=2)), "trim")
         workspace.inputs_changed()
         assert "Checking" in told()
-        wait_until("the check", checked)
+        wait_in_loop("the check", lambda: workspace.checked)
         (take_copy / "config.yaml").write_text("train: [")
-        wait_until("the damaged file", lambda: workspace.poll() and workspace.unreadable)
+        wait_in_loop("the damaged file", lambda: workspace.unreadable)
         assert "cannot be read" in told()
     finally:
         assert workspace.close()
 
 
 def test_the_dialog_tells_what_is_found_while_it_is_open() -> None:
-    found = SimpleNamespace(take=object(), assessment=Assessment(), checked=False, unreadable=False)
+    found = SimpleNamespace(take=object(), assessment=Assessment(), checked=False, unreadable=False, changed=Signal())
     dialogs: Any = SimpleNamespace(widgets={"stale": gui.Label("")})
-    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving())
-    actions = ShareActions(window)
-    assert actions.poll()
+    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving(), notices=Notices())
+    ShareActions(window)
+    found.changed.emit()
     assert "Checking" in dialogs.widgets["stale"].text
-    assert not actions.poll()
     lines = dialogs.widgets["stale"].text.count("\n")
     found.checked, found.assessment = True, Assessment({"bake": StageStatus("bake", "stale", "bake.qp changed")})
-    assert actions.poll()
+    found.changed.emit()
     assert "out of date: bake.qp changed." in dialogs.widgets["stale"].text
     found.assessment = Assessment({"bake": StageStatus("bake", "done")})
-    assert actions.poll()
+    found.changed.emit()
     assert "The stream is up to date." in dialogs.widgets["stale"].text
     assert dialogs.widgets["stale"].text.count("\n") == lines, "the dialog does not resize"
     found.take = None
     dialogs.widgets = {}
-    assert not actions.poll()
+    found.changed.emit()
 
 
 def test_a_dialog_opened_while_all_is_up_to_date_tells_a_later_change() -> None:
     done, stale = (Assessment({"bake": StageStatus("bake", *how)}) for how in (("done",), ("stale", "bake.qp changed")))
-    found = SimpleNamespace(take=object(), assessment=done, checked=True, unreadable=False)
+    found = SimpleNamespace(take=object(), assessment=done, checked=True, unreadable=False, changed=Signal())
     dialogs: Any = SimpleNamespace(widgets={})
-    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving())
+    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving(), notices=Notices())
     actions = ShareActions(window)
     (label,) = stale_parts(dialogs, actions.stale)
     assert "The stream is up to date." in label.text
     found.assessment = stale
-    assert actions.poll()
+    found.changed.emit()
     assert "out of date: bake.qp changed." in label.text
     found.take = None
     assert not stale_parts(dialogs, actions.stale), "a stream of no take is never out of date"

@@ -18,7 +18,7 @@ from pipelines.batch.start import errors_of
 from pipelines.events import Progress, RunStarted, StageStarted
 from pipelines.runs.runner import Logged
 from pipelines.takes.take import Take
-from tests.support.waiting import wait_until
+from tests.support.looping import wait_in_loop
 
 
 class Clock:
@@ -47,10 +47,9 @@ def read(shown: TakeQueue, rows: list[tuple[str, str]]) -> None:
     """Wait until the list shows these names and states."""
 
     def found() -> bool:
-        shown.poll()
         return [(row.take.name, row.state) for row in shown.view.rows] == rows
 
-    wait_until(f"{rows}", found)
+    wait_in_loop(f"{rows}", found)
 
 
 def test_takes_are_added_moved_removed_and_retried(shown: TakeQueue, finished: Path, tmp_path: Path) -> None:
@@ -83,10 +82,10 @@ def test_what_is_refused_is_said(shown: TakeQueue, tmp_path: Path) -> None:
     assert "is not running" in shown.message
     shown.start()
     assert shown.running
-    wait_until("the end", lambda: shown.poll() and not shown.running)
+    wait_in_loop("the end", lambda: not shown.running)
     assert shown.message == "the disk is full"
     (tmp_path / "queue.json").write_text("[")
-    wait_until("the error", lambda: shown.poll() and shown.view.error != "")
+    wait_in_loop("the error", lambda: shown.view.error != "")
     assert "queue.json" in shown.words
 
 
@@ -96,7 +95,7 @@ def test_a_program_that_was_killed_is_said(tmp_path: Path) -> None:
         queue = QueueFile(tmp_path / "queue.json")
         shown = TakeQueue(queue, lambda _: subprocess.Popen([sys.executable, "-S", "-c", words]), Clock())
         shown.start()
-        wait_until("the end", lambda: shown.poll() and not shown.running)
+        wait_in_loop("the end", lambda: not shown.running)
         shown.close()
         return shown.message
 

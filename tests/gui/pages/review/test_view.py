@@ -29,6 +29,7 @@ from studio.camera_files import read_rig
 from studio.edits import CropBox, EditList, Floaters, Ground, Trim, World
 from studio.edits.selection import Paths
 from studio.stream import CapturePlace
+from tests.support.looping import heard
 from tests.support.rigs import camera_at
 from tests.support.waiting import wait_until
 
@@ -347,9 +348,10 @@ def test_points_are_picked_for_the_world(view: EditView) -> None:
     assert camera.project(origin[None])[0][0] == pytest.approx([160, 120], abs=1e-6)
     assert 0.3 < np.linalg.norm(origin) < 0.8  # on the ball's surface
     view.press("scale")
+    points = heard(view.two_points)
     view.click(160, 160)
     view.click(160, 90)
-    start, end = view.distance_asked
+    ((start, end),) = points
     assert not view.set_scale(start, end, 0)
     assert view.set_scale(start, end, 7.0)
     placed = view.edits.similarity.points(np.stack([start, end]))

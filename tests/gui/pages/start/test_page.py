@@ -14,7 +14,7 @@ from gui.pages.start.cards import Card
 from gui.pages.start.drawing import StartPicture
 from gui.pages.start.page import LOOK_EVERY, StartPage
 from pipelines.batch.queue_file import QueueFile
-from tests.support.waiting import wait_until
+from tests.support.looping import wait_in_loop
 
 
 class Clock:
@@ -43,15 +43,15 @@ def test_cards_and_pictures_come_one_by_one_and_follow_the_disk(
     places = [str(take_copy), str(tmp_path / "gone"), "https://example.org/walk"]
 
     def states() -> list[str]:
-        page.poll(places)
+        page.look(places)
         return [page.cards[place].kind for place in places if place in page.cards]
 
-    wait_until("cards", lambda: states() == ["take", "missing", "web"])
-    wait_until("a picture", lambda: bool(states()) and page.pictures.get(places[0]) is not None)
+    wait_in_loop("cards", lambda: states() == ["take", "missing", "web"])
+    wait_in_loop("a picture", lambda: bool(states()) and page.pictures.get(places[0]) is not None)
     assert places[1] not in page.pictures
     shutil.rmtree(take_copy)
-    wait_until("the folder is gone", lambda: states() == ["missing", "missing", "web"])
-    page.poll(places[2:])
+    wait_in_loop("the folder is gone", lambda: states() == ["missing", "missing", "web"])
+    page.look(places[2:])
     assert set(page.cards) == {places[2]}
 
 
@@ -69,10 +69,10 @@ def test_sizes_are_measured_once_a_minute(page: StartPage, monkeypatch: pytest.M
     monkeypatch.setattr(page_module, "thumbnail", lambda _: None)
 
     def measured_twice() -> bool:
-        page.poll(["/takes/walk"])
+        page.look(["/takes/walk"])
         return looks.count(True) > 1
 
-    wait_until("a second measurement", measured_twice)
+    wait_in_loop("a second measurement", measured_twice)
     assert looks[0]
     assert looks.count(False) > 0
 

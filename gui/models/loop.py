@@ -1,0 +1,103 @@
+"""What happens on the window's thread: callbacks that other threads post, timers, and signals by which models notify.
+
+A model changes only on this thread. A worker's result, or a line of a child process, is posted; the model takes it in
+and emits a signal; whoever shows the model has connected to that signal.
+"""
+
+from __future__ import annotations
+
+import time
+import weakref
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Generic, ParamSpec
+
+Arguments = ParamSpec("Arguments")
+Callback = Callable[[], object]
+
+
+class Signal(Generic[Arguments]):
+    """Calls what is connected to it."""
+
+    def __init__(self) -> None:
+        self._receivers: list[Callable[Arguments, object]] = []
+
+    def connect(self, receiver: Callable[Arguments, object]) -> None:
+        """Call `receiver` each time the signal is emitted."""
+        self._receivers.append(receiver)
+
+    def emit(self, *args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
+        """Call all receivers, in the order in which they were connected."""
+        for receiver in self._receivers:
+            receiver(*args, **kwargs)
+
+
+class Timer:
+    """Calls a method every so often, as long as its object exists.
+
+    Args:
+        seconds: the period.
+        method: a bound method; only a weak reference is kept.
+        now: a monotonic clock in seconds.
+    """
+
+    def __init__(self, seconds: float, method: Callback, now: Callable[[], float]) -> None:
+        self._seconds, self._method, self._now = seconds, weakref.WeakMethod(method), now
+        self._due = now()
+
+    def soon(self) -> None:
+        """Call the method at the next run of the loop."""
+        self._due = self._now()
+
+    def run(self) -> bool:
+        """Call the method if it is due; returns whether the timer is still needed."""
+        method = self._method()
+        if method is not None and self._now() >= self._due:
+            self._due = self._now() + self._seconds
+            method()
+        return method is not None
+
+
+class Loop:
+    """See the module. The window runs it at each tick."""
+
+    def __init__(self) -> None:
+        self._posted: deque[Callback] = deque()
+        self._timers: list[Timer] = []
+
+    def post(self, callback: Callback) -> None:
+        """Call `callback` at the next run. Thread-safe."""
+        self._posted.append(callback)
+
+    def every(self, seconds: float, method: Callback, now: Callable[[], float] = time.monotonic) -> Timer:
+        """Call a bound method at the next run and then once per period; see `Timer`."""
+        timer = Timer(seconds, method, now)
+        self._timers.append(timer)
+        return timer
+
+    def stop(self, timer: Timer) -> None:
+        """End a timer."""
+        self._timers = [one for one in self._timers if one is not timer]
+
+    def run(self) -> None:
+        """Call what is posted and due. What a callback raises comes out; the rest is called at the next run."""
+        while self._posted:
+            self._posted.popleft()()
+        for timer in list(self._timers):
+            if not timer.run():
+                self.stop(timer)
+
+
+LOOP = Loop()
+"""The loop of the window's thread."""
+
+
+def later(receiver: Callable[Arguments, object]) -> Callable[Arguments, None]:
+    """A receiver that is called at the next run of the loop: the toolkit emits while it draws, when a dialog must not
+    be opened."""
+
+    def post(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
+        LOOP.post(partial(receiver, *args, **kwargs))
+
+    return post
