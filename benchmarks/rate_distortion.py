@@ -3,7 +3,7 @@
     python benchmarks/rate_distortion.py TAKE                          # all groups, several minutes on two cores
     python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/measurements/stream.md --title quickstart
     python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
-    python benchmarks/rate_distortion.py TAKE --versions               # version 3 of the format against version 2
+    python benchmarks/rate_distortion.py TAKE --variants               # settings against plain coding
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at up to 300,000 splats
 
 Frames are rendered from the take's held-out cameras (or from its training cameras if none is held out) and compared,
@@ -57,18 +57,18 @@ RELEASED_QPS = (10, 16, 22, 28, 34, 40)
 PLANES_QPS = (10, 16, 22, 28, 34, 40)
 MOTION_QPS = (12, 16, 20, 24, 28, 32)
 CODEC_QPS = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
-VERSION_QPS = (16, 20, 24, 28)
-VERSIONS: dict[str, dict[str, Any]] = {
-    "version 2": {"stream_version": 2},
-    "version 3 without smoothing": {"stream_version": 3, "smooth_paths": False},
-    "version 3 without B-frames": {"stream_version": 3, "b_frames": 0},
-    "version 3": {"stream_version": 3},
-    "version 3, splats 0.9": {"stream_version": 3, "splats": 0.9},
-    "version 3, splats 0.8": {"stream_version": 3, "splats": 0.8},
-    "version 3, splats 0.7": {"stream_version": 3, "splats": 0.7},
+VARIANT_QPS = (16, 20, 24, 28)
+VARIANTS: dict[str, dict[str, Any]] = {
+    "plain": {"smooth_paths": False, "b_frames": 0},
+    "without smoothing": {"smooth_paths": False},
+    "without B-frames": {"b_frames": 0},
+    "default": {},
+    "splats 0.9": {"splats": 0.9},
+    "splats 0.8": {"splats": 0.8},
+    "splats 0.7": {"splats": 0.7},
 }
 """Settings of `bake`."""
-BRIEF = ("version 2", "version 3", "version 3, splats 0.8")
+BRIEF = ("plain", "default", "splats 0.8")
 
 console = Console(width=120)
 
@@ -304,13 +304,13 @@ def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, 
                  1e3 * (done - opened) / frames, lowest)  # fmt: skip
 
 
-def version_rows(groups: list[TakeGroup], views: Views, work: Path, names: Sequence[str]) -> list[str]:
-    """Markdown: some of `VERSIONS` at each of `VERSION_QPS`, and their BD-rate against version 2."""
+def variant_rows(groups: list[TakeGroup], views: Views, work: Path, names: Sequence[str]) -> list[str]:
+    """Markdown: some of `VARIANTS` at each of `VARIANT_QPS`, and their BD-rate against the first."""
     curves: dict[str, list[Point]] = {}
     for name in names:
-        values = VERSIONS[name]
+        values = VARIANTS[name]
         curves[name] = []
-        for qp in VERSION_QPS:
+        for qp in VARIANT_QPS:
             settings = BakeSettings(qp=qp, **values)
             curves[name].append(measure_ours(groups, views, settings, name, work))
             console.print(curves[name][-1])
@@ -324,8 +324,8 @@ def version_rows(groups: list[TakeGroup], views: Views, work: Path, names: Seque
         for points in curves.values()
         for p in points
     ]
-    lines += ["", "| BD-rate against version 2 | PSNR to footage | PSNR to trained |", "|---|---|---|"]
-    base = curves["version 2"]
+    lines += ["", "| BD-rate against plain | PSNR to footage | PSNR to trained |", "|---|---|---|"]
+    base = curves["plain"]
     for name, points in list(curves.items())[1:]:
         values = [bd_rate(base, points, measure) for measure in ("footage_psnr", "own_psnr")]
         cells = ["no common range" if value is None else f"{value:+.0f}%" for value in values]
@@ -418,9 +418,9 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
             opens, decodes, dequantizes, plays = [], [], [], []
             with StreamReader.open(folder) as reader:
                 for _ in range(3):
-                    files = fetch_group(reader.source, reader.manifest.groups[0])
+                    files = fetch_group(reader.source, reader.groups[0])
                     began = time.process_time()
-                    decoder = reader.open_group(reader.manifest.groups[0], files)
+                    decoder = reader.open_group(reader.groups[0], files)
                     opens.append(1e3 * (time.process_time() - began))
                     began = time.process_time()
                     decoded = [decoder.read() for _ in frames]
@@ -533,8 +533,8 @@ def main() -> int:
     parser.add_argument("take", type=Path, help="folder of a trained take")
     parser.add_argument("--groups", help="indices of the groups, for example 0,2 (default: all)")
     parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
-    parser.add_argument("--versions", action="store_true", help="compare versions 2 and 3 of the format instead")
-    parser.add_argument("--brief", action="store_true", help="with --versions: only version 3 and splats 0.8")
+    parser.add_argument("--variants", action="store_true", help="compare settings of the profile motion instead")
+    parser.add_argument("--brief", action="store_true", help="with --variants: only the default and splats 0.8")
     parser.add_argument("--speed", action="store_true", help="measure times at 60,000 to 300,000 splats instead")
     parser.add_argument("--write", type=Path, metavar="FILE", help="write the tables between the markers in this file")
     parser.add_argument("--title", default="", help="description of the take for the first line")
@@ -556,9 +556,9 @@ def main() -> int:
         if arguments.speed:
             marker = "speed"
             lines += speed_rows(groups[0], work)
-        elif arguments.versions:
-            marker = "versions"
-            lines += version_rows(groups, views, work, BRIEF if arguments.brief else tuple(VERSIONS))
+        elif arguments.variants:
+            marker = "variants"
+            lines += variant_rows(groups, views, work, BRIEF if arguments.brief else tuple(VARIANTS))
         elif arguments.codecs:
             marker = "codecs"
             points = []

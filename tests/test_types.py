@@ -37,16 +37,12 @@ READERS_AND_WRITERS = {
     "studio/similarity.py",
     "studio/formats/glb.py",
     "studio/formats/sog.py",  # meta.json
-    "studio/stream/bake.py",  # a manifest's metadata
-    "studio/stream/bake_ladder.py",  # entries of a manifest
-    "studio/stream/ladder_manifest.py",
-    "studio/stream/ladder_models.py",
+    "studio/stream/encode/bake.py",  # entries of a manifest
+    "studio/stream/encode/write_manifest.py",  # a manifest's metadata
     "studio/stream/manifest.py",
-    "studio/stream/manifest_models.py",
+    "studio/stream/manifest_file.py",
     "studio/stream/metadata.py",
-    "studio/stream/schema.py",
     "studio/stream/settings.py",
-    "studio/stream/write_ladder.py",
 }
 """Files that may name a JSON object which no model describes, each a reader or writer of a file."""
 

@@ -80,7 +80,7 @@ def _rehearsed(inputs: Inputs, title: str) -> Estimate:
     from pipelines.estimate.work import Work
 
     bake = inputs.config.bake
-    known = bake.profile == "motion" and bake.stream_version == 3 and not bake.ladder and bake.max_loss is None
+    known = bake.profile == "motion" and not bake.ladder and bake.max_loss is None
     qp = bake.qp if known and bake.target_kb_per_frame is None and bake.target_psnr is None else None
     work = Work.of(inputs)
     with working(title, None) as progress:

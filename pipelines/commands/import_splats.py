@@ -65,10 +65,8 @@ def _import(arguments: argparse.Namespace) -> int:
         size = config.train.group_size if arguments.group_size is None else arguments.group_size
         manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.threads)
     if not arguments.json:
-        print(
-            f"{arguments.out}: {counted(manifest.frame_count, 'frame')} in {counted(len(manifest.groups), 'group')}, "
-            f"{manifest.total_bytes:,} bytes"
-        )
+        frames, groups = counted(manifest.frame_count, "frame"), counted(len(manifest.frame_counts), "group")
+        print(f"{arguments.out}: {frames} in {groups}, {manifest.total_bytes:,} bytes")
     return 0
 
 

@@ -14,7 +14,7 @@ def register(commands: Any) -> None:
     command = commands.add_parser(
         "publish",
         help="copy a stream to a web folder or an object store",
-        description="Copy a stream of version 3 to a folder or an object store. Files that are there already are not "
+        description="Copy a stream to a folder or an object store. Files that are there already are not "
         "copied again, and the manifest is replaced last, so that players see the old stream or the new one. --page "
         "adds a page that plays it.",
         allow_abbrev=False,

@@ -66,41 +66,34 @@ def _add_targets(stage: argparse.ArgumentParser) -> None:
         stage.add_argument(f"--{name.replace('_', '-')}", action=_Target, const=name, metavar=metavar, help=text)
 
 
-class _StreamVersion(argparse.Action):
-    """Sets the version of the stream, and for `--ladder` the default ladder."""
+class _Ladder(argparse.Action):
+    """Sets the default ladder."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
         """Called by argparse."""
-        if self.const in ("ladder", "cut"):
-            from studio.stream.settings import DEFAULT_LADDER
+        from studio.stream.settings import DEFAULT_LADDER
 
-            cut = {"finetune_iterations": 0} if self.const == "cut" else {}
-            rungs = json.dumps([{**rung.model_dump(mode="json"), **cut} for rung in DEFAULT_LADDER])
-            targets = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr")]
-            namespace.set = [*namespace.set, *targets, "bake.stream_version=3", f"bake.ladder={rungs}"]
-        else:
-            without = ["bake.ladder=[]"] if values == "2" else []  # version 2 has one rendition
-            namespace.set = [*namespace.set, *without, f"bake.stream_version={values}"]
+        cut = {"finetune_iterations": 0} if self.const == "cut" else {}
+        rungs = json.dumps([{**rung.model_dump(mode="json"), **cut} for rung in DEFAULT_LADDER])
+        targets = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr")]
+        namespace.set = [*namespace.set, *targets, f"bake.ladder={rungs}"]
 
 
 def _add_stream_options(stage: argparse.ArgumentParser) -> None:
-    """Version and ladder of the stream as options."""
-    stage.add_argument(
-        "--stream-version", action=_StreamVersion, choices=("2", "3"), help="version of the stream's format"
-    )
+    """The ladder of the stream as options."""
     stage.add_argument(
         "--ladder",
-        action=_StreamVersion,
+        action=_Ladder,
         const="ladder",
         nargs=0,
-        help="bake several renditions (version 3): QP 16, 20, 24, 28, and two with fewer splats and no view-dependent "
+        help="bake several renditions: QP 16, 20, 24, 28, and two with fewer splats and no view-dependent "
         "color for phones, which are fine-tuned; bake.ladder selects others",
     )
     stage.add_argument(
         "--ladder-without-fine-tuning",
-        action=_StreamVersion,
+        action=_Ladder,
         const="cut",
         nargs=0,
         help="like --ladder, but rungs with fewer splats are only cut: quicker and needs no images, but worse",
@@ -114,7 +107,7 @@ class _Live(argparse.Action):
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
         """Called by argparse."""
-        namespace.set = [*namespace.set, "bake.stream_version=3", "bake.live=true"]
+        namespace.set = [*namespace.set, "bake.live=true"]
 
 
 def _add_live(stage: argparse.ArgumentParser) -> None:

@@ -180,7 +180,7 @@ def _result(take: OpenedTake, found: Sequence[FrameOfTake], names: Sequence[str]
         flicker=round(_mean(values), 4) if values else None,
         flicker_at_group_borders=round(_mean(borders), 4) if borders else None,
         flicker_by_frame=tuple(by_frame),
-        total_bytes=take.reader.manifest.played_bytes,
+        total_bytes=take.reader.played_bytes,
         stream_frames=take.reader.frame_count,
     )
 

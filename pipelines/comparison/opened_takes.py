@@ -124,7 +124,7 @@ def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -
             fix="Run `v3studio bake`.",
             expected=len(frames),
         )
-    starts = frozenset(frames[first + group.first_frame] for group in reader.manifest.groups)
+    starts = frozenset(frames[first + group.first_frame] for group in reader.groups)
     indices = {frame: index for index, frame in enumerate(frames[first : first + count])}
     return OpenedTake(name, take, reader, place, footage, indices, own.raw.train_cameras, starts)
 

@@ -6,9 +6,9 @@ grouping, evaluation and the run itself.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from studio.calibration.settings import CalibrateSettings
 from studio.capture.settings import CaptureSettings
@@ -48,14 +48,7 @@ class BakeStageSettings(BakeSettings):
 
     live: Annotated[bool, Affects()] = False
     """Bake each group as soon as it is trained, while others train, and publish the groups in order: `v3studio serve`
-    shows the take from its first group on, and players follow. The finished stream is the same. Requires stream_version
-    3."""
-
-    @model_validator(mode="after")
-    def _live_needs_version_3(self) -> Self:
-        if self.live and self.stream_version == 2:
-            raise Conflict("live requires stream_version 3", "Set stream_version to 3.", "live", "stream_version")
-        return self
+    shows the take from its first group on, and players follow. The finished stream is the same."""
 
 
 class EvaluateSettings(Settings):

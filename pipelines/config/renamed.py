@@ -56,7 +56,6 @@ ADDED: JsonObject = {
     "train.camera_vignettes": True,  # colors that were fitted before stay as they are
     "train.color_chart_frame": None,
     "train.full_size_details": False,
-    "bake.stream_version": 2,
     "bake.ladder": [],
     "bake.first_group_size": None,
     "bake.splats": 1.0,
@@ -68,8 +67,7 @@ ADDED: JsonObject = {
     "capture.audio_offset": 0.0,
     "capture.transfer": "auto",
 }
-"""Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior. This
-need not be the default, as for `bake.stream_version`."""
+"""Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior."""
 
 KEPT_SECTIONS = ("train",)
 """Sections in which the settings of an older take get the values of `ADDED`: a new default must not train it again."""

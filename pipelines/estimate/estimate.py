@@ -16,7 +16,7 @@ _BYTES_A_MASK_PIXEL, _BYTES_A_VOXEL = 6, 16
 """Of the visual hull; the longest side of a performer's box is about twice the others, so a quarter of the voxels."""
 
 _BYTES_A_SPLAT = 0.96
-"""Of a stream of version 3 per splat and frame at QP 24: measured on the sample capture, groups of 15 frames."""
+"""Of a stream per splat and frame at QP 24: measured on the sample capture, groups of 15 frames."""
 _BYTES_A_QP = 0.0754
 """Natural logarithm of the ratio of bytes from one QP to the next lower one, on the same capture."""
 _STREAM_SPREAD = 2.0
@@ -91,7 +91,7 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     Args:
         work: what the run has to do.
         measured: seconds per unit of work.
-        qp: of a stream of version 3 with the profile `motion`; None for others, whose size is not estimated.
+        qp: of a stream with the profile `motion`; None for others, whose size is not estimated.
     """
     splats, frames = work.splats, work.frames
     sh = 3 * (work.train.sh_degree + 1) ** 2

@@ -31,9 +31,6 @@ from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.json_types import JsonData
 
-NEW_DEFAULT = ("bake.stream_version", 2, 3)
-"""A setting whose default has changed, from and to: takes become stale although nobody changed a setting."""
-
 EDIT_WORDS = {
     "trim": "the trim",
     "crop": "the crop box",
@@ -206,9 +203,7 @@ def _difference(name: str, before: Mapping[str, object], now: Mapping[str, objec
     if name.startswith(PREFIX):
         return _edit_change(name, before.get(name), now.get(name))
     old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
-    is_new_default = (name, old, new) == NEW_DEFAULT
-    keep = f", now the default; set it to {_short(old)} to keep the old stream" if is_new_default else ""
-    return f"{name} changed from {_short(old)} to {_short(new)}{keep}"
+    return f"{name} changed from {_short(old)} to {_short(new)}"
 
 
 def _edit_change(name: str, before: object, now: object) -> str:

@@ -20,7 +20,7 @@ def publish(
     page: bool = False,
     progress: ProgressFn = no_progress,
 ) -> Published:
-    """Copy a stream of version 3 to a folder or an object store: what is missing there, the manifest last.
+    """Copy a stream to a folder or an object store: what is missing there, the manifest last.
 
     Players see the old stream or the new one, never a mixture. Files that the new manifest does not need stay.
 
@@ -35,19 +35,17 @@ def publish(
         progress: called with (files done, files).
 
     Raises:
-        StudioError: a stream of version 2 (`publish.needs_version_3`), a damaged stream, `share.no_player`, or a target
-            that cannot be written (`publish.missing_package`, `publish.no_credentials`, `publish.no_bucket`,
-            `publish.denied`, `publish.failed`).
+        StudioError: a damaged stream, `share.no_player`, or a target that cannot be written
+            (`publish.missing_package`, `publish.no_credentials`, `publish.no_bucket`, `publish.denied`,
+            `publish.failed`).
     """
     from pipelines.share.beside import page_files
     from pipelines.share.player_files import read_player
     from pipelines.share.stream_files import stream_to_share
     from studio.stream.manifest import MANIFEST_NAME
-    from studio.stream.publish import need_version_3
     from studio.stream.publish import publish as copy
 
     with stream_to_share(str(source)) as stream:
-        need_version_3(stream.reader)
         words = stream.text(text or PageText())
         beside = page_files(stream, words, read_player(), MANIFEST_NAME) if page else {}
         return copy(stream.reader, str(target), progress, beside)

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 from pipelines.share.results import PageText
 from pipelines.takes.locate_stream import stream_place
-from studio.stream.manifest import Manifest
-from studio.stream.manifest_models import FileEntry
+from studio.stream.manifest import FileEntry, Manifest
 
 if TYPE_CHECKING:
     from studio.stream import StreamReader
@@ -20,10 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StreamToShare:
-    """An opened stream of any version.
+    """An opened stream.
 
     Attributes:
-        reader: of its frames; in version 3, in the best rendition.
+        reader: of its frames, in the best rendition.
         name: of the take or the stream, the title of last resort.
     """
 
@@ -32,7 +31,7 @@ class StreamToShare:
 
     @property
     def manifest(self) -> Manifest:
-        """Of the stream; in version 3, of its best rendition."""
+        """Of the stream."""
         return self.reader.manifest
 
     @property

@@ -29,7 +29,7 @@ TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}
 """Content types by suffix; others are application/octet-stream."""
 
 HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
-"""Files in the folder files/ of a stream of version 3, which never change under their names."""
+"""Files in the folder files/ of a stream, which never change under their names."""
 
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
 _PACKED = b'-gzip"'  # end of the ETag of a compressed response
@@ -63,9 +63,10 @@ def build_app(
     """The web application: GET and HEAD of stream files, with ranges and revalidation, and the player.
 
     Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
-    revalidate every response (ETag), since a stream that is baked again keeps its file names; files of version 3, which
-    are named by their content, may be kept forever. Browsers that ask for a stream's folder get the player's page, and
-    for the list of several streams a page with links; other clients get the list of manifests as text.
+    revalidate every response (ETag), since the manifest of a stream that is baked again keeps its name; the other
+    files, which are named by their content, may be kept forever. Browsers that ask for a stream's folder get the
+    player's page, and for the list of several streams a page with links; other clients get the list of manifests as
+    text.
 
     Args:
         streams: from `find_streams`.

@@ -54,8 +54,8 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> BakeSummary:
     """Bake the groups that are missing, then publish the stream."""
-    from studio.stream import GroupLadder, baked_group
-    from studio.stream.decoder_limits import beyond_hardware
+    from studio.stream import GroupEntry
+    from studio.stream.encode.decoder_limits import beyond_hardware
 
     plan, settings = BakePlan(inputs), inputs.config.bake
     if executor is not None:
@@ -68,11 +68,10 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
         start, stop = position / len(plan.parts), (position + 1) / len(plan.parts)
         note = plan.baked(part) or encode_once(plan, part, reporter, start, stop)
         notes.append(note)
-        entry = baked_group(note.entry)
-        if isinstance(entry, GroupLadder):
-            for message in beyond_hardware(entry, float(inputs.footage.raw.fps), settings.codec):
-                reporter.warn(message)
-        figures = {"splats": entry.splats, "bytes": entry.bytes, "frames": entry.frame_count}
+        entry = GroupEntry.from_dict(note.entry)
+        for message in beyond_hardware(entry, float(inputs.footage.raw.fps), settings.codec):
+            reporter.warn(message)
+        figures = {"splats": entry.best.splats, "bytes": entry.best.bytes, "frames": entry.frame_count}
         reporter.metrics(figures, group=part.index)
         reporter.progress(stop, f"group {part.index}")
     manifest = publish(plan, notes, live=False, reporter=reporter)
@@ -84,7 +83,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
         frames=manifest.frame_count,
         renditions=max(1, len(settings.ladder)),
         bytes=manifest.total_bytes,
-        bytes_per_frame=round(manifest.bytes_per_frame),
+        bytes_per_frame=round(manifest.played_bytes() / manifest.frame_count),
     )
 
 

@@ -99,7 +99,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         if todo:
             executor.run(STAGE, inputs, todo, reporter)
     with _reader(inputs) as reader:
-        manifest = reader.manifest
+        played_bytes, bytes_per_frame = reader.played_bytes, reader.bytes_per_frame
         measured = Measured()
         baked = baked_frames(inputs)
         for group in inputs.groups:
@@ -133,7 +133,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         )
     summary = EvaluationSummary(
         **_means(measured.frames),
-        bytes_per_frame=round(manifest.bytes_per_frame, 1),
+        bytes_per_frame=round(bytes_per_frame, 1),
         psnr_trained_lowest_frame=min(row.psnr_trained for row in measured.frames),
         psnr_decoded_lowest_frame=min(row.psnr_decoded for row in measured.frames),
         **_mean_flicker("flicker", measured.frames),
@@ -154,7 +154,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
         ssim="11x11 Gaussian window, sigma 1.5",
         **({} if lpips is None else {"lpips": lpips.protocol}),
-        total_bytes=manifest.played_bytes,
+        total_bytes=played_bytes,
         total_bytes_are="all files that playing the best rendition takes, and the manifest",
         bytes_of_a_frame="videos of its group, divided by the frames in the group",
     )
@@ -233,7 +233,7 @@ def _measure(
     lpips = lpips_of(inputs.config, inputs.device)
     sizes = {
         frame: one.bytes / one.frame_count
-        for one in reader.manifest.groups
+        for one in reader.groups
         for frame in range(one.first_frame, one.first_frame + one.frame_count)
     }
     baked = baked_frames(inputs)

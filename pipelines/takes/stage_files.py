@@ -85,7 +85,7 @@ class BakedGroupNote(Result):
     key: str
 
     files: dict[str, int]
-    """Sizes in bytes by file name; in version 3 of the stream, by path in it."""
+    """Sizes in bytes by path in the stream."""
 
     digests: dict[str, str]
     """By file name."""

@@ -75,8 +75,8 @@ class FileSettings(Settings):
 
     audio: Annotated[str | None, Affects("sound")] = None
     """Sound of the performance: an audio file (WAV or anything else that FFmpeg reads) relative to root, or the name of
-    a camera whose video has sound. null: none. It is cut to the take, and becomes part of streams of version 3 and of
-    exported movies."""
+    a camera whose video has sound. null: none. It is cut to the take, and becomes part of the stream and of exported
+    movies."""
 
     audio_offset: Annotated[
         float, Unbounded("an offset beyond the take is refused when the sound is cut"), Affects("sound")

@@ -17,7 +17,7 @@ from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats, PlaybackReport, SkippedGroup
 from studio.progress import ProgressFn, no_progress
 from studio.stream import Source, StreamReader
-from studio.stream.manifest import no_such_frame
+from studio.stream.group_index import no_such_frame
 
 
 def play_headless(

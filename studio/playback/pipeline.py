@@ -21,8 +21,7 @@ from studio.gaussians import Gaussians
 from studio.playback.bounded_queue import BoundedQueue
 from studio.playback.shared import Shared, Span
 from studio.playback.statistics import FrameStats, SkippedGroup
-from studio.stream import DecodedFrame, GroupEntry, SourceUnavailable
-from studio.stream.ladder_manifest import RenditionManifest
+from studio.stream import DecodedFrame, Rendition, SourceUnavailable
 
 MOST_GROUPS = 64
 FETCHED_GROUPS = 1  # in the queue; one more is being decoded and another fetched, so up to three are in memory
@@ -56,7 +55,7 @@ class PlayedFrame:
 @dataclass(frozen=True)
 class _Fetched:
     start_tick: int  # of the group's first frame
-    group: GroupEntry
+    group: Rendition
     files: dict[str, bytes]
     milliseconds: float
 
@@ -64,7 +63,7 @@ class _Fetched:
 @dataclass(frozen=True)
 class _Decoded:
     tick: int
-    group: GroupEntry
+    group: Rendition
     frame: DecodedFrame
     fetch_ms: float
     decode_ms: float
@@ -87,7 +86,8 @@ class Run:
     ) -> None:
         self.number = number
         self._shared = shared
-        self._manifest = shared.reader.manifest
+        self._fps, self._frame_count = shared.reader.fps, shared.reader.frame_count
+        self._group_count = len(shared.reader.index)
         self._start = start_tick
         self._loop = loop
         self._due = due
@@ -166,11 +166,11 @@ class Run:
 
     def _groups_ahead(self) -> int:
         """Groups in the queue. Where renditions change, as many as the rule's buffer holds."""
-        rule, manifest = self._shared.rule, self._manifest
+        rule = self._shared.rule
         if rule is None:
             return FETCHED_GROUPS
         rule.seeked()
-        seconds = manifest.duration / len(manifest.groups)
+        seconds = self._frame_count / self._fps / self._group_count
         return min(max(round(rule.target / seconds), FETCHED_GROUPS), MOST_GROUPS)
 
     def _groups(self) -> Iterator[tuple[int, Span]]:
@@ -189,14 +189,13 @@ class Run:
             first = len(starts)
             if not self._shared.wait_for_more(first, lambda: self._fetched.over):
                 return
-            manifest = reader.manifest
-            if isinstance(manifest, RenditionManifest):
-                starts, count = manifest.starts, manifest.frame_count
+            index = reader.index
+            starts, count = index.starts, index.manifest.frame_count
 
     def _buffered(self, tick: int) -> float:
         """Seconds of frames before `tick` that are not yet shown."""
         shown = self._delivered_tick if self._due is None else max(self._due(), self._start)
-        return max(tick - shown, 0) / self._manifest.fps
+        return max(tick - shown, 0) / self._fps
 
     def _fetch(self) -> None:
         failures = 0  # consecutive
@@ -212,7 +211,7 @@ class Run:
                 failures += 1
                 if self._fetched.over:
                     return
-                if failures >= len(self._manifest.groups):
+                if failures >= self._group_count:
                     raise nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
                 continue
             failures = 0
@@ -220,7 +219,7 @@ class Run:
             if self._fetched.put(_Fetched(start_tick, group, files, milliseconds)) is None:
                 return
 
-    def _files(self, span: Span, start_tick: int) -> tuple[GroupEntry, dict[str, bytes]] | None:
+    def _files(self, span: Span, start_tick: int) -> tuple[Rendition, dict[str, bytes]] | None:
         """The group in the chosen rendition and its files; None if they cannot be fetched, which is recorded."""
         if self._shared.is_lost(span):
             return None
@@ -289,7 +288,7 @@ class Run:
 
     def _frame(self, tick: int) -> int:
         """Index of the frame of a tick. While a stream is live and the count of frames grows, there are no loops."""
-        return tick % self._manifest.frame_count if self._loop else tick
+        return tick % self._frame_count if self._loop else tick
 
     def _dequantize(self) -> None:
         while (decoded := self._decoded.get()) is not None:

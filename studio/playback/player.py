@@ -16,7 +16,7 @@ from studio.playback.shared import Shared
 from studio.playback.sound_player import Output, SoundPlayer
 from studio.playback.statistics import SkippedGroup
 from studio.stream import Source, StreamReader, StreamSound
-from studio.stream.manifest import no_such_frame
+from studio.stream.group_index import no_such_frame
 
 
 class Player:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from studio.errors import Message, StudioError
 from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import SkippedGroup
-from studio.stream import GroupDecoder, GroupEntry, StreamReader
+from studio.stream import GroupDecoder, Rendition, StreamReader
 
 _CACHED_GROUPS = 6  # so that scrubbing does not fetch them again
 _LOOK_AGAIN = 0.2  # seconds between two looks at whether a run is over that waits for new groups
@@ -79,7 +79,7 @@ class Shared:
                 self._grown.wait(_LOOK_AGAIN)
         return False
 
-    def choose(self, number: int, buffered: float) -> GroupEntry:
+    def choose(self, number: int, buffered: float) -> Rendition:
         """Group `number` in the rendition to play it in.
 
         Args:
@@ -97,14 +97,14 @@ class Shared:
         better = [self.reader.group(number, rendition) for rendition in kept]
         return max([chosen, *better], key=lambda group: group.bytes)  # what is here already may be better
 
-    def played(self, group: GroupEntry, shown: int = 0, dropped: int = 0) -> None:
+    def played(self, group: Rendition, shown: int = 0, dropped: int = 0) -> None:
         """Tell the rule about frames that were shown, or were dropped since decoding was late."""
         if self.rule is not None:
-            self.rule.played(self._renditions[rendition_of(group)], shown, dropped)
+            self.rule.played(self._renditions[group.id], shown, dropped)
 
-    def files(self, group: GroupEntry) -> dict[str, bytes]:
+    def files(self, group: Rendition) -> dict[str, bytes]:
         """The files of a group, from the cache, or fetched and verified."""
-        key = (group.index, rendition_of(group))
+        key = (group.index, group.id)
         with self._lock:
             if key in self._files:
                 self._files.move_to_end(key)
@@ -125,7 +125,7 @@ class Shared:
             self.decoder.close()
             self.decoder = None
 
-    def note_damage(self, group: GroupEntry | Span, first_frame: int, end_frame: int, cause: Message) -> None:
+    def note_damage(self, group: Rendition | Span, first_frame: int, end_frame: int, cause: Message) -> None:
         """Record that these frames of a group cannot be played."""
         with self._lock:
             if group.index in self._skipped:
@@ -137,14 +137,14 @@ class Shared:
             for key in [key for key in self._files if key[0] == group.index]:
                 del self._files[key]
 
-    def note_intact(self, group: GroupEntry) -> None:
+    def note_intact(self, group: Rendition) -> None:
         """Forget that a whole group could not be fetched, because it has been repaired."""
         with self._lock:
             known = self._skipped.get(group.index)
             if known is not None and known[0].frame_count == group.frame_count:
                 del self._skipped[group.index]
 
-    def is_lost(self, group: GroupEntry | Span) -> bool:
+    def is_lost(self, group: Rendition | Span) -> bool:
         """Whether no frame of a group could be played when it was last tried, recently."""
         with self._lock:
             known = self._skipped.get(group.index)
@@ -157,9 +157,3 @@ class Shared:
         """All groups, or parts of groups, that could not be played, in order."""
         with self._lock:
             return tuple(self._skipped[index][0] for index in sorted(self._skipped))
-
-
-def rendition_of(group: GroupEntry) -> str:
-    """Id of a group's rendition; "" in versions 1 and 2."""
-    found: str = getattr(group, "id", "")
-    return found

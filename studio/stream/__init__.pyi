@@ -1,14 +1,20 @@
-from .bake import bake_group, group_folder_name, write_manifest
-from .bake_ladder import ContributionFn, FinetunedFn
-from .bake_sound import bake_sound
 from .decode import DecodedFrame, GroupDecoder, open_decoder
+from .encode.bake import ContributionFn, FinetunedFn, bake_group, bake_sound, group_folder_name
+from .encode.quality import QualityFn
+from .encode.write_manifest import write_manifest
 from .integrity import StreamDamage, StreamIntegrity, check_stream
-from .ladder_models import AudioEntry, BakedGroup, GroupLadder, RenditionEntry, baked_group
-from .manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
-from .manifest_models import GroupEntry
+from .manifest import (
+    FORMAT,
+    MANIFEST_NAME,
+    VERSION,
+    AudioEntry,
+    GroupEntry,
+    Manifest,
+    Rendition,
+    RenditionEntry,
+)
 from .metadata import CapturePlace, StreamMetadata
 from .reader import StreamReader, fetch_group
-from .search import QualityFn
 from .settings import DEFAULT_LADDER, BakeSettings, Rung
 from .sound import StreamSound
 from .source import FolderSource, Source, SourceUnavailable, is_address
@@ -20,7 +26,6 @@ __all__ = [
     "VERSION",
     "AudioEntry",
     "BakeSettings",
-    "BakedGroup",
     "CapturePlace",
     "ContributionFn",
     "DecodedFrame",
@@ -28,9 +33,9 @@ __all__ = [
     "FolderSource",
     "GroupDecoder",
     "GroupEntry",
-    "GroupLadder",
     "Manifest",
     "QualityFn",
+    "Rendition",
     "RenditionEntry",
     "Rung",
     "Source",
@@ -42,7 +47,6 @@ __all__ = [
     "StreamSound",
     "bake_group",
     "bake_sound",
-    "baked_group",
     "check_stream",
     "fetch_group",
     "group_folder_name",

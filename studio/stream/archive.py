@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import struct
 import threading
 import zipfile
@@ -13,7 +14,6 @@ from typing import Protocol
 
 from studio.errors import StudioError, reason_of
 from studio.stream.http_source import HttpSource
-from studio.stream.manifest_models import PATH
 from studio.stream.source import BAKE_AGAIN, too_long
 
 SUFFIX = ".v3s"
@@ -22,6 +22,7 @@ MAX_DIRECTORY_BYTES = 128 << 20
 _BLOCK = 1 << 16
 """Bytes at either end that are read at once: the manifest's beginning, and the directory of most archives."""
 
+_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}")
 _LOCAL_HEADER = struct.Struct("<4s5H3L2H")
 
 
@@ -128,7 +129,7 @@ class ArchiveSource:
         starts = sorted({entry.header_offset for entry in entries})
         self._places: dict[str, tuple[int, int, int]] = {}  # offset, end of everything before the next, size
         for entry in entries:
-            if not PATH.fullmatch(entry.filename) or entry.filename in self._places:
+            if not _NAME.fullmatch(entry.filename) or entry.filename in self._places:
                 raise self._damaged(f"it has an entry {entry.filename[:80]!r}")
             if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & 1:
                 raise StudioError(

@@ -8,13 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 from studio.stream.decode_motion import MotionDecoder
 from studio.stream.decode_planes import PlanesDecoder
 from studio.stream.decoder import DecodedFrame, GroupDecoder
-from studio.stream.manifest_models import GroupEntry, MotionGroup, PlanesGroup
+from studio.stream.manifest import MotionRendition, PlanesRendition, Rendition
 
 __all__ = ["DecodedFrame", "GroupDecoder", "open_decoder"]
 
 
 def open_decoder(
-    group: GroupEntry,
+    group: Rendition,
     files: Mapping[str, bytes],
     pool: ThreadPoolExecutor,
     name: str,
@@ -34,7 +34,7 @@ def open_decoder(
     Raises:
         StudioError: a file does not match the manifest.
     """
-    if isinstance(group, PlanesGroup):
+    if isinstance(group, PlanesRendition):
         return PlanesDecoder(group, files, pool, name)
-    assert isinstance(group, MotionGroup)
+    assert isinstance(group, MotionRendition)
     return MotionDecoder(group, files, name, codec, threads)

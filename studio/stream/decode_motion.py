@@ -11,9 +11,8 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer.kernels import kernels_for
 from studio.rotations import mrp_to_quats, quat_multiply
-from studio.stream.decoder import DecodedFrame, GroupDecoder
-from studio.stream.luma_check import check_luma
-from studio.stream.manifest_models import MotionGroup
+from studio.stream.decoder import DecodedFrame, GroupDecoder, check_luma
+from studio.stream.manifest import MotionRendition
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
 from studio.stream.profiles.motion import from_ycocg
@@ -35,7 +34,7 @@ class GroupTables:
         ValueError: the side file does not match the manifest.
     """
 
-    def __init__(self, group: MotionGroup, data: bytes) -> None:
+    def __init__(self, group: MotionRendition, data: bytes) -> None:
         self.group = group
         side = Side.parse(data, group)
         self.state = MotionState(group.positions, group.blocks, side, np.float32)
@@ -147,7 +146,7 @@ class MotionDecoder(GroupDecoder):
         StudioError: a file does not match the manifest.
     """
 
-    def __init__(self, group: MotionGroup, files: Mapping[str, bytes], name: str, codec: str, threads: int) -> None:
+    def __init__(self, group: MotionRendition, files: Mapping[str, bytes], name: str, codec: str, threads: int) -> None:
         super().__init__(group)
         self._size, self._entry, self._name = group.size, group.video, name
         path, pictures = group.video.path, group.frame_count

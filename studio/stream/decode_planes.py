@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from studio.gaussians import Gaussians
-from studio.stream.decoder import DecodedFrame, GroupDecoder
+from studio.stream.decoder import DecodedFrame, GroupDecoder, check_luma
 from studio.stream.layout import ComponentArrays
-from studio.stream.luma_check import check_luma
-from studio.stream.manifest_models import PlanesGroup
+from studio.stream.manifest import PlanesRendition
 from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes
 from studio.stream.video import PlaneDecoder
 
@@ -23,10 +22,10 @@ class PlanesFrame(DecodedFrame):
 
     Attributes:
         group: ranges and layout.
-        planes: (P, side, side) uint8 in the order of `group.planes`.
+        planes: (P, side, side) uint8 in the order of `group.videos`.
     """
 
-    group: PlanesGroup
+    group: PlanesRendition
     planes: np.ndarray
 
     def gaussians(self) -> Gaussians:
@@ -55,7 +54,7 @@ class PlanesDecoder(GroupDecoder):
         name: the stream, for messages.
     """
 
-    def __init__(self, group: PlanesGroup, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:
+    def __init__(self, group: PlanesRendition, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:
         super().__init__(group)
         self._planes_group = group
         self._pool, self._name = pool, name
@@ -63,7 +62,7 @@ class PlanesDecoder(GroupDecoder):
         # Opening parses each file's headers, so it pays to do that in parallel too.
         opening = [
             pool.submit(PlaneDecoder, files[plane.path], f"{name}/{plane.path}", size, pictures)
-            for plane in group.planes
+            for plane in group.videos
         ]
         wait(opening)
         self._decoders = [future.result() for future in opening if future.exception() is None]
@@ -81,7 +80,7 @@ class PlanesDecoder(GroupDecoder):
         wait(reading)  # for all, before raising the error of one: the caller may then close the decoders
         for future in reading:
             future.result()
-        for entry, plane in zip(group.planes, planes, strict=True):
+        for entry, plane in zip(group.videos, planes, strict=True):
             check_luma(entry, index, plane, self._name)
         return PlanesFrame(group, planes)
 

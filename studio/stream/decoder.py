@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import zlib
 from abc import ABC, abstractmethod
+
+import numpy as np
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.manifest_models import GroupEntry
+from studio.stream.manifest import PlaneEntry, Rendition, VideoEntry
 
 
 class DecodedFrame(ABC):
@@ -25,7 +28,7 @@ class GroupDecoder(ABC):
         next_frame: index in the stream of the frame that `read` returns next.
     """
 
-    def __init__(self, group: GroupEntry) -> None:
+    def __init__(self, group: Rendition) -> None:
         self.group = group
         self.next_frame = group.first_frame
 
@@ -52,3 +55,29 @@ class GroupDecoder(ABC):
     @abstractmethod
     def close(self) -> None:
         """Release decoders and memory."""
+
+
+def check_luma(video: VideoEntry | PlaneEntry, index: int, luma: np.ndarray, name: str) -> None:
+    """Compare picture `index` of a video with its check, if it has one.
+
+    Args:
+        video: its entry in the manifest.
+        index: 0-based.
+        luma: (height, width) uint8, contiguous.
+        name: the stream, for messages.
+
+    Raises:
+        StudioError: `stream.wrong_luma`.
+    """
+    for check in video.checks:
+        if check.picture == index and (found := zlib.crc32(luma.data)) != check.crc32:
+            raise StudioError(
+                "stream.wrong_luma",
+                f"picture {index} decodes to other values than the manifest says: the decoder is not exact, or the "
+                "manifest is wrong",
+                file=f"{name}/{video.path}",
+                value=found,
+                fix="Bake the stream again; if that does not help, install PyAV from PyPI.",
+                expected=check.crc32,
+                picture=index,
+            )

@@ -1,4 +1,4 @@
-"""The groups of a stream of version 3: those in the manifest, and those in pages, which are read when needed."""
+"""The groups of a stream: those in the manifest, and those in pages, which are read when needed."""
 
 from __future__ import annotations
 
@@ -11,16 +11,8 @@ from itertools import accumulate
 from typing import overload
 
 from studio.errors import StudioError
-from studio.stream.ladder_manifest import (
-    LadderManifest,
-    RenditionManifest,
-    fixed_files,
-    parse_page,
-    starts_of,
-)
-from studio.stream.ladder_models import GroupLadder, PageEntry
-from studio.stream.manifest import MANIFEST_NAME, no_such_frame, wrong_total
-from studio.stream.manifest_models import GroupEntry
+from studio.stream.manifest import MANIFEST_NAME, GroupEntry, Manifest, PageEntry, Rendition
+from studio.stream.manifest_file import check_total, parse_page
 from studio.stream.source import Source
 
 _KEPT_PAGES = 16
@@ -40,15 +32,15 @@ class GroupIndex:
         reading: makes a context around each read of a page, which may raise other errors instead.
     """
 
-    def __init__(self, manifest: LadderManifest, source: Source, manifest_bytes: int) -> None:
+    def __init__(self, manifest: Manifest, source: Source, manifest_bytes: int) -> None:
         self.manifest = manifest
         self.reading: Callable[[], AbstractContextManager[None]] = nullcontext
-        self.starts = starts_of(manifest)
+        self.starts = tuple(accumulate(manifest.frame_counts[:-1], initial=0))
         self._source = source
         self._manifest_bytes = manifest_bytes
         counts = [len(manifest.groups), *(len(page.frames) for page in manifest.pages)]
         self._page_starts = list(accumulate(counts, initial=0))[:-1]  # first group of the manifest and of each page
-        self._pages: OrderedDict[int, tuple[GroupLadder, ...]] = OrderedDict()
+        self._pages: OrderedDict[int, tuple[GroupEntry, ...]] = OrderedDict()
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
@@ -60,7 +52,7 @@ class GroupIndex:
             raise no_such_frame(frame, self.manifest.frame_count)
         return bisect_right(self.starts, frame) - 1
 
-    def ladder(self, number: int) -> GroupLadder:
+    def group(self, number: int) -> GroupEntry:
         """Group `number`, with its page read if needed.
 
         Raises:
@@ -81,7 +73,7 @@ class GroupIndex:
         place = bisect_right(self._page_starts, number) - 1
         return self.manifest.pages[place - 1] if place else None
 
-    def _read(self, place: int) -> tuple[GroupLadder, ...]:
+    def _read(self, place: int) -> tuple[GroupEntry, ...]:
         page, first = self.manifest.pages[place - 1], self._page_starts[place]
         name = f"{self._source.name}/{page.path}"
         with self.reading():
@@ -95,9 +87,7 @@ class GroupIndex:
 
     def check_total(self, group_bytes: int) -> None:
         """Raises StudioError unless `total_bytes` is right, given the size of all files of all groups, each once."""
-        expected = group_bytes + sum(file.bytes for file in fixed_files(self.manifest)) + self._manifest_bytes
-        if self.manifest.total_bytes != expected:
-            raise wrong_total(self.manifest.total_bytes, expected, f"{self._source.name}/{MANIFEST_NAME}")
+        check_total(self.manifest, group_bytes, self._manifest_bytes, f"{self._source.name}/{MANIFEST_NAME}")
 
     def rendition_number(self, rendition: str | None) -> int:
         """Position of a rendition by id; None is the best. Raises StudioError if there is none with this id."""
@@ -105,64 +95,46 @@ class GroupIndex:
         if rendition is None:
             return 0
         if rendition not in ids:
-            raise no_such_rendition(rendition, ids, self._source.name)
+            raise StudioError(
+                "stream.no_such_rendition",
+                f"no rendition {rendition!r}; the stream has {', '.join(ids)}",
+                file=f"{self._source.name}/{MANIFEST_NAME}",
+                value=rendition,
+                fix="Choose one of them.",
+                renditions=ids,
+            )
         return ids.index(rendition)
 
-    def view(self, rendition: str | None) -> RenditionManifest:
-        """The stream in one rendition. Raises StudioError if there is none with this id."""
-        number = self.rendition_number(rendition)
-        whole, one = self.manifest, self.manifest.renditions[number]
-        return RenditionManifest.model_construct(
-            version=3,
-            profile=whole.profile,
-            fps=whole.fps,
-            frame_count=whole.frame_count,
-            sh_degree=one.sh_degree,
-            scan=whole.scan,
-            codec=whole.codec,
-            bounding_box=whole.bounding_box,
-            groups=RenditionGroups(self, number),
-            settings=whole.settings,
-            metadata=whole.metadata,
-            total_bytes=whole.total_bytes,
-            manifest_sha256=whole.manifest_sha256,
-            rendition=one.id,
-            own_bytes=one.bytes + sum(file.bytes for file in fixed_files(whole)) + self._manifest_bytes,
-            starts=self.starts,
-        )
 
+class RenditionGroups(Sequence[Rendition]):
+    """The groups of a stream in one rendition, by its position; an item may be read from the source."""
 
-class RenditionGroups(Sequence[GroupEntry]):
-    """The groups of one rendition; an item may be read from the source."""
-
-    def __init__(self, index: GroupIndex, number: int) -> None:
-        self._index, self._number = index, number
+    def __init__(self, index: GroupIndex, rendition: int) -> None:
+        self._index, self._rendition = index, rendition
 
     def __len__(self) -> int:
         return len(self._index)
 
     @overload
-    def __getitem__(self, at: int) -> GroupEntry: ...
+    def __getitem__(self, at: int) -> Rendition: ...
 
     @overload
-    def __getitem__(self, at: slice) -> Sequence[GroupEntry]: ...
+    def __getitem__(self, at: slice) -> Sequence[Rendition]: ...
 
-    def __getitem__(self, at: int | slice) -> GroupEntry | Sequence[GroupEntry]:
+    def __getitem__(self, at: int | slice) -> Rendition | Sequence[Rendition]:
         if isinstance(at, slice):
             return [self[number] for number in range(*at.indices(len(self)))]
         number = at + len(self) if at < 0 else at
         if not 0 <= number < len(self):
             raise IndexError(at)
-        return self._index.ladder(number).renditions[self._number]
+        return self._index.group(number).renditions[self._rendition]
 
 
-def no_such_rendition(rendition: str, ids: Sequence[str], stream: str) -> StudioError:
-    """The error for an unknown rendition."""
+def no_such_frame(frame: int, frame_count: int) -> StudioError:
+    """The error for a frame number outside 0 to frame_count - 1."""
     return StudioError(
-        "stream.no_such_rendition",
-        f"no rendition {rendition!r}; the stream has {', '.join(ids) or 'only one, without a name'}",
-        file=f"{stream}/{MANIFEST_NAME}",
-        value=rendition,
-        fix="Choose one of them.",
-        renditions=list(ids),
+        "stream.no_such_frame",
+        f"no frame {frame}; the stream has frames 0 to {frame_count - 1}",
+        value=frame,
+        frame_count=frame_count,
     )

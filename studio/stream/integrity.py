@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
-from studio.stream.manifest_models import FileEntry
+from studio.stream.manifest import FileEntry
 from studio.stream.reader import StreamReader, checked_file
 from studio.stream.source import SourceUnavailable
 
@@ -79,15 +79,11 @@ def check_stream(reader: StreamReader, progress: ProgressFn = no_progress) -> St
 
 def _files_by_group(reader: StreamReader, damage: list[StreamDamage]) -> Iterator[tuple[tuple[FileEntry, ...], int]]:
     """Files of each group and the group's number; damaged pages of the index are appended to `damage`."""
-    if reader.index is None:
-        for group in reader.manifest.groups:
-            yield group.files, group.index
-        return
     lost: dict[str, tuple[str, list[int]]] = {}
     for number in range(len(reader.index)):
         page = reader.index.page_of(number)
         try:
-            files = reader.index.ladder(number).files
+            files = reader.index.group(number).files
         except SourceUnavailable:
             raise
         except StudioError as error:

@@ -1,44 +1,578 @@
-"""The manifest: everything a player needs to know about a stream, as JSON, validated before any other file is read.
+"""The manifest: everything a player needs to know about a stream, as JSON, with bounds.
 
-`docs/STREAM.md` specifies it for other players. Unknown keys are ignored, so that later writers can add some; any
-change to the meaning of the bytes raises the version.
+`docs/STREAM.md` specifies it for other players, and `manifest_file.manifest_schema` gives its JSON schema. Unknown keys
+are ignored, so that later writers can add some; any change to the meaning of the bytes raises the version.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Final, Literal, Protocol, Self, TypeVar
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
-from studio.bounded_text import Bounds, TextError, parse_json
+from studio.counts import counted
+from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.stream.manifest_models import (
-    MAX_FRAMES,
-    MAX_GROUPS,
-    MAX_MANIFEST_BYTES,
-    Box,
-    GroupEntry,
-    InconsistentError,
-    Model,
-    MotionGroup,
-    PlanesGroup,
-    Sha256,
-    invalid,
-)
-from studio.stream.source import BAKE_AGAIN
+from studio.stream.layout import channels, components, plane_side, tile_side
+from studio.violations import violation
 
 FORMAT: Final = "v3studio-stream"
+PAGE_FORMAT: Final = "v3studio-stream-page"
 VERSION: Final = 3
-"""Newest version that is read."""
+MANIFEST_NAME: Final = "manifest.json"
 
-MANIFEST_NAME = "manifest.json"
+FILES: Final = "files"
+"""Folder of all files but the manifest."""
 
-_BOUNDS = Bounds(size=MAX_MANIFEST_BYTES, values=2_000_000)
-"""Ten times what 10,000 frames take in version 2; about 300 MB of memory."""
+NAME_DIGITS: Final = 32
+"""Digits of the SHA-256 in a file's name."""
+
+# Bounds: far above any real stream, low enough that a malicious manifest cannot exhaust memory.
+MAX_SPLATS = 4 << 20
+MAX_GROUP_FRAMES = 10_000
+MAX_FRAMES = 100_000_000
+MAX_GROUPS = 1_000_000
+MAX_FILE_BYTES = 1 << 30
+MAX_MANIFEST_BYTES = 64 << 20
+MAX_SIDE_BYTES = 256 << 20
+MAX_PICTURE = 16384
+MAX_VALUE = 1e9
+MAX_LOG_SCALE = math.log(MAX_VALUE)
+MAX_BLOCK_SPAN = 1e6
+"""Largest extent of the keyframe's lattice in units of `blocks.radius`; writers here stay below 65,537."""
+MAX_RENDITIONS = 16
+MAX_PAGE_BYTES = 1 << 24
+MAX_PAGE_GROUPS = 4096
+MAX_AUDIO_BYTES = 1 << 28
+MAX_AUDIO_SAMPLES = 1 << 32
+MAX_FREE_BYTES = 1 << 20
+MAX_FREE_DEPTH = 16
+
+AUDIO_TOLERANCE: Final = 0.1
+"""Seconds by which sound may be longer than the frames: a few frames of any codec."""
+
+Number = Annotated[float, Field(ge=-MAX_VALUE, le=MAX_VALUE, allow_inf_nan=False)]
+Step = Annotated[float, Field(gt=0, le=MAX_VALUE, allow_inf_nan=False)]
+Point = tuple[Number, Number, Number]
+FrameCount = Annotated[int, Field(ge=1, le=MAX_GROUP_FRAMES)]
+Qp = Annotated[int, Field(ge=0, le=51)]
+ShDegree = Annotated[int, Field(ge=0, le=3)]
+SplatCount = Annotated[int, Field(ge=1, le=MAX_SPLATS)]
+Decibels = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+RenditionId = Annotated[str, Field(pattern=r"^[a-z0-9-]{1,32}$")]
+Part = Literal["all", "high", "low", "low_mirrored"]
+Pruning = Literal["none", "importance", "fine-tuned"]
+
+_PATH = re.compile(rf"{FILES}/([0-9a-f]{{{NAME_DIGITS}}})\.[a-z0-9]{{1,8}}")
+
+
+class InconsistentError(ValueError):
+    """Raised by validators for values that contradict each other. `rule` is a stable name for programs."""
+
+    def __init__(self, rule: str, problem: str) -> None:
+        super().__init__(problem)
+        self.rule = rule
+
+
+def _require(holds: bool, rule: str, problem: str) -> None:
+    if not holds:
+        raise InconsistentError(rule, problem)
+
+
+def largest(name: str) -> float:
+    """The largest value of a component or channel that can be rendered: scales end at `MAX_VALUE`, as positions do."""
+    return MAX_LOG_SCALE if name.startswith("log_scale") else MAX_VALUE
+
+
+def hashed_path(sha256: str, suffix: str) -> str:
+    """Path of a file with this SHA-256; `suffix` with its dot."""
+    return f"{FILES}/{sha256[:NAME_DIGITS]}{suffix}"
+
+
+class Model(BaseModel):
+    """Immutable, strict types, unknown keys ignored."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
+
+    def to_bytes(self) -> bytes:
+        """JSON without spaces, with a final newline."""
+        return compact(self.model_dump(mode="json"))
+
+
+def compact(values: Any) -> bytes:
+    """JSON without spaces, with a final newline."""
+    return (json.dumps(values, separators=(",", ":"), allow_nan=False) + "\n").encode()
+
+
+class Box(Model):
+    """Axis-aligned bounding box, world units."""
+
+    min: Point
+    max: Point
+
+    @model_validator(mode="after")
+    def _check(self) -> Box:
+        ordered = all(low <= high for low, high in zip(self.min, self.max, strict=True))
+        _require(ordered, "box_order", f"box minimum {self.min} exceeds its maximum {self.max}")
+        return self
+
+    def union(self, other: Box) -> Box:
+        """The smallest box that contains both."""
+        low = tuple(min(a, b) for a, b in zip(self.min, other.min, strict=True))
+        high = tuple(max(a, b) for a, b in zip(self.max, other.max, strict=True))
+        return Box.model_construct(min=low, max=high)
+
+
+# Files
+
+
+class FileEntry(Model):
+    """One file of the stream.
+
+    Attributes:
+        path: relative to the manifest; the name is the beginning of `sha256`.
+        bytes, sha256: size and SHA-256 of the file.
+    """
+
+    path: str
+    bytes: Annotated[int, Field(ge=1, le=MAX_FILE_BYTES)]
+    sha256: Sha256
+
+    @model_validator(mode="after")
+    def _check_path(self) -> FileEntry:
+        found = _PATH.fullmatch(self.path)
+        named = found is not None and found[1] == self.sha256[:NAME_DIGITS]
+        _require(named, "path_not_hash", f"{self.path[:200]!r} is not named by the file's SHA-256")
+        return self
+
+
+class LumaCheck(Model):
+    """CRC-32 of the decoded luma of one picture of a video, so that players can verify that their decoder is exact."""
+
+    picture: Annotated[int, Field(ge=0, lt=MAX_GROUP_FRAMES)]
+    crc32: Annotated[int, Field(ge=0, lt=1 << 32)]
+
+
+Checks = Annotated[tuple[LumaCheck, ...], Field(min_length=1, max_length=2)]
+
+
+class VideoEntry(FileEntry):
+    """A video file.
+
+    Attributes:
+        qp: quantization parameter on the codec's own scale, 0 is lossless; informative.
+        checks: of its first and of one later picture.
+    """
+
+    qp: Annotated[int, Field(ge=0, le=63)]
+    checks: Checks
+
+
+class PlaneEntry(FileEntry):
+    """The video of one plane.
+
+    Attributes:
+        qp, checks: as in `VideoEntry`.
+        part: byte of the component: all (8 bits), high, low, or low_mirrored (255 - low where the high byte is odd).
+    """
+
+    qp: Annotated[int, Field(ge=0, le=63)]
+    part: Part
+    checks: Checks
+
+
+class SideEntry(FileEntry):
+    """The side file: keyframe positions, blocks, motions, classes and escapes.
+
+    Attributes:
+        raw_bytes: its decompressed size.
+    """
+
+    raw_bytes: Annotated[int, Field(ge=1, le=MAX_SIDE_BYTES)]
+
+
+class PageEntry(FileEntry):
+    """A page of the index: a file with consecutive groups.
+
+    Attributes:
+        frames: frame_count of each of its groups.
+    """
+
+    bytes: Annotated[int, Field(ge=1, le=MAX_PAGE_BYTES)]
+    frames: Annotated[tuple[FrameCount, ...], Field(min_length=1, max_length=MAX_PAGE_GROUPS)]
+
+
+class AudioEntry(FileEntry):
+    """The sound.
+
+    Attributes:
+        codec: AAC-LC in an MP4 file.
+        sample_rate: samples per second and channel.
+        channels: 1 or 2.
+        samples: per channel, without the encoder's delay and padding.
+        start: seconds from the first frame to the first sample.
+    """
+
+    bytes: Annotated[int, Field(ge=1, le=MAX_AUDIO_BYTES)]
+    codec: Literal["aac"]
+    sample_rate: Annotated[int, Field(ge=8000, le=96_000)]
+    channels: Annotated[int, Field(ge=1, le=2)]
+    samples: Annotated[int, Field(ge=1, le=MAX_AUDIO_SAMPLES)]
+    start: Annotated[float, Field(ge=0, le=MAX_FRAMES, allow_inf_nan=False)]
+
+    @property
+    def seconds(self) -> float:
+        """From the first frame to the end of the sound."""
+        return self.start + self.samples / self.sample_rate
+
+
+# Groups
+
+
+class Rendition(Model):
+    """One rendition of a group: an encoding of its frames that can be decoded without any other.
+
+    Attributes:
+        index: of the group, 0-based, consecutive.
+        first_frame: index of its first frame in the stream, 0-based.
+        frame_count: number of frames, the same in each video.
+        splats: N, the same in each frame.
+        sh_degree: 0 to 3.
+        bounding_box: of the means of all its frames.
+        bytes: total size of its files.
+        dilation: of its splats, see `Gaussians`. Left out of the JSON where it is `DILATION`.
+        id: of the rendition.
+        qp: H.264 scale, informative.
+        pruning: whether splats were left out, and whether the others were trained further.
+        psnr_to_trained: dB; None if not measured.
+    """
+
+    index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
+    first_frame: Annotated[int, Field(ge=0, lt=MAX_FRAMES)]
+    frame_count: FrameCount
+    splats: SplatCount
+    sh_degree: ShDegree
+    bounding_box: Box
+    bytes: Annotated[int, Field(ge=1)]
+    dilation: Annotated[float, Field(ge=MIN_DILATION, le=MAX_DILATION, allow_inf_nan=False)] = DILATION
+    id: RenditionId
+    qp: Qp
+    pruning: Pruning
+    psnr_to_trained: Decibels | None
+
+    @model_serializer(mode="wrap")
+    def _serialize(self, handler: SerializerFunctionWrapHandler) -> JsonObject:
+        values: JsonObject = handler(self)
+        if self.dilation == DILATION:
+            del values["dilation"]
+        # the order of keys is part of the stream's bytes: those of the rendition come after those of the profile
+        for name in ("id", "qp", "pruning", "psnr_to_trained"):
+            values[name] = values.pop(name)
+        return values
+
+    @property
+    def videos(self) -> Sequence[VideoEntry | PlaneEntry]:
+        """Its videos, in the order of the manifest."""
+        raise NotImplementedError
+
+    @property
+    def files(self) -> tuple[FileEntry, ...]:
+        """All its files, in the order that a player needs them."""
+        return tuple(self.videos)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of its videos."""
+        raise NotImplementedError
+
+    @property
+    def end_frame(self) -> int:
+        """Index of the first frame after the group."""
+        return self.first_frame + self.frame_count
+
+    def _check_files(self) -> None:
+        total = sum(file.bytes for file in self.files)
+        _require(self.bytes == total, "bytes_sum", f"bytes is {self.bytes}, but its files have {total} bytes")
+        for video in self.videos:
+            pictures = [check.picture for check in video.checks]
+            ordered = pictures[0] == 0 and sorted(set(pictures)) == pictures and pictures[-1] < self.frame_count
+            _require(ordered, "checks", f"checks are of pictures {pictures} of {self.frame_count}")
+
+
+class ComponentEntry(Model):
+    """One number per splat and its range: value = min + code * (max - min) / (255 or 65535)."""
+
+    name: str
+    min: Number
+    max: Number
+    planes: Annotated[tuple[PlaneEntry, ...], Field(min_length=1, max_length=2)]
+
+    @model_validator(mode="after")
+    def _check(self) -> ComponentEntry:
+        ordered = self.min <= self.max
+        _require(ordered, "range_order", f"minimum {self.min} of {self.name} exceeds its maximum {self.max}")
+        most = largest(self.name)
+        _require(self.max <= most, "value_range", f"maximum {self.max:g} of {self.name[:40]} exceeds {most:g}")
+        return self
+
+
+class PlanesRendition(Rendition):
+    """A rendition of a group in the profile `planes`.
+
+    Attributes:
+        side: side of the planes in pixels: the smallest multiple of 8 with side^2 >= N.
+        components: in the order of `layout.components(sh_degree)`.
+    """
+
+    side: Annotated[int, Field(ge=8)]
+    components: Annotated[tuple[ComponentEntry, ...], Field(max_length=64)]
+
+    @model_validator(mode="after")
+    def _check(self) -> PlanesRendition:
+        side = plane_side(self.splats)
+        _require(self.side == side, "plane_side", f"side is {self.side}; {self.splats} splats require {side}")
+        wanted = components(self.sh_degree)
+        names = tuple(component.name for component in wanted)
+        found = tuple(entry.name for entry in self.components)
+        _require(found == names, "components", f"components do not match SH degree {self.sh_degree} and its order")
+        for entry, component in zip(self.components, wanted, strict=True):
+            parts = tuple(plane.part for plane in entry.planes)
+            allowed = (("all",),) if component.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
+            choices = " or ".join(map(str, allowed))
+            _require(parts in allowed, "parts", f"{entry.name} has planes {parts}; expected {choices}")
+        self._check_files()
+        return self
+
+    @property
+    def videos(self) -> tuple[PlaneEntry, ...]:
+        """See `Rendition.videos`."""
+        return tuple(plane for component in self.components for plane in component.planes)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """See `Rendition.size`."""
+        return self.side, self.side
+
+
+class ChannelEntry(Model):
+    """One tile of the picture: value = offset + (code - 128) * step; residuals are also scaled by 2^class of the
+    splat."""
+
+    name: str
+    offset: Number
+    step: Step
+
+    @model_validator(mode="after")
+    def _check(self) -> ChannelEntry:
+        low, high, most = self.offset - 128 * self.step, self.offset + 127 * self.step, largest(self.name)
+        _require(
+            low >= -MAX_VALUE and high <= most,
+            "value_range",
+            f"values of {self.name[:40]} reach from {low:g} to {high:g}; they must be from {-MAX_VALUE:g} to {most:g}",
+        )
+        return self
+
+
+class Lattice(Model):
+    """Quantization of the keyframe's means: min + (cell + 1/2) * step for integer cells below 2^bits."""
+
+    bits: Annotated[int, Field(ge=1, le=16)]
+    min: Point
+    step: Step
+
+
+class BlockTable(Model):
+    """Blocks and the units of their motion.
+
+    Attributes:
+        count: B.
+        radius: scale of positions relative to the block's center, world units.
+        step: unit of the affine motion parameters, world units.
+        rotation_step: unit of the mean rotation's MRP.
+    """
+
+    count: Annotated[int, Field(ge=1, le=32767)]
+    radius: Step
+    step: Step
+    rotation_step: Step
+
+
+class MotionRendition(Rendition):
+    """A rendition of a group in the profile `motion`.
+
+    Attributes:
+        tile: side of a channel's tile in pixels: the smallest multiple of 16 with tile^2 >= N.
+        columns, rows: channel c is the tile in row c // columns, column c % columns.
+        positions: quantization of the keyframe's means.
+        blocks: number and units of the block motion.
+        channels: in the order of `layout.channels(sh_degree)`.
+        video, side: the files.
+    """
+
+    tile: Annotated[int, Field(ge=16)]
+    columns: Annotated[int, Field(ge=1, le=64)]
+    rows: Annotated[int, Field(ge=1, le=64)]
+    positions: Lattice
+    blocks: BlockTable
+    channels: Annotated[tuple[ChannelEntry, ...], Field(max_length=64)]
+    video: VideoEntry
+    side: SideEntry
+
+    @model_validator(mode="after")
+    def _check(self) -> MotionRendition:
+        tile = tile_side(self.splats)
+        _require(self.tile == tile, "tile_side", f"tile is {self.tile}; {self.splats} splats require {tile}")
+        wanted, found = channels(self.sh_degree), tuple(entry.name for entry in self.channels)
+        _require(found == wanted, "channels", f"channels do not match SH degree {self.sh_degree} and its order")
+        enough = self.columns * self.rows >= len(wanted)
+        grid = f"{self.columns} x {self.rows} tiles"
+        _require(enough, "tile_count", f"{grid} cannot hold {len(wanted)} channels")
+        width, height = self.size
+        fits = max(width, height) <= MAX_PICTURE
+        _require(fits, "picture_size", f"picture size {width}x{height} exceeds {MAX_PICTURE} pixels per side")
+        fits = self.blocks.count <= self.splats
+        _require(fits, "block_count", f"{self.blocks.count} blocks for {self.splats} splats")
+        span, radius = math.ldexp(self.positions.step, self.positions.bits), self.blocks.radius
+        _require(span <= 2 * MAX_VALUE, "position_range", f"positions exceed {MAX_VALUE:g}")
+        _require(
+            span <= MAX_BLOCK_SPAN * radius,
+            "block_radius",
+            f"the blocks' radius is {radius:g}; a millionth of the positions' extent is {span / 1e6:g}",
+        )
+        self._check_files()
+        return self
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """See `Rendition.size`."""
+        return self.columns * self.tile, self.rows * self.tile
+
+    @property
+    def videos(self) -> tuple[VideoEntry]:
+        """See `Rendition.videos`."""
+        return (self.video,)
+
+    @property
+    def files(self) -> tuple[FileEntry, ...]:
+        """Side file, then video."""
+        return self.side, self.video
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What a profile means in the manifest.
+
+    Attributes:
+        rendition: the model of its renditions.
+        scan: pixel of splat i in a square: "rows": row i // side, column i % side; "morton": the i-th pixel of the
+            square in the order of its interleaved column and row bits.
+        codecs: that its videos may have.
+    """
+
+    rendition: type[Rendition]
+    scan: str
+    codecs: tuple[str, ...]
+
+
+PROFILES: Final[dict[str, Profile]] = {
+    "motion": Profile(MotionRendition, "morton", ("h264", "hevc", "av1")),
+    "planes": Profile(PlanesRendition, "rows", ("h264",)),
+}
+
+_TAGS = ("<motion>", "<planes>")  # pydantic puts them into the location of an error; `invalid` removes them
+
+
+def _tag(values: Any) -> str:
+    planes = "components" in values if isinstance(values, dict) else isinstance(values, PlanesRendition)
+    return _TAGS[planes]
+
+
+AnyRendition: TypeAlias = Annotated[
+    Annotated[MotionRendition, Tag(_TAGS[0])] | Annotated[PlanesRendition, Tag(_TAGS[1])], Discriminator(_tag)
+]
+
+
+class GroupEntry(Model):
+    """One group in all its renditions: consecutive frames that can be decoded without others.
+
+    Attributes:
+        index: 0-based, consecutive.
+        first_frame: index of its first frame in the stream, 0-based.
+        frame_count: number of frames, the same in each rendition.
+        renditions: complete, independent encodings of the same frames, the best first.
+    """
+
+    index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
+    first_frame: Annotated[int, Field(ge=0, lt=MAX_FRAMES)]
+    frame_count: FrameCount
+    renditions: Annotated[tuple[AnyRendition, ...], Field(min_length=1, max_length=MAX_RENDITIONS)]
+
+    @model_validator(mode="after")
+    def _check(self) -> GroupEntry:
+        frames = (self.index, self.first_frame, self.frame_count)
+        for one in self.renditions:
+            _require(
+                (one.index, one.first_frame, one.frame_count) == frames,
+                "rendition_frames",
+                f"rendition {one.id} of group {self.index} has index {one.index}, {one.frame_count} frames from "
+                f"frame {one.first_frame} on; the group has {self.frame_count} from frame {self.first_frame} on",
+            )
+        return self
+
+    @property
+    def end_frame(self) -> int:
+        """Index of the first frame after the group."""
+        return self.first_frame + self.frame_count
+
+    @property
+    def best(self) -> Rendition:
+        """The first rendition."""
+        return self.renditions[0]
+
+    @property
+    def files(self) -> tuple[FileEntry, ...]:
+        """Files of all renditions, each once."""
+        return tuple({file.path: file for one in self.renditions for file in one.files}.values())
+
+    def to_dict(self) -> JsonObject:
+        """JSON-ready values, the inverse of `from_dict`."""
+        return self.model_dump(mode="json")
+
+    @classmethod
+    def from_dict(cls, values: JsonObject, name: str = "group entry") -> GroupEntry:
+        """Inverse of `to_dict`. Raises StudioError, with `name` as the file, for invalid values."""
+        try:
+            return cls.model_validate_json(json.dumps(values))
+        except ValidationError as error:
+            raise invalid(error, name, "Bake the group again.") from None
+
+
+class Page(Model):
+    """A page of the index as stored."""
+
+    format: Literal["v3studio-stream-page"] = PAGE_FORMAT
+    groups: Annotated[tuple[GroupEntry, ...], Field(min_length=1, max_length=MAX_PAGE_GROUPS)]
+
+
+# The stream
 
 
 class Codec(Model):
@@ -49,264 +583,180 @@ class Codec(Model):
     color_range: Literal["full"] = "full"
 
 
-class Manifest(Model):
-    """The whole stream.
+class RenditionEntry(Model):
+    """A rendition over the whole stream.
 
     Attributes:
-        format, version: "v3studio-stream"; 2, or 1 for streams of the profile `planes` written by older versions. 3 for
-            one rendition of a stream of version 3, see `studio.stream.ladder_manifest`.
+        id: in every group.
+        qp: highest of its groups, H.264 scale.
+        splats: largest number in a group.
+        sh_degree: 0 to 3, the same in all groups.
+        pruning: whether splats were left out, and whether the others were trained further.
+        psnr_to_trained: dB, mean over the measured frames; None if not measured.
+        bytes: sum over its groups.
+        bandwidth: bits per second at which its group with the highest rate arrives as fast as it plays.
+    """
+
+    id: RenditionId
+    qp: Qp
+    splats: SplatCount
+    sh_degree: ShDegree
+    pruning: Pruning
+    psnr_to_trained: Decibels | None
+    bytes: Annotated[int, Field(ge=1)]
+    bandwidth: Annotated[int, Field(ge=1)]
+
+
+class Manifest(Model):
+    """The manifest as stored.
+
+    Attributes:
+        format, version: "v3studio-stream"; 3.
         profile: "planes" or "motion".
         fps: frame rate of playback.
         frame_count: over all groups.
-        sh_degree: 0 to 3, the same in all groups.
-        scan: pixel of splat i on a plane; "rows": row i // side, column i % side; "morton": the i-th pixel of the
-            square in the order of its interleaved column and row bits.
+        scan: as of `Profile`.
+        codec: of all videos.
         bounding_box: over all groups.
-        groups: in order, without gaps, from frame 0.
+        live: groups are still being added.
+        renditions: the best first; every group has them all.
+        groups: the first groups, from frame 0.
+        pages: where the other groups are.
+        audio: the sound; None for a silent stream.
         settings: bake settings, informative.
-        metadata: free-form; "suggested_camera", if present, is a camera as in rig.json.
-        total_bytes: size of all files of the stream, including the manifest.
+        metadata: free-form; see `metadata.StreamMetadata`. Both are at most 16 levels deep and 1 MiB.
+        total_bytes: size of all files of the stream, each once, including the manifest.
         manifest_sha256: SHA-256 of the manifest's bytes with these 64 digits replaced by zeros.
     """
 
     format: Literal["v3studio-stream"] = FORMAT
-    version: Literal[1, 2, 3] = 2
-    profile: str = ""
+    version: Literal[3] = VERSION
+    profile: Literal["motion", "planes"]
     fps: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
     frame_count: Annotated[int, Field(ge=1, le=MAX_FRAMES)]
-    sh_degree: Annotated[int, Field(ge=0, le=3)]
-    scan: str = ""
+    scan: Literal["morton", "rows"]
     codec: Codec = Codec()
     bounding_box: Box
-    groups: Sequence[GroupEntry]
+    live: bool = False
+    renditions: Annotated[tuple[RenditionEntry, ...], Field(min_length=1, max_length=MAX_RENDITIONS)]
+    groups: Annotated[tuple[GroupEntry, ...], Field(min_length=1, max_length=MAX_GROUPS)]
+    pages: Annotated[tuple[PageEntry, ...], Field(max_length=MAX_GROUPS)] = ()
+    audio: AudioEntry | None = None
     settings: JsonObject = Field(default_factory=dict)
     metadata: JsonObject = Field(default_factory=dict)
     total_bytes: Annotated[int, Field(ge=1)]
     manifest_sha256: Sha256
 
+    @field_validator("settings", "metadata")
+    @classmethod
+    def _bounded(cls, value: JsonObject) -> JsonObject:
+        level: list[Any] = [value]
+        depth = 0
+        while level:
+            _require(depth <= MAX_FREE_DEPTH, "free_form", f"nested more than {MAX_FREE_DEPTH} levels deep")
+            nested = (one.values() if isinstance(one, dict) else one for one in level if isinstance(one, dict | list))
+            level, depth = [item for items in nested for item in items], depth + 1
+        _require(len(compact(value)) <= MAX_FREE_BYTES, "free_form", f"more than {MAX_FREE_BYTES} bytes")
+        return value
+
     @model_validator(mode="after")
     def _check(self) -> Manifest:
-        frame = 0
-        paths: set[str] = set()
-        for number, group in enumerate(self.groups):
-            if group.index != number or group.first_frame != frame:
-                raise InconsistentError(
-                    "group_order",
-                    f"group {number} has index {group.index} and starts at frame {group.first_frame}; expected index "
-                    f"{number} and frame {frame}",
-                )
-            if group.sh_degree != self.sh_degree:
-                raise InconsistentError(
-                    "sh_degree", f"group {number} has SH degree {group.sh_degree}, the stream has {self.sh_degree}"
-                )
-            frame = group.end_frame
-            for file in group.files:
-                if file.path in paths or file.path == MANIFEST_NAME:
-                    raise InconsistentError("duplicate_path", f"path {file.path!r} is used twice")
-                paths.add(file.path)
-        if frame != self.frame_count:
-            raise InconsistentError("frame_count", f"frame_count is {self.frame_count}, the groups have {frame} frames")
+        profile = PROFILES[self.profile]
+        _require(self.scan == profile.scan, "scan", f"profile {self.profile} requires scan {profile.scan}")
+        known = self.codec.name in profile.codecs
+        choices = " or ".join(profile.codecs)
+        _require(known, "codec", f"profile {self.profile} requires codec {choices}, not {self.codec.name}")
+        ids = {one.id for one in self.renditions}
+        _require(len(ids) == len(self.renditions), "rendition_ids", "two renditions have the same id")
+        self.check_groups(self.groups, 0, 0)
+        counts = self.frame_counts
+        fits = len(counts) <= MAX_GROUPS
+        _require(fits, "group_count", f"{counted(len(counts), 'group')}; the maximum is {MAX_GROUPS}")
+        frames = sum(counts)
+        same = frames == self.frame_count
+        _require(same, "frame_count", f"frame_count is {self.frame_count}, the groups have {frames} frames")
+        end = 0.0 if self.audio is None else self.audio.seconds
+        _require(
+            end <= self.duration + AUDIO_TOLERANCE,
+            "audio_length",
+            f"the sound ends at {end:.3f} s, the frames at {self.duration:.3f} s",
+        )
         return self
 
-    def group_of(self, frame: int) -> GroupEntry:
-        """The group that contains a frame. Raises StudioError unless 0 <= frame < frame_count."""
-        if not 0 <= frame < self.frame_count:
-            raise no_such_frame(frame, self.frame_count)
-        low, high = 0, len(self.groups) - 1
-        while low < high:
-            middle = (low + high + 1) // 2
-            if self.groups[middle].first_frame <= frame:
-                low = middle
-            else:
-                high = middle - 1
-        return self.groups[low]
+    def check_groups(self, groups: Sequence[GroupEntry], number: int, frame: int) -> None:
+        """Raises InconsistentError unless these groups follow each other from group `number` and frame `frame` on, and
+        have the stream's profile and renditions."""
+        kind = PROFILES[self.profile].rendition
+        for group in groups:
+            _require(
+                (group.index, group.first_frame) == (number, frame),
+                "group_order",
+                f"group {number} has index {group.index} and starts at frame {group.first_frame}; expected index "
+                f"{number} and frame {frame}",
+            )
+            same = [one.id for one in group.renditions] == [one.id for one in self.renditions]
+            _require(same, "rendition_ids", f"group {number} does not have the stream's renditions")
+            for one, stream in zip(group.renditions, self.renditions, strict=True):
+                where = f"rendition {one.id} of group {number}"
+                _require(isinstance(one, kind), "profile", f"{where} does not have the profile {self.profile}")
+                same = one.sh_degree == stream.sh_degree
+                _require(same, "sh_degree", f"{where} has SH degree {one.sh_degree}; expected {stream.sh_degree}")
+                fits = one.splats <= stream.splats
+                _require(fits, "rendition_splats", f"{where} has {one.splats} splats; at most {stream.splats} expected")
+            number, frame = number + 1, group.end_frame
+
+    @property
+    def frame_counts(self) -> tuple[int, ...]:
+        """Frames of each group of the stream, also of those in pages."""
+        return (
+            *(group.frame_count for group in self.groups),
+            *(count for page in self.pages for count in page.frames),
+        )
+
+    @property
+    def fixed_files(self) -> tuple[FileEntry, ...]:
+        """Pages and sound."""
+        return (*self.pages, *((self.audio,) if self.audio is not None else ()))
+
+    @property
+    def sh_degree(self) -> int:
+        """Of the best rendition."""
+        return self.renditions[0].sh_degree
 
     @property
     def duration(self) -> float:
         """Seconds."""
         return self.frame_count / self.fps
 
-    @property
-    def played_bytes(self) -> int:
-        """Bytes that playing all of it takes: all files; in version 3, those of the chosen rendition."""
-        return self.total_bytes
-
-    @property
-    def bytes_per_frame(self) -> float:
-        """Bytes that playing takes, divided by the number of frames."""
-        return self.played_bytes / self.frame_count
-
-    def to_bytes(self) -> bytes:
-        """Content of the manifest file. Size and checksum must be filled in already, see `seal`."""
-        return (json.dumps(self.model_dump(mode="json"), indent=1, allow_nan=False) + "\n").encode()
+    def played_bytes(self, rendition: int = 0) -> int:
+        """Bytes that playing a rendition takes, by its position: its files, the pages, the sound and the manifest."""
+        own = self.renditions[rendition].bytes + sum(file.bytes for file in self.fixed_files)
+        return own + len(self.to_bytes())
 
 
-class PlanesManifest(Manifest):
-    """A stream of the profile `planes`."""
+def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
+    """The error for the first finding of a failed validation.
 
-    version: Literal[1, 2] = 2
-    profile: Literal["planes"] = "planes"
-    scan: Literal["rows"] = "rows"
-    groups: Annotated[tuple[PlanesGroup, ...], Field(min_length=1, max_length=MAX_GROUPS)]
-
-    @model_validator(mode="after")
-    def _check_codec(self) -> PlanesManifest:
-        check_planes_codec(self.codec)
-        return self
-
-
-class MotionManifest(Manifest):
-    """A stream of the profile `motion`."""
-
-    version: Literal[2] = 2
-    profile: Literal["motion"] = "motion"
-    scan: Literal["morton"] = "morton"
-    groups: Annotated[tuple[MotionGroup, ...], Field(min_length=1, max_length=MAX_GROUPS)]
-
-
-PROFILES: Final[dict[str, type[Manifest]]] = {"planes": PlanesManifest, "motion": MotionManifest}
-
-
-def no_such_frame(frame: int, frame_count: int) -> StudioError:
-    """The error for a frame number outside 0 to frame_count - 1."""
-    return StudioError(
-        "stream.no_such_frame",
-        f"no frame {frame}; the stream has frames 0 to {frame_count - 1}",
-        value=frame,
-        frame_count=frame_count,
-    )
-
-
-def seal(manifest: Manifest) -> tuple[Manifest, bytes]:
-    """`seal_with` of a manifest that lists all files."""
-    return seal_with(manifest, sum(group.bytes for group in manifest.groups))
-
-
-class _Sealable(Protocol):
-    def model_copy(self, *, update: Mapping[str, Any]) -> Self: ...
-
-    def to_bytes(self) -> bytes: ...
-
-
-_AnyManifest = TypeVar("_AnyManifest", bound=_Sealable)
-
-
-def seal_with(manifest: _AnyManifest, file_bytes: int) -> tuple[_AnyManifest, bytes]:
-    """Fill in `total_bytes` and `manifest_sha256`, which depend on the bytes of the manifest itself.
-
-    Args:
-        manifest: a draft.
-        file_bytes: of all other files of the stream.
-
-    Returns:
-        The manifest and the bytes to write.
+    Its fields: `location`, the dotted path of the value or of the inconsistent object ("" for the whole file), and
+    `rule`, the name of the violated rule (pydantic's, or that of an `InconsistentError`).
     """
-    zeros = "0" * 64
-    total = file_bytes
-    while True:  # the size includes its own digits; it only grows, so this converges after a few rounds
-        draft = manifest.model_copy(update={"total_bytes": total, "manifest_sha256": zeros})
-        data = draft.to_bytes()
-        if file_bytes + len(data) == total:
-            break
-        total = file_bytes + len(data)
-    digest = hashlib.sha256(data).hexdigest()
-    sealed = draft.model_copy(update={"manifest_sha256": digest})
-    return sealed, data.replace(zeros.encode(), digest.encode(), 1)
-
-
-def parse_head(data: bytes, name: str) -> JsonObject:
-    """The values of a manifest of any version that this program reads, not validated further.
-
-    Raises:
-        StudioError: not JSON, another format, or a newer version.
-    """
-    try:
-        head = parse_json(data, _BOUNDS)
-    except TextError as error:
-        raise StudioError("manifest.not_json", f"not valid JSON ({error})", file=name, fix=BAKE_AGAIN) from None
-    if not isinstance(head, dict) or head.get("format") != FORMAT:
-        raise StudioError(
-            "manifest.wrong_format",
-            f"not the manifest of a {FORMAT}",
-            file=name,
-            fix="Choose the folder of a baked stream.",
-        )
-    version = head.get("version")
-    if isinstance(version, int) and not isinstance(version, bool) and version > VERSION:
-        raise StudioError(
-            "manifest.newer_version",
-            f"the stream has format version {version}; this program reads versions up to {VERSION}",
-            file=name,
-            value=version,
-            fix="Update V3 Studio.",
-            expected=VERSION,
-        )
-    return head
-
-
-def unknown_profile(head: JsonObject, name: str) -> StudioError:
-    """The error for a profile that does not exist."""
-    profile = str(head.get("profile"))[:80]
+    first = error.errors(include_url=False)[0]
+    location = ".".join(str(part) for part in first["loc"] if part not in _TAGS)
+    message, rule = violation(first), first["type"]
+    value: str | None = None
+    found = ""
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InconsistentError):
+        message, rule = str(cause), cause.rule
+    elif rule != "missing":
+        value = repr(first.get("input"))[:80]
+        found = f", found {value}"
     return StudioError(
-        "manifest.unknown_profile",
-        f"unknown profile {profile!r}; expected one of {', '.join(PROFILES)}",
-        file=name,
-        value=profile,
-        fix=BAKE_AGAIN,
+        "manifest.invalid",
+        f"{location + (' ' if message.startswith(('must', 'is ')) else ': ') if location else ''}{message}{found}",
+        file=file,
+        value=value,
+        fix=fix,
+        location=location,
+        rule=rule,
     )
-
-
-def check_planes_codec(codec: Codec) -> None:
-    """Raises InconsistentError unless the codec is one that the profile `planes` has."""
-    if codec.name != "h264":
-        raise InconsistentError("codec", f"profile planes requires codec h264, not {codec.name}")
-
-
-def check_digest(data: bytes, digest: str, name: str) -> None:
-    """Raises StudioError if `digest` is not the SHA-256 of the manifest with its digits replaced by zeros."""
-    blanked = data.replace(digest.encode(), b"0" * 64)
-    if hashlib.sha256(blanked).hexdigest() != digest:
-        raise StudioError(
-            "manifest.wrong_checksum",
-            "the file does not match its own SHA-256: it was damaged or edited",
-            file=name,
-            fix=BAKE_AGAIN,
-        )
-
-
-def wrong_total(found: int, expected: int, name: str) -> StudioError:
-    """The error for `total_bytes` that are not those of the files."""
-    return StudioError(
-        "manifest.wrong_total",
-        f"total_bytes is {found}, but the listed files have {expected} bytes",
-        file=name,
-        value=found,
-        fix=BAKE_AGAIN,
-        expected=expected,
-    )
-
-
-def parse_manifest(data: bytes, name: str) -> Manifest:
-    """Parse and validate a manifest of version 1 or 2.
-
-    Args:
-        data: content of the file.
-        name: path or URL for messages.
-
-    Raises:
-        StudioError: not JSON, another format, a newer version, a value out of bounds, a path out of the folder, or a
-            checksum mismatch.
-    """
-    head = parse_head(data, name)
-    kind = PROFILES.get(head["profile"]) if isinstance(head.get("profile"), str) else None
-    if kind is None:
-        raise unknown_profile(head, name)
-    try:
-        manifest = kind.model_validate_json(data)
-    except ValidationError as error:
-        raise invalid(error, name, BAKE_AGAIN) from None
-    check_digest(data, manifest.manifest_sha256, name)
-    expected = sum(group.bytes for group in manifest.groups) + len(data)
-    if manifest.total_bytes != expected:
-        raise wrong_total(manifest.total_bytes, expected, name)
-    return manifest

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from studio.rotations import mrp_to_quats
-from studio.stream.manifest_models import MAX_VALUE, BlockTable, ChannelEntry, Lattice, MotionGroup, largest
+from studio.stream.manifest import MAX_VALUE, BlockTable, ChannelEntry, Lattice, MotionRendition, largest
 from studio.stream.morton import deinterleave
 from studio.stream.motion_blocks import Blocks
 from studio.stream.octree import decode_octree, encode_octree
@@ -82,7 +82,7 @@ class Side:
         ]
 
     @classmethod
-    def parse(cls, data: bytes, group: MotionGroup) -> Side:
+    def parse(cls, data: bytes, group: MotionRendition) -> Side:
         """Inverse of `to_parts` and `deflate`.
 
         Raises:

@@ -12,9 +12,7 @@ from typing import Any, Protocol
 from studio.atomic_files import remove_leftovers, write_bytes
 from studio.errors import Cancelled, StudioError, reason_of
 from studio.progress import ProgressFn, no_progress
-from studio.stream.ladder_models import FILES
-from studio.stream.manifest import MANIFEST_NAME
-from studio.stream.manifest_models import FileEntry
+from studio.stream.manifest import FILES, MANIFEST_NAME, FileEntry
 from studio.stream.reader import StreamReader
 
 IMMUTABLE = "public, max-age=31536000, immutable"
@@ -57,7 +55,7 @@ def publish(
     progress: ProgressFn = no_progress,
     beside: Mapping[str, bytes] | None = None,
 ) -> Published:
-    """Copy all files of a stream of version 3 that the target lacks, then its manifest.
+    """Copy all files of a stream that the target lacks, then its manifest.
 
     Players see the old stream or the new one, never a mixture: a file never changes under its name, and the manifest is
     replaced last. Files that the new manifest does not need stay, for players that still have the old one.
@@ -70,9 +68,8 @@ def publish(
             manifest. `.html` files are revalidated; the others must be named by their content. Not counted.
 
     Raises:
-        StudioError: an older version, a damaged file, a missing package, or the target cannot be written.
+        StudioError: a damaged file, a missing package, or the target cannot be written.
     """
-    need_version_3(reader)
     files = reader.files
     place = _open(target)
     with _Written(target):
@@ -95,17 +92,6 @@ def publish(
         for name, data in (beside or {}).items():
             place.put(name, data, REVALIDATED if name.endswith(".html") else IMMUTABLE)
     return Published(len(missing), sum(file.bytes for file in missing), len(files) - len(missing))
-
-
-def need_version_3(reader: StreamReader) -> None:
-    """Raises StudioError (publish.needs_version_3) unless files of the stream never change under their names."""
-    if reader.index is None:
-        raise StudioError(
-            "publish.needs_version_3",
-            "the stream has version 2, whose files change under their names",
-            file=reader.source.name,
-            fix="Bake it again: `v3studio bake TAKE --stream-version 3`.",
-        )
 
 
 class _Folder:

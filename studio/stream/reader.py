@@ -14,17 +14,23 @@ from types import TracebackType
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decode import GroupDecoder, open_decoder
-from studio.stream.group_index import GroupIndex, no_such_rendition
-from studio.stream.ladder_manifest import RenditionManifest, check_growth, fixed_files, parse_ladder
-from studio.stream.ladder_models import AudioEntry, RenditionEntry
-from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_head, parse_manifest
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, GroupEntry
+from studio.stream.group_index import GroupIndex, RenditionGroups
+from studio.stream.manifest import (
+    MANIFEST_NAME,
+    MAX_MANIFEST_BYTES,
+    AudioEntry,
+    FileEntry,
+    Manifest,
+    Rendition,
+    RenditionEntry,
+)
+from studio.stream.manifest_file import check_growth, parse_manifest
 from studio.stream.open_source import open_source
 from studio.stream.sound import StreamSound
 from studio.stream.source import BAKE_AGAIN, Source, SourceUnavailable, close_source, read_files
 
 
-def fetch_group(source: Source, group: GroupEntry) -> dict[str, bytes]:
+def fetch_group(source: Source, group: Rendition) -> dict[str, bytes]:
     """Content by path of all files of a group, verified against size and SHA-256.
 
     Raises:
@@ -66,23 +72,22 @@ class StreamReader:
 
     Attributes:
         source: where the files come from.
-        manifest: of the stream; in version 3, of the chosen rendition.
-        index: version 3: all groups in all renditions; None in versions 1 and 2.
-        manifest_bytes: of the manifest that `manifest` and `index` were read from; b"" if the reader was made without.
-            Copies of a stream use them: meanwhile another manifest may have replaced it.
+        index: the manifest, and all groups in all renditions.
+        manifest_bytes: of the manifest that `index` was read from. Copies of a stream use them: meanwhile another
+            manifest may have replaced it.
     """
 
-    def __init__(self, source: Source, manifest: Manifest, threads: int = 0, index: GroupIndex | None = None) -> None:
+    def __init__(self, source: Source, data: bytes, threads: int = 0, rendition: str | None = None) -> None:
         self.source = source
-        self.manifest = manifest
-        self.index = index
+        self.index = self._indexed(data)
+        self.manifest_bytes = data
+        self._rendition = self.index.rendition_number(rendition)
         self._threads = threads or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="decode")
         self._lock = threading.Lock()
         self._decoder: GroupDecoder | None = None
-        self._files: tuple[GroupEntry, dict[str, bytes]] | None = None
+        self._files: tuple[Rendition, dict[str, bytes]] | None = None
         self._owns_source = False
-        self.manifest_bytes = b""
 
     @classmethod
     def open(cls, source: Path | str | Source, threads: int = 0, rendition: str | None = None) -> StreamReader:
@@ -94,39 +99,62 @@ class StreamReader:
             rendition: id of the rendition to read; None: the best one.
 
         Raises:
-            StudioError: the manifest is missing, damaged, out of bounds, or newer than this program, or there is no
-                such rendition.
+            StudioError: the manifest is missing, damaged, out of bounds or of another version, or there is no such
+                rendition.
         """
         opened = open_source(source)
         try:
-            data = opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
-            name = f"{opened.name}/{MANIFEST_NAME}"
-            if parse_head(data, name).get("version") == 3:
-                index = GroupIndex(parse_ladder(data, name), opened, len(data))
-                reader = cls(opened, index.view(rendition), threads, index)
-            else:
-                if rendition is not None:
-                    raise no_such_rendition(rendition, [], opened.name)
-                reader = cls(opened, parse_manifest(data, name), threads)
+            reader = cls(opened, opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES), threads, rendition)
         except BaseException:
             if opened is not source:
                 close_source(opened)
             raise
         reader._owns_source = opened is not source
-        reader.manifest_bytes = data
-        if reader.index is not None:
-            reader.index.reading = reader._reading
         return reader
+
+    def _indexed(self, data: bytes) -> GroupIndex:
+        index = GroupIndex(parse_manifest(data, self._manifest_name), self.source, len(data))
+        index.reading = self._reading
+        return index
+
+    @property
+    def _manifest_name(self) -> str:
+        return f"{self.source.name}/{MANIFEST_NAME}"
+
+    @property
+    def manifest(self) -> Manifest:
+        """As last read."""
+        return self.index.manifest
 
     @property
     def renditions(self) -> tuple[RenditionEntry, ...]:
-        """Renditions to choose from, the best first; empty in versions 1 and 2, which have one."""
-        return () if self.index is None else self.index.manifest.renditions
+        """Renditions to choose from, the best first."""
+        return self.manifest.renditions
+
+    @property
+    def rendition(self) -> RenditionEntry:
+        """The chosen rendition."""
+        return self.renditions[self._rendition]
+
+    @property
+    def groups(self) -> RenditionGroups:
+        """All groups in the chosen rendition; an item may be read from the source, with the errors of `group`."""
+        return RenditionGroups(self.index, self._rendition)
+
+    @property
+    def played_bytes(self) -> int:
+        """Bytes that playing the chosen rendition takes: its files, the pages, the sound and the manifest."""
+        return self.manifest.played_bytes(self._rendition)
+
+    @property
+    def bytes_per_frame(self) -> float:
+        """`played_bytes`, divided by the number of frames."""
+        return self.played_bytes / self.frame_count
 
     @property
     def live(self) -> bool:
         """Whether groups are still being added, so that `refresh` may find more."""
-        return self.index is not None and self.index.manifest.live
+        return self.manifest.live
 
     def refresh(self) -> int:
         """Read the manifest of a live stream again; frames of known groups stay the same.
@@ -137,24 +165,20 @@ class StreamReader:
         Raises:
             StudioError: `stream.live_changed`: the new manifest takes back what the old one published; also as `open`.
         """
-        if self.index is None or not self.index.manifest.live:
+        if not self.live:
             return 0
         read = getattr(self.source, "read_changed", self.source.read)
         data = read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
         if data is None:
             return 0
-        name = f"{self.source.name}/{MANIFEST_NAME}"
-        old, new = self.index.manifest, parse_ladder(data, name)
-        check_growth(old, new, name)
-        index = GroupIndex(new, self.source, len(data))
-        index.reading = self._reading
-        rendition = self.manifest.rendition if isinstance(self.manifest, RenditionManifest) else None
+        index = self._indexed(data)
+        check_growth(self.manifest, index.manifest, self._manifest_name)
         with self._lock:
             grown = len(index) - len(self.index)
-            self.index, self.manifest, self.manifest_bytes = index, index.view(rendition), data
+            self.index, self.manifest_bytes = index, data
         return grown
 
-    def fetch(self, group: GroupEntry) -> dict[str, bytes]:
+    def fetch(self, group: Rendition) -> dict[str, bytes]:
         """Content by path of all files of a group, verified.
 
         Raises:
@@ -170,7 +194,7 @@ class StreamReader:
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
-        """Tells damaged files from those of another bake, which has replaced the stream since it was opened."""
+        """Distinguishes damaged files from those of another bake, which has replaced the stream since it was opened."""
         try:
             yield
         except SourceUnavailable:
@@ -180,50 +204,41 @@ class StreamReader:
                 raise StudioError(
                     "stream.replaced",
                     "the stream was baked again since it was opened",
-                    file=f"{self.source.name}/{MANIFEST_NAME}",
+                    file=self._manifest_name,
                     fix="Open it again.",
                 ) from None
             raise
 
     def _replaced(self) -> bool:
         """Whether there is another manifest now, which does not only add groups."""
-        name = f"{self.source.name}/{MANIFEST_NAME}"
         try:
             data = self.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
-            if data == self.manifest_bytes or not self.manifest_bytes:
+            if data == self.manifest_bytes:
                 return False
-            if parse_head(data, name).get("version") != 3:
-                parse_manifest(data, name)
-                return True
-            new = parse_ladder(data, name)
+            new = parse_manifest(data, self._manifest_name)
         except StudioError:
             return False  # nothing that could be opened instead
-        if self.index is None or not self.index.manifest.live:
+        if not self.live:
             return True
         try:
-            check_growth(self.index.manifest, new, name)
+            check_growth(self.manifest, new, self._manifest_name)
         except StudioError:
             return True
         return False
 
     @property
     def files(self) -> tuple[FileEntry, ...]:
-        """All files of the stream but the manifest, of all renditions, each once; in version 3, reads all pages of the
-        index. Raises StudioError: a page is missing or damaged."""
-        if self.index is None:
-            found = {file.path: file for group in self.manifest.groups for file in group.files}
-        else:
-            found = {file.path: file for file in fixed_files(self.index.manifest)}
-            for number in range(len(self.index)):
-                found |= {file.path: file for file in self.index.ladder(number).files}
+        """All files of the stream but the manifest, of all renditions, each once; reads all pages of the index. Raises
+        StudioError: a page is missing or damaged."""
+        found = {file.path: file for file in self.manifest.fixed_files}
+        for number in range(len(self.index)):
+            found |= {file.path: file for file in self.index.group(number).files}
         return tuple(found.values())
 
     @property
     def group_starts(self) -> tuple[int, ...]:
         """First frame of each group; reads no page of the index."""
-        if self.index is not None:
-            return self.index.starts
-        return tuple(group.first_frame for group in self.manifest.groups)
+        return self.index.starts
 
     def choose(self, rendition: str) -> None:
         """Read another rendition from the next group on; a group that is being decoded is finished as it is.
@@ -231,28 +246,29 @@ class StreamReader:
         Raises:
             StudioError: there is no such rendition.
         """
-        if self.index is None:
-            raise no_such_rendition(rendition, [], self.source.name)
-        view = self.index.view(rendition)
-        with self._lock:
-            self.manifest = view
+        self._rendition = self.index.rendition_number(rendition)
 
-    def group(self, number: int, rendition: str | None = None) -> GroupEntry:
+    def group(self, number: int, rendition: str | None = None) -> Rendition:
         """Group `number` in a rendition by id; None is the chosen one.
 
         Raises:
             StudioError: no such rendition, or its page of the index is missing or damaged.
         """
-        if rendition is None:
-            return self.manifest.groups[number]
-        if self.index is None:
-            raise no_such_rendition(rendition, [], self.source.name)
-        return self.index.ladder(number).renditions[self.index.rendition_number(rendition)]
+        chosen = self._rendition if rendition is None else self.index.rendition_number(rendition)
+        return self.index.group(number).renditions[chosen]
+
+    def group_of(self, frame: int) -> Rendition:
+        """The group that contains a frame, in the chosen rendition; reads the page of that group alone.
+
+        Raises:
+            StudioError: no such frame, or the page is missing or damaged.
+        """
+        return self.group(self.index.group_of(frame))
 
     @property
     def audio(self) -> AudioEntry | None:
-        """What the manifest says of the sound; None for silent streams, as all of versions 1 and 2."""
-        return None if self.index is None else self.index.manifest.audio
+        """What the manifest says of the sound; None for silent streams."""
+        return self.manifest.audio
 
     def audio_bytes(self) -> bytes:
         """The sound's file, verified: an MP4 with one AAC track.
@@ -286,7 +302,7 @@ class StreamReader:
         """Frame rate of playback, in frames per second."""
         return self.manifest.fps
 
-    def open_group(self, group: GroupEntry, files: Mapping[str, bytes] | None = None) -> GroupDecoder:
+    def open_group(self, group: Rendition, files: Mapping[str, bytes] | None = None) -> GroupDecoder:
         """A decoder at the first frame of the group, from `files` as returned by `fetch_group`, or fetched now."""
         files = files or self.fetch(group)
         return open_decoder(group, files, self._pool, self.source.name, self.manifest.codec.name, self._threads)
@@ -297,7 +313,7 @@ class StreamReader:
         Raises:
             StudioError: no such frame, or a file of its group is missing or damaged.
         """
-        group = self.manifest.group_of(frame)
+        group = self.group_of(frame)
         with self._lock:
             decoder = self._decoder
             if decoder is None or decoder.group.index != group.index or decoder.next_frame > frame:
@@ -322,17 +338,13 @@ class StreamReader:
 
     def verify(self) -> None:
         """Verify size and SHA-256 of every file, of all renditions. Raises StudioError for the first mismatch."""
-        if self.index is None:
-            for group in self.manifest.groups:
-                self.fetch(group)
-            return
         sizes: dict[str, int] = {}
         if self.audio is not None:
             self.checked(self.audio)
         for number in range(len(self.index)):
-            ladder = self.index.ladder(number)
-            sizes.update((file.path, file.bytes) for file in ladder.files)
-            for one in ladder.renditions:
+            group = self.index.group(number)
+            sizes.update((file.path, file.bytes) for file in group.files)
+            for one in group.renditions:
                 self.fetch(one)
         self.index.check_total(sum(sizes.values()))
 

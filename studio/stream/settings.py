@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, model_validator
@@ -77,26 +76,8 @@ DEFAULT_LADDER = (
 """What `v3studio bake --ladder` bakes: four rates of all splats, and two rungs for phones."""
 
 
-@dataclass(frozen=True)
-class Encoding:
-    """What the profile `motion` encodes differently in each version of the format.
-
-    Attributes:
-        b_frames: B-frames between P-frames.
-        smooth_paths: whether paths of splats are smoothed (`smoothing.py`).
-        keyframe_step: size of a cell of the keyframe's positions, in position steps.
-    """
-
-    b_frames: int
-    smooth_paths: bool
-    keyframe_step: float
-
-
-ENCODINGS = {
-    2: Encoding(b_frames=0, smooth_paths=False, keyframe_step=1.0),
-    3: Encoding(b_frames=5, smooth_paths=True, keyframe_step=4.0),
-}
-"""By version of the format. Version 2 does not allow B-frames, and its bytes stay what they were."""
+_B_FRAMES = 5
+"""B-frames between P-frames, unless the settings say otherwise."""
 
 
 class BakeSettings(Settings):
@@ -137,29 +118,24 @@ class BakeSettings(Settings):
 
     b_frames: Annotated[int, Field(ge=0, le=7)] | None = None
     """Profile motion: B-frames between P-frames, each predicted from the pictures before and after it. They save a
-    tenth to a quarter of the bytes. null: 5 in streams of version 3, none in version 2, which does not allow them, and
-    none with codec av1."""
+    tenth to a quarter of the bytes. null: 5, and none with codec av1."""
 
     smooth_paths: bool | None = None
     """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
-    its own path shows jitter (docs/STREAM.md). null: in streams of version 3, but not with qp 0 or target_psnr, which
-    ask for the trained frames as they are."""
+    its own path shows jitter (docs/STREAM.md). null: yes, but not with qp 0 or target_psnr, which ask for the
+    trained frames as they are."""
 
     mirror_low_bytes: bool = True
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
     to 0. false: plain low bytes, as in the paper."""
 
-    stream_version: Annotated[Literal[2, 3], Heading("Network")] = 3
-    """Version of the stream's format (docs/STREAM.md). 3: smaller, any number of renditions, files named by content, an
-    index in pages, checks of decoders. 2: for players that do not read 3 yet."""
-
-    ladder: Annotated[tuple[Rung, ...], Field(max_length=16)] = ()
-    """Renditions of a stream of version 3, the best first, each with qp, splats (share of the splats that are kept),
+    ladder: Annotated[tuple[Rung, ...], Field(max_length=16), Heading("Network")] = ()
+    """Renditions of the stream, the best first, each with qp, splats (share of the splats that are kept),
     sh_degree and finetune_iterations; players choose one at each group. Example: [{qp: 20}, {qp: 28}, {qp: 28, splats:
     0.5, sh_degree: 0}]. Empty: one rendition, by the settings above."""
 
     splats: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Share of the splats that are kept in a stream of version 3 without a ladder: those that contribute most to what
+    """Share of the splats that are kept without a ladder: those that contribute most to what
     the training cameras see. They are not trained further (docs/measurements/stream.md)."""
 
     first_group_size: Annotated[int, Field(ge=1)] | None = None
@@ -172,8 +148,6 @@ class BakeSettings(Settings):
 
     @model_validator(mode="after")
     def _combinations(self) -> Self:
-        if self.ladder and self.stream_version == 2:
-            raise Conflict("ladder requires stream_version 3", "Set stream_version to 3.", "ladder", "stream_version")
         if self.ladder and (self.target_kb_per_frame is not None or self.target_psnr is not None):
             raise Conflict(
                 "ladder and a target are both set",
@@ -204,14 +178,8 @@ class BakeSettings(Settings):
                 "max_loss",
                 "codec",
             )
-        if self.splats < 1 and self.stream_version == 2:
-            raise Conflict("splats requires stream_version 3", "Set stream_version to 3.", "splats", "stream_version")
         if self.splats < 1 and self.ladder:
             raise Conflict("splats and ladder are both set", "Set splats in the rungs.", "splats", "ladder")
-        if self.b_frames and self.stream_version == 2:
-            raise Conflict(
-                "b_frames require stream_version 3", "Set stream_version to 3.", "b_frames", "stream_version"
-            )
         if self.b_frames and (self.profile == "planes" or self.codec == "av1"):
             raise Conflict(
                 "b_frames require profile motion with codec h264 or hevc",
@@ -258,16 +226,18 @@ class BakeSettings(Settings):
         return self.ladder or (Rung(qp=self.qp, splats=self.splats, finetune_iterations=0),)
 
     @property
-    def encoding(self) -> Encoding:
-        """How the profile `motion` is encoded: by the version of the format, as far as the settings do not say."""
-        default = ENCODINGS[self.stream_version]
-        b_frames = default.b_frames if self.b_frames is None else self.b_frames
-        smooth = default.smooth_paths and self.qp > 0 and self.target_psnr is None
-        return Encoding(
-            b_frames=0 if self.codec == "av1" else b_frames,
-            smooth_paths=smooth if self.smooth_paths is None else self.smooth_paths,
-            keyframe_step=default.keyframe_step,
-        )
+    def b_frame_count(self) -> int:
+        """B-frames between P-frames, by the settings or by default."""
+        if self.codec == "av1":
+            return 0
+        return _B_FRAMES if self.b_frames is None else self.b_frames
+
+    @property
+    def smooths_paths(self) -> bool:
+        """Whether paths are smoothed, by the settings or by default."""
+        if self.smooth_paths is not None:
+            return self.smooth_paths
+        return self.qp > 0 and self.target_psnr is None
 
     def at_qp(self, qp: int) -> BakeSettings:
         """The same with another QP."""
@@ -277,8 +247,8 @@ class BakeSettings(Settings):
         """JSON-ready, for the manifest. The order of keys is part of the stream's bytes."""
         ladder = {"ladder": [rung.model_dump(mode="json") for rung in self.ladder]} if self.ladder else {}
         coding: JsonObject = {}
-        if self.profile == "motion" and self.encoding != ENCODINGS[2]:
-            coding = {"b_frames": self.encoding.b_frames, "smooth_paths": self.encoding.smooth_paths}
+        if self.profile == "motion":
+            coding = {"b_frames": self.b_frame_count, "smooth_paths": self.smooths_paths}
         return {
             "profile": self.profile,
             "qp": self.qp,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from studio.errors import StudioError
-from studio.stream.ladder_models import AudioEntry
+from studio.stream.manifest import AudioEntry
 from studio.stream.source import BAKE_AGAIN
 
 _FRAME = 1024  # samples of an AAC-LC frame

@@ -84,7 +84,6 @@ _TILES = {
     ),
 }
 # SVT-AV1 numbers its presets; these take about as long as the x264 presets of the same name.
-# SVT-AV1 numbers its presets; these take about as long as the x264 presets of the same name.
 _AV1_PRESETS = {name: str(number) for name, number in zip(PRESETS, (12, 11, 10, 10, 9, 8, 7, 6, 5), strict=True)}
 AV1_QP_MAX = 63
 
@@ -128,8 +127,8 @@ class PlaneEncoder:
             the pictures in another order than that of display; decoders return the order of display. Not with AV1, and
             not for planes. At most the number of pictures minus 2: x265 gives the packets of shorter videos time stamps
             that are not defined, which MP4 does not take.
-        fps: frames per second that the level is chosen for; the file then also has a `colr` box. None: as in version 2
-            of the format, the level for `NOMINAL_FPS` and no such box.
+        fps: frames per second that the level is chosen for; the file then also has a `colr` box. None, for VideoGS: the
+            level for `NOMINAL_FPS`, and no such box.
         offsets: what is added to the QP of each picture, at most 0; the QP stays at least 1. Empty: nothing. H.264
             only; without effect where `qp` is 0.
     """

@@ -7,15 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from studio.progress import ProgressFn, no_progress
-from studio.stream.manifest import MANIFEST_NAME
-from studio.stream.manifest_models import FileEntry
+from studio.stream.manifest import MANIFEST_NAME, FileEntry
 from studio.stream.reader import StreamReader
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
 
 
 def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_progress) -> int:
-    """Write a stream, of any version and with all its renditions, into one file.
+    """Write a stream with all its renditions into one file.
 
     Args:
         reader: the stream; every file is verified.
@@ -44,19 +43,14 @@ def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_pro
                 if file.path not in written:
                     written.add(file.path)
                     add(file.path, reader.checked(file))
-            progress(number + 1, len(reader.manifest.groups))
+            progress(number + 1, len(reader.index))
     return out.stat().st_size
 
 
 def _files_by_group(reader: StreamReader) -> Iterator[tuple[FileEntry, ...]]:
     """In the order in which a player needs them: per group its page, then the files of all renditions; sound first."""
-    index = reader.index
-    if index is None:
-        for group in reader.manifest.groups:
-            yield group.files
-        return
-    audio = index.manifest.audio
+    index, audio = reader.index, reader.audio
     for number in range(len(index)):
         page = index.page_of(number)
         first = (*((audio,) if audio is not None and number == 0 else ()), *((page,) if page is not None else ()))
-        yield (*first, *index.ladder(number).files)
+        yield (*first, *index.group(number).files)

@@ -76,7 +76,7 @@ function readManifest(source) {
   const bytes = source("manifest.json", LARGEST_FILE);
   const manifest = JSON.parse(new TextDecoder("utf-8", { fatal: true }).decode(bytes));
   need(manifest.format === "v3studio-stream", "not a stream", manifest.format);
-  need(wholeNumber(manifest.version, 2, 3), "version is not 2 or 3", manifest.version);
+  need(manifest.version === 3, "version is not 3", manifest.version);
   const text = bytes.toString("latin1");
   need(/^[0-9a-f]{64}$/.test(manifest.manifest_sha256), "manifest_sha256 is no SHA-256");
   need(text.split(manifest.manifest_sha256).length === 2, "manifest_sha256 occurs more than once");
@@ -88,10 +88,10 @@ function readManifest(source) {
   return manifest;
 }
 
-function readFile(source, file, version, most = LARGEST_FILE) {
-  const name = version < 3 ? /^[A-Za-z0-9_-][A-Za-z0-9._-]*(\/[A-Za-z0-9_-][A-Za-z0-9._-]*)*$/ : /^files\/[0-9a-f]{32}\.[a-z0-9]{1,8}$/;
+function readFile(source, file, most = LARGEST_FILE) {
+  const name = /^files\/[0-9a-f]{32}\.[a-z0-9]{1,8}$/;
   need(name.test(file.path), "not a path", file.path);
-  need(version < 3 || file.path.slice(6, 38) === file.sha256.slice(0, 32), "not named by its content", file.path);
+  need(file.path.slice(6, 38) === file.sha256.slice(0, 32), "not named by its content", file.path);
   need(wholeNumber(file.bytes, 0, most), "wrong size", file.path, file.bytes);
   const bytes = source(file.path, file.bytes);
   need(bytes.length === file.bytes && sha256(bytes) === file.sha256, "damaged", file.path);
@@ -102,7 +102,7 @@ function allGroups(source, manifest) {
   const groups = [...manifest.groups];
   need(groups.length > 0, "no groups");
   for (const page of manifest.pages ?? []) {
-    const content = JSON.parse(readFile(source, page, manifest.version, LARGEST_PAGE).toString("utf8"));
+    const content = JSON.parse(readFile(source, page, LARGEST_PAGE).toString("utf8"));
     need(content.format === "v3studio-stream-page", "not a page", page.path);
     const frames = content.groups.map((group) => group.frame_count);
     need(JSON.stringify(frames) === JSON.stringify(page.frames), "page has other groups than promised", page.path);
@@ -118,9 +118,8 @@ function allGroups(source, manifest) {
   return groups;
 }
 
-/** The encodings of a group, with id and sh_degree (version 2: the group itself is the only one). */
+/** The renditions of a group. */
 function renditionsOf(manifest, group) {
-  if (manifest.version < 3) return [{ ...group, id: "only", sh_degree: manifest.sh_degree }];
   need(group.renditions.length === manifest.renditions.length, "group has other renditions than the stream", group.index);
   for (const [k, rendition] of group.renditions.entries()) {
     need(rendition.id === manifest.renditions[k].id, "group has other renditions than the stream", group.index);
@@ -145,13 +144,13 @@ function crc32(bytes) {
 }
 
 /** The luma of all pictures of a video, one array each. */
-function readVideo(source, lumaFolder, video, version, width, height, frames) {
-  readFile(source, video, version);
+function readVideo(source, lumaFolder, video, width, height, frames) {
+  readFile(source, video);
   const luma = readFileSync(join(lumaFolder, `${video.path.replaceAll("/", "__")}.y`));
   need(luma.length === width * height * frames, "video has another size or length", video.path);
   const pictures = Array.from({ length: frames }, (_, k) => luma.subarray(k * width * height, (k + 1) * width * height));
-  if (version >= 3) need(video.checks.length >= 1 && video.checks[0].picture === 0, "no check of picture 0", video.path);
-  for (const check of video.checks ?? []) {
+  need(video.checks.length >= 1 && video.checks[0].picture === 0, "no check of picture 0", video.path);
+  for (const check of video.checks) {
     need(wholeNumber(check.picture, 0, frames - 1), "check of a picture that is not there", video.path);
     need(crc32(pictures[check.picture]) === check.crc32, "luma differs", video.path, check.picture);
   }
@@ -283,15 +282,15 @@ function product([a, b, c, d], [e, f, g, h]) {
   return [a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g, a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e];
 }
 
-function* motionFrames(source, lumaFolder, version, rendition) {
+function* motionFrames(source, lumaFolder, rendition) {
   const { splats: n, tile, columns, rows, positions, blocks, channels, frame_count: frames } = rendition;
   const names = motionNames(rendition.sh_degree);
   need(JSON.stringify(channels.map((channel) => channel.name)) === JSON.stringify(names), "wrong channels");
   need(tile % 16 === 0 && tile * tile >= n && (tile === 16 || (tile - 16) ** 2 < n), "wrong tile", tile);
   need(columns * rows >= channels.length, "picture has too few tiles");
-  const state = readSide(rendition, readFile(source, rendition.side, version));
+  const state = readSide(rendition, readFile(source, rendition.side));
   const width = columns * tile;
-  const pictures = readVideo(source, lumaFolder, rendition.video, version, width, rows * tile, frames);
+  const pictures = readVideo(source, lumaFolder, rendition.video, width, rows * tile, frames);
   const pixels = mortonPixels(tile, n);
   const sums = Array.from({ length: blocks.count }, () => [0, 0, 0, 0]);
   state.labels.forEach((label, i) => {
@@ -337,13 +336,13 @@ function planesNames(degree) {
   return names.concat(["opacity", "log_scale_0", "log_scale_1", "log_scale_2", "quat_w", "quat_x", "quat_y", "quat_z"]);
 }
 
-function* planesFrames(source, lumaFolder, version, rendition) {
+function* planesFrames(source, lumaFolder, rendition) {
   const { splats: n, side, components, frame_count: frames } = rendition;
   const names = planesNames(rendition.sh_degree);
   need(JSON.stringify(components.map((component) => component.name)) === JSON.stringify(names), "wrong components");
   need(side % 8 === 0 && side * side >= n && (side === 8 || (side - 8) ** 2 < n), "wrong side", side);
   const pictures = components.map(({ planes }) =>
-    Object.fromEntries(planes.map((video) => [video.part, readVideo(source, lumaFolder, video, version, side, side, frames)])),
+    Object.fromEntries(planes.map((video) => [video.part, readVideo(source, lumaFolder, video, side, side, frames)])),
   );
   const coefficients = 3 * (rendition.sh_degree + 1) ** 2;
   const size = 11 + coefficients;
@@ -376,7 +375,7 @@ for (const group of allGroups(source, manifest)) {
     need(wholeNumber(rendition.splats, 1, 4194304), "wrong number of splats");
     need(wholeNumber(rendition.sh_degree, 0, 3), "wrong SH degree");
     let t = group.first_frame;
-    for (const frame of decode(source, lumaFolder, manifest.version, rendition)) {
+    for (const frame of decode(source, lumaFolder, rendition)) {
       const file = join(outFolder, `${rendition.id}_${t}.f64`);
       writeFileSync(file, frame);
       const { id, splats, sh_degree } = rendition;

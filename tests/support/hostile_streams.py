@@ -192,7 +192,7 @@ def read_all(files: Files) -> str:
     outcome = "read"
     try:
         with StreamReader.open(Memory(files), threads=1) as reader:
-            for group in reader.manifest.groups[:20]:
+            for group in reader.groups[:20]:
                 for frame in (group.first_frame, group.first_frame + min(group.frame_count, 50) - 1):
                     check_drawable(reader.gaussians(frame))
             with contextlib.ExitStack() as stack:

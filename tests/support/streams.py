@@ -25,9 +25,9 @@ def bake_numbered(
     settings: BakeSettings | None = None,
     sound: np.ndarray | None = None,
 ) -> Path:
-    """A stream with groups of these lengths, by default of version 2. Splat 0 of frame i is at x = i, which identifies
-    the frame. With `sound`, (samples, channels) at 48 kHz, for version 3."""
-    settings = settings or BakeSettings(profile="planes", qp=0, stream_version=2)
+    """A stream with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame. With `sound`,
+    (samples, channels) at 48 kHz."""
+    settings = settings or BakeSettings(profile="planes", qp=0)
     entries, first = [], 0
     for group, length in enumerate(lengths):
         frames = []
@@ -61,10 +61,8 @@ def set_capture(folder: Path, place: CapturePlace) -> None:
 
 
 def write_sealed(path: Path, values: dict[str, Any]) -> None:
-    """Write a manifest with `total_bytes` and checksum that fit, as far as its values allow it. In version 3 each file
-    counts once; groups in pages are left out."""
-    if "renditions" not in values:
-        return write_signed(path, values, sum(group["bytes"] for group in values["groups"]))
+    """Write a manifest with `total_bytes` and checksum that fit, as far as its values allow it. Each file counts once;
+    groups in pages are left out."""
     sizes: dict[str, int] = {}
     stack: list[Any] = [values]
     while stack:
@@ -101,15 +99,15 @@ def set_at(path: Sequence[Any], value: object) -> Callable[[dict[str, Any]], Non
 
 
 def best_of(group: dict[str, Any]) -> dict[str, Any]:
-    """What a group's JSON in the manifest says of its best rendition; in version 2, of the group."""
-    best: dict[str, Any] = group["renditions"][0] if "renditions" in group else group
+    """What a group's JSON in the manifest says of its best rendition."""
+    best: dict[str, Any] = group["renditions"][0]
     return best
 
 
 def group_files(folder: Path, group: int) -> list[Path]:
     """A group's files in the best rendition: side file and video, or the planes in the order of the components."""
     with StreamReader.open(folder) as reader:
-        return [folder / file.path for file in reader.manifest.groups[group].files]
+        return [folder / file.path for file in reader.groups[group].files]
 
 
 def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:
@@ -120,11 +118,7 @@ def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int
         best = best_of(values["groups"][group])
         entry = best[key]
         best["bytes"] += len(data) - entry["bytes"]
-        if "renditions" in values:
-            put_file(folder, entry, data)
-        else:
-            (folder / entry["path"]).write_bytes(data)
-            entry.update(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+        put_file(folder, entry, data)
         if raw_bytes is not None:
             entry["raw_bytes"] = raw_bytes
 
@@ -132,7 +126,7 @@ def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int
 
 
 def put_file(folder: Path, entry: dict[str, Any], data: bytes) -> None:
-    """Store other content for a file of a stream of version 3, under its own name, and update its entry."""
+    """Store other content for a file of a stream, under its own name, and update its entry."""
     digest = hashlib.sha256(data).hexdigest()
     entry.update(path=f"files/{digest[:32]}.{entry['path'].rsplit('.', 1)[1]}", bytes=len(data), sha256=digest)
     (folder / entry["path"]).write_bytes(data)

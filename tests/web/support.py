@@ -19,16 +19,16 @@ from studio.audio import SoundFile, cut_sound
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_ladder, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
 from studio.stream.decode_motion import MotionFrame
 from studio.stream.decode_planes import PlanesFrame
-from studio.stream.manifest_models import MotionGroup
+from studio.stream.encode import write_manifest as manifest_writer
+from studio.stream.manifest import MotionRendition
 from studio.stream.motion_state import Side
 from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
 from tests.support.sounds import clicks as click_sound
 from tests.support.sounds import write_wav
-from tests.support.streams import edit_manifest
 
 FPS = 25.0
 
@@ -116,20 +116,15 @@ def bake(
     if clicks is not None:
         wav = SoundFile(write_wav(folder.with_suffix(".wav"), click_sound(first / FPS, clicks)))
         audio = bake_sound(cut_sound(wav, 0, first / FPS), folder)
-    inline = write_ladder.INLINE_BYTES
+    inline = manifest_writer.INLINE_BYTES
     try:
-        write_ladder.INLINE_BYTES = 1 if paged else inline
+        manifest_writer.INLINE_BYTES = 1 if paged else inline
         write_manifest(
             folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})}, audio=audio
         )
     finally:
-        write_ladder.INLINE_BYTES = inline
+        manifest_writer.INLINE_BYTES = inline
     return folder
-
-
-def as_version_1(folder: Path) -> None:
-    """Convert a `planes` stream of version 2 to version 1, whose bytes have the same meaning."""
-    edit_manifest(folder, lambda values: values.update(version=1))
 
 
 class PythonFrames:
@@ -143,7 +138,7 @@ class PythonFrames:
 
     def luma(self, group_index: int) -> list[np.ndarray]:
         """Pictures of a group of the profile `motion`, (H, W) uint8 each; of `planes`, (P, side, side)."""
-        group = self.reader.manifest.groups[group_index]
+        group = self.reader.groups[group_index]
         decoder = self.reader.open_group(group)
         pictures = []
         for _ in range(group.frame_count):
@@ -162,8 +157,8 @@ def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
     from studio.stream.morton import deinterleave, square_scan
 
     with StreamReader.open(folder) as reader:
-        group = reader.manifest.groups[group_index]
-        assert isinstance(group, MotionGroup)
+        group = reader.groups[group_index]
+        assert isinstance(group, MotionRendition)
         source = open_source(folder)
         data = fetch_group(source, group)[group.side.path]
         side = Side.parse(data, group)
@@ -211,11 +206,10 @@ def camera_values(view: Camera) -> dict[str, Any]:
 
 
 def live(source: Path, folder: Path, groups: int, live: bool = True) -> Path:
-    """Publish the first groups of a stream of version 3; returns `source`."""
+    """Publish the first groups of a stream; returns `source`."""
     with StreamReader.open(source) as reader:
-        assert reader.index is not None
-        entries = [reader.index.ladder(number) for number in range(groups)]
-        metadata, settings = reader.manifest.metadata, BakeSettings(stream_version=3, ladder=(Rung(qp=16),))
+        entries = [reader.index.group(number) for number in range(groups)]
+        metadata, settings = reader.manifest.metadata, BakeSettings(ladder=(Rung(qp=16),))
     shutil.copytree(source / "files", folder / "files", dirs_exist_ok=True)
     write_manifest(folder, entries, FPS, settings, metadata, live=live)
     return source

@@ -278,7 +278,7 @@ def test_without_webcodecs_on_an_insecure_page(site, stream, open_page):
 
 def test_a_video_element_may_not_guess(site, baked, open_page):
     """It decodes AV1 inexactly, and a stream of version 2 has no checksums that would tell."""
-    shutil.copytree(baked(lengths=(2,), splats=200, stream_version=2), site.stream)
+    shutil.copytree(baked(lengths=(2,), splats=200), site.stream)
     edit_manifest(site.stream, lambda values: values["codec"].update(name="av1"))
     page = open_page("?t=0&decoder=video", wait=False)
     page.wait("(seen.error ?? []).length")

@@ -36,19 +36,18 @@ def rule_steps() -> dict[str, Any]:
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
-        # QP 4 has escapes; the figure has few of them. Version 2, for the tests of its manifest.
-        two: dict[str, Any] = {"stream_version": 2}
-        stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4, **two)
-        planes = support.bake(Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0, **two)
+        # QP 4 has escapes; the figure has few of them.
+        stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4)
+        planes = support.bake(Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0)
         for name, place in (("motion", stream), ("planes", planes)):
             python = support.PythonFrames(place)
-            group = python.reader.manifest.groups[0]
+            group = python.reader.groups[0]
             (folder / f"{name}.json").write_bytes((place / "manifest.json").read_bytes())
             np.stack(python.luma(0)).tofile(folder / f"{name}.luma")
             positions = np.stack([python.gaussians(frame).means.numpy() for frame in range(group.frame_count)])
             positions.astype(np.float32).tofile(folder / f"{name}.positions")
             python.close()
-        side = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["side"]
+        side = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]["side"]
         (folder / "motion.bin").write_bytes((stream / side["path"]).read_bytes())
         (folder / "side.json").write_text(json.dumps(support.side_arrays(stream, 0)))
         ladder = support.bake(

@@ -64,7 +64,7 @@ class OtherSource:
     def _sizes(self) -> list[float | None]:
         if not isinstance(self._source, StreamSource):
             return [None] * self._source.frame_count
-        groups = self._source.manifest.groups
+        groups = self._source.groups
         sizes = [group.bytes / group.frame_count for group in groups for _ in range(group.frame_count)]
         return [*[None] * self._source.first, *sizes]
 

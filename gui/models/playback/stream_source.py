@@ -23,7 +23,7 @@ from studio.similarity import Similarity
 
 if TYPE_CHECKING:
     from studio.playback import SkippedGroup
-    from studio.stream import GroupEntry, Manifest, StreamSound
+    from studio.stream import Rendition, StreamSound
 
 RETRY_SECONDS = 10.0
 """Seconds before a damaged frame is tried again: it may have been fixed or uploaded."""
@@ -149,7 +149,7 @@ class StreamSource:
                     self._changed.notify_all()
 
     def _decoded(self, frame: int) -> Gaussians:
-        shared, group = self._shared, self._reader.manifest.group_of(frame)
+        shared, group = self._shared, self._reader.group_of(frame)
         files = shared.files(group)
         self._unavailable = 0
         shared.note_intact(group)
@@ -172,7 +172,7 @@ class StreamSource:
         from studio.playback.pipeline import nothing_playable
         from studio.stream import SourceUnavailable
 
-        group = self._reader.manifest.group_of(frame)
+        group = self._reader.group_of(frame)
         self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
         first = self._first_bad(group, frame)
         self._shared.note_damage(group, first, group.end_frame, _message(error))
@@ -188,7 +188,7 @@ class StreamSource:
         for lost_frame in range(first, group.end_frame):
             self._failed[lost_frame] = (failure, time.monotonic())
 
-    def _first_bad(self, group: GroupEntry, frame: int) -> int:
+    def _first_bad(self, group: Rendition, frame: int) -> int:
         """The first unplayable frame of the group: earlier frames are unplayable too, unless they were decoded."""
         first = frame
         while first > group.first_frame and first - 1 not in self._load_ms:
@@ -210,9 +210,9 @@ class StreamSource:
         return self._reader.audio is not None
 
     @property
-    def manifest(self) -> Manifest:
-        """The stream's manifest."""
-        return self._reader.manifest
+    def groups(self) -> Sequence[Rendition]:
+        """The stream's groups."""
+        return self._reader.groups
 
     @property
     def view_range(self) -> ViewRange | None:

@@ -43,7 +43,6 @@ def _always(value: JsonData) -> Value:
 REMEDIES: Mapping[str, Remedy] = {
     "bake.beyond_hardware": Remedy("train.max_splats"),
     "bake.loss_above_limit": Remedy("bake.qp"),
-    "bake.no_sound_in_version_2": Remedy("bake.stream_version", _always(3)),
     "bake.short_sound": Remedy("capture.audio_offset"),
     "calibration.focal_length": Remedy("calibrate.shared_intrinsics"),
     "calibration.match_inlier_ratio": Remedy("calibrate.frames"),

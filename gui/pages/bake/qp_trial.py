@@ -166,4 +166,4 @@ def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
             errors = [error(index, reader.gaussians(index)) for index in measured]
     mean = sum(errors) / len(errors)
     psnr = min(-10 * math.log10(mean), HIGHEST_PSNR) if mean > 0 else HIGHEST_PSNR
-    return Trial(entry.bytes / entry.frame_count, psnr)
+    return Trial(entry.best.bytes / entry.frame_count, psnr)

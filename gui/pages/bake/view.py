@@ -18,7 +18,7 @@ from gui.pages.stage_view import Size, StageView
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream import Manifest, StreamReader
+from studio.stream import StreamReader
 
 ATTRIBUTES = {
     "means_high": "positions, high bytes",
@@ -54,7 +54,7 @@ def rest_words(sound: bool) -> str:
     return "manifest and sound" if sound else "manifest"
 
 
-def shares(manifest: Manifest, sound: bool = False) -> list[Share]:
+def shares(reader: StreamReader) -> list[Share]:
     """Bytes of the stream: by attribute if it has one video per plane, else by file; last the manifest, with the sound
     if there is one."""
     found: dict[str, tuple[int, frozenset[int]]] = {}
@@ -63,7 +63,7 @@ def shares(manifest: Manifest, sound: bool = False) -> list[Share]:
         before = found.get(name, (0, frozenset[int]()))
         found[name] = (before[0] + size, before[1] | qps)
 
-    for group in manifest.groups:
+    for group in reader.groups:
         components = getattr(group, "components", None)  # of the profile "planes"
         if components is None:
             for file in group.files:
@@ -74,8 +74,9 @@ def shares(manifest: Manifest, sound: bool = False) -> list[Share]:
         for component in components:
             for plane in component.planes:
                 add(ATTRIBUTES[attribute_of(component.name, plane.part)], plane.bytes, frozenset({plane.qp}))
-    rest = manifest.played_bytes - sum(size for size, _ in found.values())
-    return [*(Share(name, *values) for name, values in found.items()), Share(rest_words(sound), rest, frozenset())]
+    rest = reader.played_bytes - sum(size for size, _ in found.values())
+    words = rest_words(reader.audio is not None)
+    return [*(Share(name, *values) for name, values in found.items()), Share(words, rest, frozenset())]
 
 
 def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
@@ -142,22 +143,22 @@ class BakeView(StageView):
         with StreamReader.open(take.stream) as reader:
             if self.mode == "planes":
                 return self._planes(size, reader)
-            return self._bytes(size, reader.manifest, reader.audio is not None)
+            return self._bytes(size, reader)
 
-    def _bytes(self, size: Size, manifest: Manifest, sound: bool) -> np.ndarray:
+    def _bytes(self, size: Size, reader: StreamReader) -> np.ndarray:
         canvas, em = Canvas(*size, GROUND), self.em
         normal = round(em)
         step = line_height(normal) * 1.5
-        frames = manifest.frame_count
+        frames, rest = reader.frame_count, rest_words(reader.audio is not None)
         y = em
-        per_frame = manifest.bytes_per_frame
+        per_frame = reader.bytes_per_frame
         words = (
-            f"{manifest.played_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame with {rest_words(sound)}, "
-            f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} fps"
+            f"{reader.played_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame with {rest}, "
+            f"{per_frame * reader.fps * 8 / 1e6:.2f} Mbit/s at {reader.fps:g} fps"
         )
         canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
         y += 2 * step
-        rows = shares(manifest, sound)
+        rows = shares(reader)
         cells = [["", *COLUMNS]]
         left, right = em + 11 * em, size[0] - em - 15 * em
         columns = (size[0] - em - 9.5 * em, size[0] - em - 4.5 * em, size[0] - em)
@@ -167,22 +168,22 @@ class BakeView(StageView):
             value, qps = row.bytes, row.qps
             canvas.text(em, y, row.name, normal, TEXT)
             canvas.rect(left, y + 2, right - left, normal, PANEL)
-            canvas.rect(left, y + 2, (right - left) * value / manifest.played_bytes, normal, ACCENT)
+            canvas.rect(left, y + 2, (right - left) * value / reader.played_bytes, normal, ACCENT)
             qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
-            numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.played_bytes:.1f}%", qp)
+            numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / reader.played_bytes:.1f}%", qp)
             cells.append([row.name, *numbers])
             for words, place in zip(numbers, columns, strict=True):
                 canvas.text(place, y, words, normal, TEXT, align="right")
             y += step
         self._cells = cells
         y += 0.5 * step
-        for group in manifest.groups:
+        for group in reader.groups:
             if y + step > size[1]:
                 break
             words = (
                 f"group {group.index}: frames {group.first_frame} to {group.first_frame + group.frame_count - 1}, "
                 f"{counted(group.splats, 'splat')}, "
-                f"{group.bytes / group.frame_count / 1000:.1f} KB per frame without {rest_words(sound)}"
+                f"{group.bytes / group.frame_count / 1000:.1f} KB per frame without {rest}"
             )
             canvas.text(em, y, words, round(0.9 * em), DIM, width=size[0] - 2 * em)
             y += step * 0.8
@@ -222,7 +223,7 @@ class BakeView(StageView):
         canvas, em = Canvas(*size, GROUND), self.em
         small = round(0.8 * em)
         frame = min(self.frame, reader.frame_count - 1)
-        group = reader.manifest.group_of(frame)
+        group = reader.group_of(frame)
         decoder = reader.open_group(group)
         try:
             for _ in range(frame - group.first_frame + 1):

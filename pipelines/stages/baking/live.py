@@ -19,7 +19,7 @@ from studio.errors import Cancelled, Message, StudioError
 from studio.json_types import JsonData
 
 if TYPE_CHECKING:
-    from studio.stream import GroupLadder
+    from studio.stream import GroupEntry
 
 
 class LiveBake:
@@ -94,7 +94,7 @@ class LiveBake:
             )
 
     def _bake_all(self) -> None:
-        from studio.stream import baked_group
+        from studio.stream import GroupEntry
 
         plan = BakePlan(self._inputs)
         old = _published(self._inputs.take)
@@ -104,7 +104,8 @@ class LiveBake:
             self._wait_for(part.trained.index, plan.frames_needed(part))
             notes.append(encode_once(plan, part, background, 0.0, 1.0))
             live = len(notes) < len(plan.parts)
-            if live and len(notes) <= len(old) and [baked_group(note.entry) for note in notes] == old[: len(notes)]:
+            baked = [GroupEntry.from_dict(note.entry) for note in notes]
+            if live and len(baked) <= len(old) and baked == old[: len(baked)]:
                 continue  # the same stream, of which more is published
             old = []
             publish(plan, notes, live, self._reporter)
@@ -118,14 +119,13 @@ class LiveBake:
         self._stop.check()
 
 
-def _published(take: Take) -> list[GroupLadder]:
+def _published(take: Take) -> list[GroupEntry]:
     """Groups of the take's stream; none if there is no valid one."""
     from studio.stream import StreamReader
 
     try:
         with StreamReader.open(take.stream) as reader:
-            index = reader.index
-            return [] if index is None else [index.ladder(number) for number in range(len(index))]
+            return [reader.index.group(number) for number in range(len(reader.index))]
     except StudioError:
         return []
 

@@ -104,7 +104,7 @@ class FilmedError:
             StudioError: an image cannot be read.
             Cancelled: the run was cancelled.
         """
-        from studio.stream.frame_losses import loss
+        from studio.stream.encode.quality import loss
 
         self._check()
         found = [compared_view(self._inputs, name, self._numbers[index]) for name in self._names]

@@ -16,7 +16,7 @@ from studio.edits.edit_list import UP
 from studio.errors import Message
 
 if TYPE_CHECKING:
-    from studio.stream import AudioEntry, BakedGroup, Manifest, StreamMetadata
+    from studio.stream import AudioEntry, GroupEntry, Manifest, StreamMetadata
 
 SHORT_SOUND = 0.05
 """Seconds of silence at an end of the sound that a warning reports."""
@@ -34,10 +34,10 @@ def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporte
     Raises:
         StudioError: the stream cannot be written.
     """
-    from studio.stream import baked_group, write_manifest
+    from studio.stream import GroupEntry, write_manifest
 
     inputs, stream = plan.inputs, plan.inputs.take.stream
-    entries = [baked_group(note.entry) for note in notes]
+    entries = [GroupEntry.from_dict(note.entry) for note in notes]
     for note in notes:
         for path, digest in note.digests.items():
             _put(plan, path, digest)
@@ -85,7 +85,7 @@ def _sound(inputs: Inputs, plan: BakePlan, reporter: StageReporter) -> AudioEntr
     return audio
 
 
-def _metadata(plan: BakePlan, entries: Sequence[BakedGroup], notes: Sequence[BakedGroupNote]) -> StreamMetadata:
+def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[BakedGroupNote]) -> StreamMetadata:
     """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
     camera: the footage does not show where the front is, and held-out cameras are chosen for other reasons."""
     from studio.coverage import view_range
@@ -97,7 +97,7 @@ def _metadata(plan: BakePlan, entries: Sequence[BakedGroup], notes: Sequence[Bak
     footage, world = inputs.footage.calibrated, inputs.edits.similarity
     cameras, up = stream_cameras(inputs), world.directions(footage.rig.up)
     boxes = [
-        note.seen or (entry.bounding_box.min, entry.bounding_box.max)
+        note.seen or (entry.best.bounding_box.min, entry.best.bounding_box.max)
         for note, entry in zip(notes, entries, strict=True)
     ]
     low = np.min([box[0] for box in boxes], axis=0).tolist()

@@ -106,7 +106,7 @@ class RungTraining:
     def _train(self, group: Group, rung: Rung, key: str, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
         import torch
 
-        from studio.stream.bake_ladder import most_visible, ranking_of
+        from studio.stream.encode.bake import most_visible, ranking_of
         from studio.training.offsets import train_offsets
 
         inputs = self._inputs

@@ -12,25 +12,19 @@ from tests.support.errors import refuses
 
 @pytest.fixture
 def stream(tmp_path):
-    """`stream(version)`: a stream of two groups."""
-
-    def make(version=3):
-        folder = tmp_path / f"stream{version}"
-        ladder = (Rung(qp=24), Rung(qp=34)) if version == 3 else ()
-        settings = BakeSettings(stream_version=version, ladder=ladder, preset="ultrafast")
-        entries = [bake_group(_turning_bodies(2, 60), folder, g, 2 * g, settings) for g in range(2)]
-        write_manifest(folder, entries, 25, settings)
-        return folder
-
-    return make
+    """A stream of two groups."""
+    folder = tmp_path / "stream"
+    settings = BakeSettings(ladder=(Rung(qp=24), Rung(qp=34)), preset="ultrafast")
+    entries = [bake_group(_turning_bodies(2, 60), folder, g, 2 * g, settings) for g in range(2)]
+    write_manifest(folder, entries, 25, settings)
+    return folder
 
 
 def test_publish_copies_what_is_missing(here, stream, tmp_path):
-    folder = stream()
-    done = here("publish", folder, tmp_path / "web")
+    done = here("publish", stream, tmp_path / "web")
     assert done.returncode == 0, done.stderr
     assert "4 files copied" in done.stdout
-    again = here("publish", folder, tmp_path / "web", "--page", "--title", "A <walk>")
+    again = here("publish", stream, tmp_path / "web", "--page", "--title", "A <walk>")
     assert "0 files copied" in again.stdout, again.stderr
     page = (tmp_path / "web" / "index.html").read_text()
     assert 'src="manifest.json"' in page
@@ -41,15 +35,9 @@ def test_publish_copies_what_is_missing(here, stream, tmp_path):
         reader.verify()
 
 
-def test_publish_needs_version_3(here, stream, tmp_path):
-    done = here("publish", stream(2), tmp_path / "web")
-    assert done.returncode == 1
-    assert "--stream-version 3" in done.stderr
-
-
 def test_a_stream_in_one_file_plays(here, stream, tmp_path):
     out = tmp_path / "one.v3s"
-    done = here("export", stream(), "--format", "v3", "--out", out)
+    done = here("export", stream, "--format", "v3", "--out", out)
     assert done.returncode == 0, done.stderr
     assert "4 frames" in done.stdout
     done = here("play", out, "--headless")
@@ -72,6 +60,6 @@ def test_a_stream_in_one_file_plays(here, stream, tmp_path):
     ],
 )
 def test_options_that_do_not_fit(here, stream, options, said):
-    done = here("export", stream(2), "--format", "v3", *options)
+    done = here("export", stream, "--format", "v3", *options)
     assert done.returncode == 1
     assert said in done.stderr

@@ -373,7 +373,7 @@ def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(sta
 
 
 def test_the_command_line_plays_an_address(here, start, tmp_path):
-    folder = bake(tmp_path / "stream", stream_version=2)  # in version 3 these groups share their files
+    folder = bake(tmp_path / "stream")  # in version 3 these groups share their files
     (folder / "group_002" / "opacity.mp4").write_bytes(b"?")
     _, address = served(start, folder)
     done = here("play", "--headless", "--json", address)

@@ -333,12 +333,10 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     assert here("share", stream, "--out", stream).returncode == 1
 
 
-def test_files_with_which_playback_begins_are_those_of_version_3_only(tmp_path):
-    # Others must be revalidated; what the manifest of version 3 names could end the script element, or be elsewhere.
+def test_files_with_which_playback_begins(tmp_path):
+    # what the manifest names could end the script element, or be elsewhere.
     assert first_files(b"{") == first_files(b"[]") == first_files(b'{"groups": [{"renditions": []}]}') == []
-    two = bake_numbered(tmp_path / "two", (2,), 12.0, settings=BakeSettings(stream_version=2, preset="ultrafast"))
-    assert first_files((two / "manifest.json").read_bytes()) == []
-    three = bake_numbered(tmp_path / "three", (2,), 12.0, settings=BakeSettings(stream_version=3, preset="ultrafast"))
+    three = bake_numbered(tmp_path / "three", (2,), 12.0, settings=BakeSettings(preset="ultrafast"))
     manifest = (three / "manifest.json").read_text()
     side, video = first_files(manifest.encode())
     assert (three / side).is_file()
@@ -347,8 +345,8 @@ def test_files_with_which_playback_begins_are_those_of_version_3_only(tmp_path):
         assert first_files(manifest.replace(video, wrong).encode()) == []
 
 
-def test_a_stream_of_version_3_is_shared_with_all_its_renditions(tmp_path: Path) -> None:
-    settings = BakeSettings(stream_version=3, preset="ultrafast", ladder=(Rung(qp=10), Rung(qp=40)))
+def test_a_stream_is_shared_with_all_its_renditions(tmp_path: Path) -> None:
+    settings = BakeSettings(preset="ultrafast", ladder=(Rung(qp=10), Rung(qp=40)))
     source = bake_numbered(tmp_path / "ladder", (2, 3), 12.0, settings=settings)
     share_folder(str(source), tmp_path / "site")
     assert content(tmp_path / "site" / "stream") == content(source)

@@ -42,7 +42,7 @@ class Rebaked:
         shutil.copytree(bake / "files", self.stream / "files", dirs_exist_ok=True)
         with StreamReader.open(bake) as reader:
             assert reader.index is not None
-            groups = [reader.index.ladder(number) for number in range(len(reader.index))]
+            groups = [reader.index.group(number) for number in range(len(reader.index))]
         write_manifest(self.stream, groups, 25, SETTINGS, {"round": self._round})
 
 

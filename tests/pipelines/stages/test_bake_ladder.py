@@ -62,7 +62,7 @@ def test_a_take_is_baked_as_a_ladder(here, take):
     done(here("evaluate", take))
     figures = json.loads((take / "evaluation.json").read_bytes())
     with StreamReader.open(take / "stream") as reader:
-        assert figures["summary"]["bytes_per_frame"] == round(reader.manifest.played_bytes / 5, 1)
+        assert figures["summary"]["bytes_per_frame"] == round(reader.played_bytes / 5, 1)
 
 
 def test_the_default_ladder(here, take):

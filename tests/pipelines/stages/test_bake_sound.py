@@ -63,8 +63,3 @@ def test_only_the_sound_is_baked_again(here, take):
         assert reader.audio is None
     assert inodes(take) == frames
     assert not list((take / "stream" / "files").glob("*.m4a"))
-
-
-def test_a_stream_of_version_2_has_no_sound(here, take):
-    result = done(here("bake", take, "--stream-version", "2", "--capture.audio", wav(take), "--json"))
-    assert "bake.no_sound_in_version_2" in result.stdout

@@ -6,7 +6,6 @@ import shutil
 import pytest
 
 from pipelines.config import load_config
-from pipelines.config.config import BakeStageSettings
 from pipelines.events import Warned
 from pipelines.stages.baking import live as live_bake
 from pipelines.stages.baking.live import LiveBake
@@ -16,10 +15,9 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from studio.stream import StreamReader
-from tests.support.settings import refuses_setting
 from tests.support.waiting import wait_until
 
-FAST = [("bake.live", True), ("bake.stream_version", 3), ("bake.preset", "ultrafast")]
+FAST = [("bake.live", True), ("bake.preset", "ultrafast")]
 
 
 @pytest.fixture
@@ -133,8 +131,3 @@ def test_what_is_trained_on_frames_of_the_whole_group_waits_for_all_of_them(take
         plan = BakePlan(Inputs(take, load_config(take.config, [*settings, ("bake.ladder", ladder)])))
         needed.append([plan.frames_needed(part) for part in plan.parts])
     assert needed == [[1, 3, 2], [3, 3, 2]]
-
-
-def test_it_needs_version_3():
-    with refuses_setting("live", "stream_version"):
-        BakeStageSettings(live=True, stream_version=2)

@@ -15,7 +15,7 @@ def number(played) -> int:
 
 def break_late(stream, reader, group: int) -> None:
     """Zero the second half of the pictures in one file of a group, so that decoding fails midway."""
-    entry = reader.manifest.groups[group]
+    entry = reader.groups[group]
     path = stream / entry.planes[-1].path
     data = bytearray(path.read_bytes())
     middle = data.rindex(b"mdat") + (len(data) - data.rindex(b"mdat")) // 2

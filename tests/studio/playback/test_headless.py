@@ -25,7 +25,7 @@ def test_all_frames_in_order(stream):
         assert stats.decode_ms > 0
         assert stats.dequantize_ms > 0
     with StreamReader.open(stream) as reader:
-        files = sum(group.bytes for group in reader.manifest.groups)
+        files = sum(group.bytes for group in reader.groups)
     assert sum(stats.bytes for stats in report.frames) == pytest.approx(files)
 
 

@@ -9,7 +9,7 @@ from studio.playback.shared import Shared
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
 
-SETTINGS = BakeSettings(stream_version=3, preset="ultrafast")
+SETTINGS = BakeSettings(preset="ultrafast")
 
 
 @pytest.fixture

@@ -100,7 +100,7 @@ def test_equal_rates_and_any_order():
 @pytest.fixture
 def long_stream(tmp_path):
     """300 frames in groups of 10, three renditions; the frames themselves are few, so that baking is quick."""
-    settings = BakeSettings(stream_version=3, ladder=LADDER, preset="ultrafast")
+    settings = BakeSettings(ladder=LADDER, preset="ultrafast")
     frames = _turning_bodies(300, 40)
     share = lambda: frames[0].means[:, 0].abs().numpy()  # noqa: E731
     entries = [

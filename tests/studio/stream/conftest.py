@@ -1,5 +1,6 @@
 """Fixtures: small moving splat sets and baked streams."""
 
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,50 +11,67 @@ from scipy.spatial.transform import Rotation
 
 from studio.audio import SoundFile, cut_sound
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_ladder, write_manifest
+from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
+from studio.stream.encode import write_manifest as manifest_writer
 from tests.support import sounds, streams
 
 MakeFrames = Callable[..., list[Gaussians]]
+LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
+KINDS: dict[str, dict[str, Any]] = {
+    "motion": {"lengths": (4, 3), "ladder": (), "qp": 24},
+    "planes": {"lengths": (4, 3), "ladder": (), "profile": "planes", "qp": 0, "degree": 0},
+    "ladder": {"lengths": (3, 2, 2), "clicks": [0.1], "paged": True},
+}
+"""Streams of 80 splats that tests share: one with several renditions, sound, and two groups in a page of the index."""
 
 
 @pytest.fixture
 def make_frames() -> MakeFrames:
     """`make_frames(frames, splats, degree, seed)`: a rotating, drifting cloud; all attributes vary over time."""
-
-    def make(frames: int = 4, splats: int = 200, degree: int = 0, seed: int = 0) -> list[Gaussians]:
-        generator = torch.Generator().manual_seed(seed)
-
-        def noise(*shape: int) -> torch.Tensor:
-            return torch.randn(*shape, generator=generator)
-
-        start, velocity = noise(splats, 3), 0.05 * noise(splats, 3)
-        quats, log_scales, logits = noise(splats, 4), noise(splats, 3) * 0.7 - 4, noise(splats) * 2
-        sh = noise(splats, (degree + 1) ** 2, 3)
-        return [
-            Gaussians(
-                means=start + t * velocity + torch.tensor([0.1 * t, 0.0, 0.0]),
-                quats=(quats + 0.1 * t * noise(splats, 4)) * (-1.0) ** t,  # signs flip on purpose
-                log_scales=log_scales + 0.02 * t,
-                logit_opacities=logits - 0.05 * t,
-                sh=sh + 0.01 * noise(*sh.shape),
-            )
-            for t in range(frames)
-        ]
-
-    return make
+    return clouds
 
 
 @pytest.fixture
-def make_stream(tmp_path: Path, make_frames: MakeFrames) -> Callable[..., tuple[Path, list[list[Gaussians]]]]:
-    """`make_stream(lengths, ...)`: a stream of groups of these lengths, its folder and the frames of each group. It has
-    version 2, unless settings are given; `make_ladder` makes version 3."""
+def turning_bodies() -> MakeFrames:
+    """`turning_bodies(frames, splats, degree)`: see below."""
+    return _turning_bodies
+
+
+@pytest.fixture
+def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
+    """`edit_manifest(folder, change)`: change the manifest's JSON, then update its size and checksum."""
+    return streams.edit_manifest
+
+
+@pytest.fixture(scope="session")
+def intact(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """`intact(kind)`: one of `KINDS`, not to be changed."""
+    made: dict[str, Path] = {}
+
+    def find(kind: str) -> Path:
+        if kind not in made:
+            made[kind] = write_stream(tmp_path_factory.mktemp(kind) / "stream", splats=80, **KINDS[kind])
+        return made[kind]
+
+    return find
+
+
+@pytest.fixture
+def copy_of(intact: Callable[[str], Path], tmp_path: Path) -> Callable[[str], Path]:
+    """`copy_of(kind)`: a copy of one of `KINDS`, to change."""
+    return lambda kind: Path(shutil.copytree(intact(kind), tmp_path / kind))
+
+
+@pytest.fixture
+def make_stream(tmp_path: Path) -> Callable[..., tuple[Path, list[list[Gaussians]]]]:
+    """`make_stream(lengths, ...)`: a stream of groups of these lengths, its folder and the frames of each group."""
 
     def make(
         lengths: tuple[int, ...] = (4, 3), splats: int = 200, degree: int = 0, settings: BakeSettings | None = None
     ) -> tuple[Path, list[list[Gaussians]]]:
-        settings = settings or BakeSettings(profile="planes", qp=0, stream_version=2)
+        settings = settings or BakeSettings(profile="planes", qp=0)
         folder = tmp_path / "stream"
-        groups = [make_frames(length, splats + 5 * g, degree, seed=g) for g, length in enumerate(lengths)]
+        groups = [clouds(length, splats + 5 * g, degree, seed=g) for g, length in enumerate(lengths)]
         entries, first = [], 0
         for g, frames in enumerate(groups):
             entries.append(bake_group(frames, folder, g, first, settings))
@@ -65,20 +83,8 @@ def make_stream(tmp_path: Path, make_frames: MakeFrames) -> Callable[..., tuple[
 
 
 @pytest.fixture
-def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
-    """`edit_manifest(folder, change)`: change the manifest's JSON, then update its size and checksum."""
-
-    return streams.edit_manifest
-
-
-LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
-
-
-@pytest.fixture
-def make_ladder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
-    """`make_ladder(lengths, ...)`: a stream of version 3 in `tmp_path`, as `write_stream` makes, with all groups in the
-    manifest unless `write_ladder.INLINE_BYTES` is changed."""
-    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1 << 20)
+def make_ladder(tmp_path: Path) -> Callable[..., Path]:
+    """`make_ladder(lengths, ...)`: a stream in `tmp_path`, as `write_stream` makes."""
 
     def make(lengths: tuple[int, ...] = (4, 3), name: str = "stream", **more: Any) -> Path:
         return write_stream(tmp_path / name, lengths, **more)
@@ -92,11 +98,12 @@ def write_stream(
     splats: int = 120,
     degree: int = 1,
     clicks: Sequence[float] | None = None,
+    paged: bool = False,
     **settings: Any,
 ) -> Path:
-    """A stream of version 3 with groups of these lengths and three renditions; with `clicks`, with sound that has
-    clicks at these times."""
-    chosen = BakeSettings(**{"stream_version": 3, "ladder": LADDER, "preset": "ultrafast", **settings})
+    """A stream with groups of these lengths and three renditions. With `clicks`, with sound that has clicks at these
+    times; with `paged`, with all groups but the first in pages of the index."""
+    chosen = BakeSettings(**{"ladder": LADDER, "preset": "ultrafast", **settings})
     entries, first = [], 0
     for g, length in enumerate(lengths):
         frames = _turning_bodies(first + length, splats, degree)[first:]
@@ -108,14 +115,32 @@ def write_stream(
         seconds = first / 25
         wav = sounds.write_wav(folder.with_suffix(".wav"), sounds.clicks(seconds, clicks, channels=2))
         audio = bake_sound(cut_sound(SoundFile(wav), 0, seconds), folder)
-    write_manifest(folder, entries, 25.0, chosen, {"title": "test"}, audio=audio)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(manifest_writer, "INLINE_BYTES", 1 if paged else 1 << 20)
+        write_manifest(folder, entries, 25.0, chosen, {"title": "test"}, audio=audio)
     return folder
 
 
-@pytest.fixture
-def turning_bodies() -> MakeFrames:
-    """`turning_bodies(frames, splats, degree)`: see below."""
-    return _turning_bodies
+def clouds(frames: int = 4, splats: int = 200, degree: int = 0, seed: int = 0) -> list[Gaussians]:
+    """See `make_frames`."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def noise(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    start, velocity = noise(splats, 3), 0.05 * noise(splats, 3)
+    quats, log_scales, logits = noise(splats, 4), noise(splats, 3) * 0.7 - 4, noise(splats) * 2
+    sh = noise(splats, (degree + 1) ** 2, 3)
+    return [
+        Gaussians(
+            means=start + t * velocity + torch.tensor([0.1 * t, 0.0, 0.0]),
+            quats=(quats + 0.1 * t * noise(splats, 4)) * (-1.0) ** t,  # signs flip on purpose
+            log_scales=log_scales + 0.02 * t,
+            logit_opacities=logits - 0.05 * t,
+            sh=sh + 0.01 * noise(*sh.shape),
+        )
+        for t in range(frames)
+    ]
 
 
 def _turning_bodies(frames: int, splats: int, degree: int = 0) -> list[Gaussians]:

@@ -9,16 +9,15 @@ import pytest
 import torch
 
 from studio.errors import StudioError
-from studio.stream import StreamReader, write_ladder
+from studio.stream import StreamReader
 from studio.stream.write_archive import write_archive
 from tests.support.errors import refuses
 
 
 @pytest.fixture
-def archive(make_ladder, tmp_path, monkeypatch):
+def archive(make_ladder, tmp_path):
     """A stream with a page of its index as one file, and its folder."""
-    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
-    folder = make_ladder((2, 2, 1), splats=60)
+    folder = make_ladder((2, 2, 1), splats=60, paged=True)
     with StreamReader.open(folder) as reader:
         size = write_archive(reader, tmp_path / "stream.v3s")
     assert size == (tmp_path / "stream.v3s").stat().st_size

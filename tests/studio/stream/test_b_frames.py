@@ -76,8 +76,7 @@ def test_the_same_pictures_give_the_same_bytes(tmp_path):
 
 def picture_types(folder):
     with StreamReader.open(folder) as reader:
-        group = reader.manifest.groups[0]
-        group = getattr(group, "renditions", (group,))[0]
+        group = reader.groups[0]
     with av.open(str(folder / group.video.path)) as container:
         return [int(frame.pict_type) for frame in container.decode(video=0)]
 
@@ -85,14 +84,13 @@ def picture_types(folder):
 @pytest.mark.parametrize(
     ("settings", "types"),
     [
-        ({"stream_version": 2}, [1, 2, 2, 2, 2, 2, 2]),
-        ({"stream_version": 2, "smooth_paths": True}, [1, 2, 2, 2, 2, 2, 2]),
-        ({"stream_version": 3}, [1, 3, 3, 3, 3, 3, 2]),
-        ({"stream_version": 3, "b_frames": 0}, [1, 2, 2, 2, 2, 2, 2]),
-        ({"stream_version": 3, "b_frames": 1, "codec": "hevc"}, [1, 3, 2, 3, 2, 3, 2]),
+        ({"smooth_paths": True}, [1, 2, 2, 2, 2, 2, 2]),
+        ({}, [1, 3, 3, 3, 3, 3, 2]),
+        ({"b_frames": 0}, [1, 2, 2, 2, 2, 2, 2]),
+        ({"b_frames": 1, "codec": "hevc"}, [1, 3, 2, 3, 2, 3, 2]),
     ],
 )
-def test_only_version_3_has_them(tmp_path, turning_bodies, settings, types):
+def test_how_many_there_are(tmp_path, turning_bodies, settings, types):
     chosen = BakeSettings(preset="veryfast", qp=24, **settings)
     entry = bake_group(turning_bodies(7, splats=60), tmp_path, 0, 0, chosen)
     write_manifest(tmp_path, [entry], 30, chosen)
@@ -103,35 +101,21 @@ def test_only_version_3_has_them(tmp_path, turning_bodies, settings, types):
 @pytest.mark.parametrize("codec", ["h264", "hevc"])
 def test_short_groups(tmp_path, turning_bodies, frames, codec):
     """Shorter than the run of B-frames."""
-    settings = BakeSettings(preset="veryfast", qp=24, stream_version=3, codec=codec)
+    settings = BakeSettings(preset="veryfast", qp=24, codec=codec)
     entry = bake_group(turning_bodies(frames, splats=60), tmp_path, 0, 0, settings)
     write_manifest(tmp_path, [entry], 30, settings)
     assert picture_types(tmp_path) == [[1], [1, 2], [1, 3, 2]][frames - 1]
 
 
 def test_settings_that_cannot_have_them():
-    with refuses_setting("b_frames", "stream_version"):
-        BakeSettings(b_frames=2, stream_version=2)
     with refuses_setting("b_frames", "codec"):
-        BakeSettings(b_frames=2, stream_version=3, codec="av1")
+        BakeSettings(b_frames=2, codec="av1")
     with refuses_setting("b_frames", "profile"):
-        BakeSettings(b_frames=2, stream_version=3, profile="planes")
-    with refuses_setting("splats", "stream_version"):
-        BakeSettings(splats=0.9, stream_version=2)
+        BakeSettings(b_frames=2, profile="planes")
     with refuses_setting("splats", "ladder"):
-        BakeSettings(splats=0.9, stream_version=3, ladder=[{"qp": 20}])
+        BakeSettings(splats=0.9, ladder=[{"qp": 20}])
     with refuses_setting("smooth_paths", "profile"):
         BakeSettings(smooth_paths=True, profile="planes")
-
-
-def test_defaults_by_version():
-    assert BakeSettings(stream_version=2).encoding.b_frames == 0
-    assert not BakeSettings(stream_version=2).encoding.smooth_paths
-    assert BakeSettings(stream_version=2, smooth_paths=True).encoding.smooth_paths
-    assert BakeSettings(stream_version=3).encoding.smooth_paths
-    assert BakeSettings(stream_version=3, codec="av1").encoding.b_frames == 0
-    for faithful in ({"qp": 0}, {"target_psnr": 45.0}):
-        assert not BakeSettings(stream_version=3, **faithful).encoding.smooth_paths
 
 
 def test_smoothed_paths_decode_closer_to_the_truth(tmp_path, turning_bodies):
@@ -149,7 +133,7 @@ def test_smoothed_paths_decode_closer_to_the_truth(tmp_path, turning_bodies):
         entry = bake_group(jittered, folder, 0, 0, settings)
         write_manifest(folder, [entry], 30, settings)
         with StreamReader.open(folder) as reader:
-            return entry.bytes, list(reader.iterate())
+            return entry.best.bytes, list(reader.iterate())
 
     (plain_bytes, plain), (smooth_bytes, smooth) = read(False), read(True)
     assert torch.equal(plain[0].means, smooth[0].means)

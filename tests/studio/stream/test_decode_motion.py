@@ -34,7 +34,7 @@ def test_kernel_and_definition_agree(tmp_path: Path, turning_bodies: Callable, d
     entry = bake_group(with_odd_colors(turning_bodies(4, SPLATS, degree)), tmp_path, 0, 0, settings)
     write_manifest(tmp_path, [entry], 30, settings)
     with StreamReader.open(tmp_path) as reader:
-        group = reader.manifest.groups[0]
+        group = reader.groups[0]
         decoder = reader.open_group(group, fetch_group(reader.source, group))
         for index in range(4):
             frame = decoder.read()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.frame_losses import ROUNDS, limited_offsets, loss
+from studio.stream.encode.quality import ROUNDS, limited_offsets, loss
 from studio.stream.video import PlaneDecoder, PlaneEncoder
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting

@@ -9,7 +9,7 @@ import torch
 
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.hidden_splats import carry_hidden_splats
+from studio.stream.encode.paths import carry_hidden_splats
 
 
 def test_hidden_splats_take_the_motion_of_their_surroundings() -> None:

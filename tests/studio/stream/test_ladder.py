@@ -1,4 +1,4 @@
-"""Streams of version 3: renditions, files named by content, pages of the index, checks of decoders."""
+"""Renditions, files named by content, pages of the index, checks of decoders."""
 
 import hashlib
 import json
@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
+from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.source import FolderSource
 from tests.support.errors import refuses
 
@@ -34,13 +35,6 @@ def files_of(folder):
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.fixture
-def small_pages(monkeypatch):
-    """Every group after the first one in a page of its own."""
-    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
-    monkeypatch.setattr(write_ladder, "PAGE_BYTES", 1)
-
-
 @pytest.mark.parametrize("profile", ["motion", "planes"])
 def test_every_rendition_has_all_frames(make_ladder, profile):
     folder = make_ladder((4, 3), profile=profile)
@@ -50,7 +44,7 @@ def test_every_rendition_has_all_frames(make_ladder, profile):
         best, middle, phone = reader.renditions
         assert best.bytes > middle.bytes > phone.bytes
         assert (best.splats, phone.splats, best.sh_degree, phone.sh_degree) == (120, 60, 1, 0)
-        assert reader.manifest.played_bytes < reader.manifest.total_bytes
+        assert reader.played_bytes < reader.manifest.total_bytes
         reader.verify()
     frames = {}
     for one in ("qp24", "qp34", "qp34-splats50-sh0"):
@@ -66,7 +60,7 @@ def test_every_rendition_has_all_frames(make_ladder, profile):
 def test_the_most_visible_splats_are_kept(tmp_path, turning_bodies):
     frames = turning_bodies(2, 80)
     keep = torch.randperm(80, generator=torch.Generator().manual_seed(2)).numpy()
-    settings = BakeSettings(stream_version=3, qp=10, ladder=(Rung(qp=10, splats=0.25, finetune_iterations=0),))
+    settings = BakeSettings(qp=10, ladder=(Rung(qp=10, splats=0.25, finetune_iterations=0),))
     entry = bake_group(frames, tmp_path, 0, 0, settings, contribution=lambda: keep.astype(float))
     write_manifest(tmp_path, [entry], 30, settings)
     with StreamReader.open(tmp_path) as reader:
@@ -79,7 +73,7 @@ def test_the_most_visible_splats_are_kept(tmp_path, turning_bodies):
 
 
 def test_fewer_splats_need_to_know_what_they_contribute(tmp_path, turning_bodies):
-    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20, splats=0.5, finetune_iterations=0),))
+    settings = BakeSettings(ladder=(Rung(qp=20, splats=0.5, finetune_iterations=0),))
     with refuses("bake.no_contribution", group=0):
         bake_group(turning_bodies(2, 80), tmp_path, 0, 0, settings)
     with refuses("bake.invalid_contribution", value=(79,), expected=(80,)):
@@ -88,7 +82,7 @@ def test_fewer_splats_need_to_know_what_they_contribute(tmp_path, turning_bodies
 
 
 def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path, turning_bodies):
-    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20), Rung(qp=10, splats=0.5, sh_degree=0)))
+    settings = BakeSettings(ladder=(Rung(qp=20), Rung(qp=10, splats=0.5, sh_degree=0)))
     frames = turning_bodies(2, 80)
     with refuses("bake.no_finetuning", group=0):
         bake_group(frames, tmp_path, 0, 0, settings)
@@ -104,7 +98,7 @@ def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path, turning_bodi
 
 
 def test_psnr_is_that_of_the_given_function(tmp_path, turning_bodies):
-    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20), Rung(qp=40)))
+    settings = BakeSettings(ladder=(Rung(qp=20), Rung(qp=40)))
     asked = []
 
     def error(index, decoded):
@@ -113,11 +107,10 @@ def test_psnr_is_that_of_the_given_function(tmp_path, turning_bodies):
 
     entries = [bake_group(turning_bodies(3, 80), tmp_path, 0, 0, settings, quality=error)]
     assert asked == [(0, 80), (1, 80), (2, 80)] * 2
-    manifest = write_manifest(tmp_path, entries, 30, settings)
+    write_manifest(tmp_path, entries, 30, settings)
     assert [one.psnr_to_trained for one in entries[0].renditions] == [40.0, 40.0]
     with StreamReader.open(tmp_path) as reader:
         assert [one.psnr_to_trained for one in reader.renditions] == [40.0, 40.0]
-    assert manifest.version == 3
 
 
 def test_files_are_named_by_their_content(make_ladder):
@@ -147,18 +140,8 @@ def test_baking_again_changes_only_what_changed(make_ladder):
         reader.verify()
 
 
-def test_the_stream_of_version_2_is_removed_after_it_was_replaced(tmp_path, turning_bodies, make_ladder):
-    old = BakeSettings(qp=24, stream_version=2)
-    folder = tmp_path / "stream"
-    write_manifest(folder, [bake_group(turning_bodies(3, 80), folder, 0, 0, old)], 25, old)
-    (folder / "notes.txt").write_text("mine")
-    make_ladder()
-    assert {name for name in files_of(folder) if not name.startswith("files/")} == {"manifest.json", "notes.txt"}
-    assert not (folder / "group_000").exists()
-
-
 def test_equal_groups_share_files(tmp_path, turning_bodies):
-    settings = BakeSettings(stream_version=3, qp=24)
+    settings = BakeSettings(qp=24)
     frames = turning_bodies(3, 80)
     entries = [bake_group(frames, tmp_path, g, 3 * g, settings) for g in range(4)]
     write_manifest(tmp_path, entries, 25, settings)
@@ -185,9 +168,9 @@ def test_checks_are_of_what_another_decoder_sees(make_ladder):
 
 
 def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path, turning_bodies):
-    def video(version, fps):
-        settings = BakeSettings(stream_version=version, qp=24)
-        folder = tmp_path / f"{version} {fps}"
+    def video(fps):
+        settings = BakeSettings(qp=24)
+        folder = tmp_path / f"{fps}"
         entry = bake_group(turning_bodies(2, 9000, 3), folder, 0, 0, settings, fps=fps)
         return next((folder / file.path).read_bytes() for file in entry.files if file.path.endswith(".mp4"))
 
@@ -196,28 +179,10 @@ def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path, turning_bodie
         assert data[at + 5] == 100  # High
         return data[at + 7]
 
-    slow, fast = video(3, 12.0), video(3, 240.0)
+    slow, fast = video(12.0), video(240.0)
     assert level(slow) < level(fast)
     at = slow.index(b"colr")
     assert slow[at + 4 : at + 15] == b"nclx" + bytes([0, 1, 0, 1, 0, 1, 0x80])
-    two = video(2, 240.0)
-    assert level(two) == level(video(2, None))
-    assert b"colr" not in two
-
-
-def test_a_decoder_that_is_not_exact_is_found(make_ladder, edit_manifest):
-    folder = make_ladder((4,))
-
-    def other(values):
-        values["groups"][0]["renditions"][0]["video"]["checks"][1]["crc32"] ^= 1
-
-    edit_manifest(folder, other)
-    with StreamReader.open(folder) as reader:
-        reader.gaussians(1)
-        with refuses("stream.wrong_luma", picture=2):
-            reader.gaussians(2)
-    with StreamReader.open(folder, rendition="qp34") as reader:
-        assert len(list(reader.iterate())) == 4
 
 
 def test_renditions_change_at_the_border_of_a_group(make_ladder):
@@ -233,7 +198,7 @@ def test_renditions_change_at_the_border_of_a_group(make_ladder):
     assert sizes == [120] * 4 + [60] * 3 + [120] * 3
 
 
-def test_unknown_renditions(make_ladder, make_stream):
+def test_unknown_renditions(make_ladder):
     folder = make_ladder((2,))
     with refuses("stream.no_such_rendition", value="qp99"):
         StreamReader.open(folder, rendition="qp99")
@@ -243,18 +208,9 @@ def test_unknown_renditions(make_ladder, make_stream):
         assert reader.group(0, "qp34").splats == 120
 
 
-def test_streams_of_version_2_have_no_renditions(make_stream):
-    folder, _ = make_stream((2,))
-    with StreamReader.open(folder) as reader:
-        assert reader.renditions == ()
-        with refuses("stream.no_such_rendition"):
-            reader.choose("main")
-    with refuses("stream.no_such_rendition"):
-        StreamReader.open(folder, rendition="main")
-
-
-def test_a_long_stream_starts_without_its_pages(make_ladder, small_pages):
-    folder = make_ladder((2,) * 6)
+def test_a_long_stream_starts_without_its_pages(make_ladder, monkeypatch):
+    monkeypatch.setattr(manifest_writer, "PAGE_BYTES", 1)  # every group after the first one in a page of its own
+    folder = make_ladder((2,) * 6, paged=True)
     manifest = manifest_of(folder)
     assert len(manifest["groups"]) == 1
     assert [page["frames"] for page in manifest["pages"]] == [[2]] * 5
@@ -265,17 +221,16 @@ def test_a_long_stream_starts_without_its_pages(make_ladder, small_pages):
         reader.gaussians(9)
         assert source.reads[3] == manifest["pages"][3]["path"]
         assert len(source.reads) == 6
-        assert len(reader.manifest.groups) == 6
-        assert reader.manifest.group_of(11).index == 5
-        assert [group.first_frame for group in reader.manifest.groups] == [0, 2, 4, 6, 8, 10]
-        assert reader.manifest.groups[-1].first_frame == 10
+        assert len(reader.groups) == 6
+        assert reader.group_of(11).index == 5
+        assert [group.first_frame for group in reader.groups] == [0, 2, 4, 6, 8, 10]
+        assert reader.groups[-1].first_frame == 10
         reader.verify()
 
 
-def test_pages_do_not_change_frames(make_ladder, monkeypatch):
+def test_pages_do_not_change_frames(make_ladder):
     whole = make_ladder((2, 2, 3), name="whole")
-    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
-    paged = make_ladder((2, 2, 3), name="paged")
+    paged = make_ladder((2, 2, 3), name="paged", paged=True)
     assert len(manifest_of(whole)["pages"]) == 0
     assert [page["frames"] for page in manifest_of(paged)["pages"]] == [[2, 3]]
     with StreamReader.open(whole) as a, StreamReader.open(paged) as b:
@@ -283,16 +238,8 @@ def test_pages_do_not_change_frames(make_ladder, monkeypatch):
             assert torch.equal(one.means, other.means)
 
 
-def test_same_input_gives_the_same_bytes(make_ladder):
-    one, two = make_ladder(name="a"), make_ladder(name="b")
-    assert files_of(one) == files_of(two)
-    assert (one / "manifest.json").read_bytes() == (two / "manifest.json").read_bytes()
-
-
 def test_settings_that_contradict_each_other():
-    with pytest.raises(ValueError, match="stream_version 3"):
-        BakeSettings(stream_version=2, ladder=(Rung(qp=20),))
     with pytest.raises(ValueError, match="a target"):
-        BakeSettings(stream_version=3, ladder=(Rung(qp=20),), target_psnr=40)
+        BakeSettings(ladder=(Rung(qp=20),), target_psnr=40)
     with pytest.raises(ValueError, match="the same"):
-        BakeSettings(stream_version=3, ladder=(Rung(qp=20), Rung(qp=20)))
+        BakeSettings(ladder=(Rung(qp=20), Rung(qp=20)))

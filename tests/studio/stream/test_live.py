@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
+from studio.stream.encode import write_manifest as manifest_writer
 from tests.support.errors import refuses
 
 LADDER = (Rung(qp=24), Rung(qp=34))
@@ -14,7 +15,7 @@ def publish(tmp_path, turning_bodies):
     """`publish(groups, live, ...)`: bake the first groups of two frames each, and write the manifest."""
 
     def write(groups, live=True, fps=25, ladder=LADDER):
-        settings = BakeSettings(stream_version=3, ladder=ladder, preset="ultrafast")
+        settings = BakeSettings(ladder=ladder, preset="ultrafast")
         frames = turning_bodies(2 * groups, 60)
         entries = [bake_group(frames[2 * g : 2 * g + 2], tmp_path, g, 2 * g, settings) for g in range(groups)]
         write_manifest(tmp_path, entries, fps, settings, live=live)
@@ -25,7 +26,7 @@ def publish(tmp_path, turning_bodies):
 
 def test_a_reader_follows(publish, monkeypatch):
     folder = publish(1)
-    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)  # later groups are in pages
+    monkeypatch.setattr(manifest_writer, "INLINE_BYTES", 1)  # later groups are in pages
     with StreamReader.open(folder, rendition="qp34") as reader:
         assert reader.live
         first = reader.gaussians(1)

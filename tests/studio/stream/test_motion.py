@@ -16,7 +16,7 @@ AXIS_NAMES = Rotation.create_group("O")  # the 24 rotations of the cube
 
 
 def bake(folder, frames, threads=0, **settings):
-    settings = BakeSettings(**{"preset": "veryfast", "stream_version": 2, **settings})
+    settings = BakeSettings(**{"preset": "veryfast", **settings})
     entry = bake_group(frames, folder, 0, 0, settings, threads=threads)
     write_manifest(folder, [entry], 30, settings)
     with StreamReader.open(folder) as reader:

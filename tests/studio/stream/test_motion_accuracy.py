@@ -16,15 +16,15 @@ import torch
 from studio.errors import Cancelled, StudioError
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.manifest_models import MotionGroup
+from studio.stream.manifest import MotionRendition
 from studio.stream.video import PlaneEncoder
 from tests.support.performer import attribute_errors, performer
 
 FRAMES = 4
 
 
-def baked(folder: Path, frames: list[Gaussians], **settings: object) -> tuple[MotionGroup, list[Gaussians]]:
-    chosen = BakeSettings.model_validate({"stream_version": 2, "preset": "veryfast", **settings})
+def baked(folder: Path, frames: list[Gaussians], **settings: object) -> tuple[MotionRendition, list[Gaussians]]:
+    chosen = BakeSettings.model_validate({"preset": "veryfast", **settings})
     entry = bake_group(frames, folder, 0, 0, chosen)
     write_manifest(folder, [entry], 30, chosen)
     with StreamReader.open(folder) as reader:
@@ -101,7 +101,7 @@ def test_it_can_be_cancelled_in_the_middle_of_the_video(tmp_path: Path) -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        bake_group(performer(FRAMES), tmp_path, 0, 0, BakeSettings(stream_version=2), progress=stop)
+        bake_group(performer(FRAMES), tmp_path, 0, 0, BakeSettings(), progress=stop)
     assert seen[-1] == (2, FRAMES)
     assert not list(tmp_path.rglob("*.mp4"))
 
@@ -112,5 +112,5 @@ def test_a_failure_of_the_encoder_is_not_swallowed(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(PlaneEncoder, "add", fail)
     with pytest.raises(StudioError, match="the encoder failed"):
-        bake_group(performer(FRAMES), tmp_path, 0, 0, BakeSettings(stream_version=2))
+        bake_group(performer(FRAMES), tmp_path, 0, 0, BakeSettings())
     assert not list(tmp_path.rglob("*.mp4"))

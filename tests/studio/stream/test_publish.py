@@ -46,7 +46,7 @@ def test_the_manifest_is_last(make_ladder, tmp_path):
 def test_a_damaged_file_is_not_published(make_ladder, tmp_path):
     folder = make_ladder((2,), splats=60)
     with StreamReader.open(folder) as reader:
-        path = reader.manifest.groups[0].files[1].path
+        path = reader.groups[0].files[1].path
         (folder / path).write_bytes(b"x")
         with refuses("stream.wrong_size", file=f"{folder}/{path}"):
             publish(reader, str(tmp_path / "web"))
@@ -64,10 +64,7 @@ def test_to_a_store(make_ladder):
     assert first.copied == len(found) - 1
 
 
-def test_what_cannot_be_published(make_stream, make_ladder, tmp_path):
-    folder, _ = make_stream((2,))
-    with StreamReader.open(folder) as reader, refuses("publish.needs_version_3"):
-        publish(reader, str(tmp_path / "web"))
+def test_what_cannot_be_published(make_ladder, tmp_path):
     (tmp_path / "file").write_text("no folder")
     with StreamReader.open(make_ladder((1,), splats=40, name="three")) as reader:
         with refuses("publish.failed", file=str(tmp_path / "file" / "x")):

@@ -23,10 +23,9 @@ from tests.support.rigs import ring
 
 RECORDED = Path(__file__).with_name("rate_and_quality.json")
 CASES: dict[str, dict[str, Any]] = {
-    "planes": {"profile": "planes", "stream_version": 2},
-    "motion, version 2": {"stream_version": 2},
-    "motion, version 3": {},
-    "motion, version 3, QP 30": {"qp": 30},
+    "planes": {"profile": "planes"},
+    "motion": {},
+    "motion, QP 30": {"qp": 30},
     "motion, HEVC": {"codec": "hevc"},
     "motion, AV1": {"codec": "av1"},
 }

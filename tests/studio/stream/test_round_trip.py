@@ -38,7 +38,7 @@ def check_stream(folder, groups) -> None:
         assert reader.frame_count == sum(len(frames) for frames in groups)
         assert reader.fps == 25.0
         index = 0
-        for entry, frames in zip(reader.manifest.groups, groups, strict=True):
+        for entry, frames in zip(reader.groups, groups, strict=True):
             order = torch.from_numpy(morton_order(frames[0].means.numpy()))
             for frame in frames:
                 decoded = reader.gaussians(index)
@@ -90,7 +90,7 @@ def test_tiny_scales_do_not_widen_the_range(tmp_path, make_frames):
     frames = make_frames(2, 100)
     for frame in frames:
         frame.log_scales[7, 1] = -27.0
-    entry = bake_group(frames, tmp_path, 0, 0, BakeSettings(profile="planes", qp=0, stream_version=2))
+    entry = bake_group(frames, tmp_path, 0, 0, BakeSettings(profile="planes", qp=0))
     typical = frames[0].log_scales.mean(dim=1).median().item()
     ranges = {component.name: component for component in entry.components}
     assert ranges["log_scale_1"].min == pytest.approx(typical - np.log(16), abs=0.02)
@@ -111,7 +111,7 @@ def test_quaternion_signs_are_continuous(tmp_path, make_frames):
 @pytest.mark.parametrize("mirror", [False, True])
 def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path, make_frames, mirror):
     frames = make_frames(5, 2000)
-    settings = BakeSettings(profile="planes", qp=45, mirror_low_bytes=mirror, stream_version=2)
+    settings = BakeSettings(profile="planes", qp=45, mirror_low_bytes=mirror)
     entry = bake_group(frames, tmp_path, 0, 0, settings)
     write_manifest(tmp_path, [entry], 30, settings)
     order = torch.from_numpy(morton_order(frames[0].means.numpy()))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.search import search_qp
+from studio.stream.encode.quality import search_qp
 from tests.support.errors import refuses
 
 

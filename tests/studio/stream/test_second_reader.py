@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 import torch
 
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
+from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.write_archive import write_archive
 
 READER = Path(__file__).parents[2] / "data" / "second_reader.mjs"
@@ -73,15 +74,15 @@ LADDER = (Rung(qp=20), Rung(qp=28), Rung(qp=34, splats=0.5, sh_degree=0, finetun
 @pytest.mark.parametrize(
     ("settings", "packed"),
     [
-        ({"stream_version": 3, "ladder": LADDER}, False),
-        ({"stream_version": 3, "qp": 24, "splats": 0.9}, True),
-        ({"stream_version": 3, "profile": "planes", "qp": 22}, False),
-        ({"stream_version": 2, "qp": 24}, False),
+        ({"ladder": LADDER}, False),
+        ({"qp": 24, "splats": 0.9}, True),
+        ({"profile": "planes", "qp": 22}, False),
+        ({"qp": 24}, False),
     ],
     ids=["ladder", "archive", "planes", "version-2"],
 )
 def test_it_agrees_on_every_frame(tmp_path, bake, monkeypatch, settings, packed):
-    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)  # all groups but the first are in a page
+    monkeypatch.setattr(manifest_writer, "INLINE_BYTES", 1)  # all groups but the first are in a page
     folder = bake(BakeSettings(preset="ultrafast", **settings))
     decode_videos(folder, tmp_path / "luma")
     stream = folder

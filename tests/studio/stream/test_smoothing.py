@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from studio.stream import smoothing
-from studio.stream.smoothing import STRENGTHS, smooth_paths
+from studio.stream.encode import paths as paths_module
+from studio.stream.encode.paths import STRENGTHS, smooth_paths
 
 
 def noise(*shape, seed=0):
@@ -35,7 +35,7 @@ def minimum(path, strength, keep_first):
 @pytest.mark.parametrize("keep_first", [True, False])
 @pytest.mark.parametrize("strength", [0.2, 5.0, 100.0])
 def test_a_path_is_the_minimum(monkeypatch, strength, keep_first):
-    monkeypatch.setattr(smoothing, "STRENGTHS", (strength,))
+    monkeypatch.setattr(paths_module, "STRENGTHS", (strength,))
     paths = noise(9, 4, 3)
     found = smooth_paths(paths, 1.0, keep_first)
     for splat, axis in itertools.product(range(4), range(3)):

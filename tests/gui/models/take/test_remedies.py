@@ -93,14 +93,13 @@ def test_every_setting_that_a_message_names_exists() -> None:
     [
         ("training.slow", {"suggested": 0.42}, "capture.scale", 0.42),
         ("footage.few_frames", {"frames": 7}, "calibrate.frames", 7),
-        ("bake.no_sound_in_version_2", {}, "bake.stream_version", 3),
         ("coverage.gaps", {}, "bake.view_range", "none"),
     ],
 )
 def test_the_value_of_a_warning_is_valid(
     code: str, fields: dict[str, object], setting: str, value: object, footage_project: Path
 ) -> None:
-    config = load_config(footage_project / "ball.yaml", [("calibrate.frames", 9), ("bake.stream_version", 2)])
+    config = load_config(footage_project / "ball.yaml", [("calibrate.frames", 9)])
     warning = Warned(message="m", code=code, fields=fields)
     fix = fix_of(warning, config)
     assert fix == Fix(setting, value, sets=True)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, bake_group
 from studio.stream.layout import channels
-from studio.stream.manifest_models import MotionGroup
+from studio.stream.manifest import MotionRendition
 from studio.stream.profiles import MotionCoding, coding_of
 
 MakeFrames = Callable[..., list[Gaussians]]
@@ -36,8 +36,8 @@ def test_decoded_splats_are_the_same_gaussians(make_frames: MakeFrames) -> None:
 
 def test_values_and_steps_are_those_of_a_baked_keyframe(make_frames: MakeFrames, tmp_path: Path) -> None:
     keyframe = make_frames(1, 300, degree=1)[0]
-    entry = bake_group([keyframe], tmp_path, 0, 0, BakeSettings(profile="motion", stream_version=2))
-    assert isinstance(entry, MotionGroup)
+    entry = bake_group([keyframe], tmp_path, 0, 0, BakeSettings(profile="motion"))
+    assert isinstance(entry, MotionRendition)
     coding = MotionCoding(keyframe)
     values = coding.coded_values(keyframe)
     offsets, steps = coding.quantizer(values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from studio.errors import Message
-from studio.stream.ladder_models import GroupLadder, MotionRendition
+from studio.stream.manifest import GroupEntry, MotionRendition
 
 MAX_SIDE = 4096
 """Pixels; 4096x2304 is the largest picture of phones in landscape, 2304x4096 in portrait."""
@@ -15,7 +15,7 @@ MAX_MACROBLOCK_RATE = 983_040
 """MaxMBPS of level 5.1: macroblocks per second."""
 
 
-def beyond_hardware(group: GroupLadder, fps: float, codec: str) -> list[Message]:
+def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:
     """One warning for each rendition that hardware decoders of H.264 may refuse; none for other codecs, and for the
     profile `planes`, whose lossless planes are decoded in software anyway.
 

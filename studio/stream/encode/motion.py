@@ -4,41 +4,33 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
 from studio.rotations import quat_conjugate, quat_multiply, quats_to_mrp
-from studio.stream.files import describe
-from studio.stream.hidden_splats import carry_hidden_splats
+from studio.stream.encode.files import named_by_content
+from studio.stream.encode.paths import carry_hidden_splats, smooth_paths
 from studio.stream.layout import channels, component_frames, scale_floor, tile_grid, tile_side, typical_size
-from studio.stream.manifest_models import (
-    BlockTable,
-    Box,
-    ChannelEntry,
-    Lattice,
-    MotionGroup,
-    SideEntry,
-    VideoEntry,
-    group_invalid,
-)
+from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, MotionRendition, SideEntry, VideoEntry
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
 from studio.stream.profiles.motion import POSITION_STEP, ROTATION_STEP, channel_range, channel_steps, to_ycocg
 from studio.stream.rotation import nearest_form
 from studio.stream.settings import BakeSettings
-from studio.stream.smoothing import smooth_paths
 from studio.stream.video import PlaneEncoder, codec_qp
 
 _USUAL_OPACITY = 0.15  # median of the trained splats for which the steps were tuned
 _BLOCK_STEP = 1.5  # times the position step: unit of the affine parameters
 _BLOCK_ERROR = 3.0  # times the position step: smaller errors do not justify further blocks
 _REFERENCE_QP = 20
+_KEYFRAME_STEP = 4.0  # size of a cell of the keyframe's positions, in position steps
 _TURN = 0.01  # MRP (2.3 degrees): smaller block rotations are set to zero
 _ROTATION_UNIT = 1 / 512
 _JITTER = 4.0  # steps (of class 1, for positions): standard deviation of what training adds to each frame, measured
@@ -115,22 +107,31 @@ class MotionBake:
     def write(
         self,
         folder: Path,
-        name: str,
-        group: int,
-        first_frame: int,
+        identity: Mapping[str, Any],
         settings: BakeSettings,
         progress: ProgressFn,
-        threads: int = 0,
-        fps: float | None = None,
+        threads: int,
+        fps: float,
         offsets: Sequence[int] = (),
-    ) -> MotionGroup:
-        """Write side file and video into `folder`, which is `name` in the manifest.
+    ) -> MotionRendition:
+        """Write side file and video into `folder`, under the names of their content.
 
-        `fps` and `offsets` are as for `PlaneEncoder`.
+        Args:
+            folder: for the files.
+            identity: values of the rendition that are not known here.
+            settings: as they are; QP and attributes' QPs are used.
+            progress: called with (frames encoded, frames).
+            threads: CPU threads; 0: one per core.
+            fps, offsets: as for `PlaneEncoder`.
+
+        Returns:
+            The rendition, not validated as a whole and without checks of its video.
+
+        Raises:
+            ValidationError: a value is out of the format's bounds.
         """
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
-        encoding = settings.encoding
-        cell = encoding.keyframe_step * coarse * self._step
+        cell = _KEYFRAME_STEP * coarse * self._step
         bits = MAX_BITS if settings.qp == 0 else keyframe_bits(self._extent, cell)
         lattice = Lattice(bits=bits, min=_point(self._origin), step=max(self._extent, 1e-9) / (1 << bits))
         codes = self._codes >> np.uint64(3 * (MAX_BITS - bits))
@@ -142,7 +143,7 @@ class MotionBake:
         )
         residuals, rotations = self._residuals(MotionState(lattice, table, side), side)
         attributes = self._attributes
-        if encoding.smooth_paths:
+        if settings.smooths_paths:
             residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
             rotations = smooth_paths(rotations, _JITTER * ROTATION_STEP, keep_first=False)
             attributes = self._smooth_attributes()
@@ -177,32 +178,28 @@ class MotionBake:
         data, raw_bytes = compress(side, bits)
         (folder / "motion.bin").write_bytes(data)
         self._encode(pictures, folder / "video.mp4", settings, progress, fps, offsets)
-        side_entry = SideEntry(**describe(folder / "motion.bin", name), raw_bytes=raw_bytes)
-        video = VideoEntry(**describe(folder / "video.mp4", name), qp=codec_qp(settings.codec, settings.qp))
-        try:
-            return MotionGroup(
-                index=group,
-                first_frame=first_frame,
-                frame_count=self._count,
-                splats=self._splats,
-                sh_degree=self._degree,
-                bounding_box=self._box,
-                bytes=side_entry.bytes + video.bytes,
-                dilation=self._dilation,
-                tile=tile,
-                columns=columns,
-                rows=rows,
-                positions=lattice,
-                blocks=table,
-                channels=tuple(entries),
-                video=video,
-                side=side_entry,
-            )
-        except ValueError as error:
-            raise group_invalid(group, error) from None
+        side_entry = SideEntry(**named_by_content(folder / "motion.bin"), raw_bytes=raw_bytes)
+        facts = named_by_content(folder / "video.mp4")
+        video = VideoEntry.model_construct(**facts, qp=codec_qp(settings.codec, settings.qp), checks=())
+        return MotionRendition.model_construct(
+            **identity,
+            splats=self._splats,
+            sh_degree=self._degree,
+            bounding_box=self._box,
+            bytes=side_entry.bytes + video.bytes,
+            dilation=self._dilation,
+            tile=tile,
+            columns=columns,
+            rows=rows,
+            positions=lattice,
+            blocks=table,
+            channels=tuple(entries),
+            video=video,
+            side=side_entry,
+        )
 
     def _smooth_attributes(self) -> np.ndarray:
-        """(F, C - 6, N) float64 log scales, opacities and colors, smoothed each by itself."""
+        """(F, C - 6, N) float64 log scales, opacities and colors, each smoothed on its own."""
         if self._smoothed is None:
             steps = channel_steps(self._degree, self._step, BakeSettings())[6:]
             channels = [
@@ -218,11 +215,11 @@ class MotionBake:
         path: Path,
         settings: BakeSettings,
         progress: ProgressFn,
-        fps: float | None,
+        fps: float,
         offsets: Sequence[int],
     ) -> None:
         size = (pictures.shape[2], pictures.shape[1])
-        b_frames = min(settings.encoding.b_frames, max(self._count - 2, 0))
+        b_frames = min(settings.b_frame_count, max(self._count - 2, 0))
         encoder = PlaneEncoder(
             path, size, settings.qp, settings.preset, settings.codec, b_frames=b_frames, fps=fps, offsets=offsets
         )

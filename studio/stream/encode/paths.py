@@ -1,14 +1,21 @@
-"""Smoothing of each splat's path over a group: takes out the jitter that training leaves from frame to frame.
+"""Paths of splats over a group, before they are encoded.
 
-The frames of a group are trained one after the other, and each adds errors of its own that only cost bits and make
-pictures from new cameras worse. How much of a path is jitter differs: where a performer stands still it is all of it,
-in fast motion next to nothing. Each splat is therefore smoothed as strongly as its own path and those of its neighbors
-say, given how large jitter can be.
+Hidden splats: nothing in training stops those that are too faint to be rendered, since they have no gradients. Where
+they have strayed from the performer, the video's coding error can make them opaque enough to be seen, and their paths
+cost bits. They are moved with their surroundings.
+
+Smoothing takes out the jitter that training leaves from frame to frame. The frames of a group are trained one after the
+other, and each adds errors of its own that only cost bits and make images from new cameras worse. How much of a path is
+jitter differs: where a performer stands still it is all of it, in fast motion next to nothing. Each splat is therefore
+smoothed as strongly as its own path and those of its neighbors suggest, given how large jitter can be.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
+
+from studio.rasterizer.types import ALPHA_MIN
 
 STRENGTHS = (0.0, 0.05, 0.2, 0.5, 1.5, 5.0, 20.0, 100.0)
 """Values of the smoothing parameter to choose from; 0 leaves a path as it is."""
@@ -17,6 +24,30 @@ NEIGHBORS = 33
 """Splats, in the stream's order, that choose together: the likelihood of one path alone is too noisy."""
 
 _NO_SMOOTHING = 1e-6  # stands for 0, whose likelihood has no limit
+
+
+def carry_hidden_splats(positions: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+    """Move splats that a frame does not show like the visible splat that is nearest in the keyframe.
+
+    Args:
+        positions: (F, N, 3) means, keyframe first, world units.
+        opacities: (F, N), 0 to 1.
+
+    Returns:
+        (F, N, 3) means: those of visible splats and of the keyframe are unchanged. `positions` itself if nothing
+        changes.
+    """
+    carried = positions
+    for frame in range(1, len(positions)):
+        hidden = opacities[frame] < ALPHA_MIN
+        if not hidden.any() or hidden.all():
+            continue
+        if carried is positions:
+            carried = positions.copy()
+        visible = np.flatnonzero(~hidden)
+        nearest = visible[cKDTree(positions[0, visible]).query(positions[0, hidden])[1]]
+        carried[frame, hidden] = positions[0, hidden] + positions[frame, nearest] - positions[0, nearest]
+    return carried
 
 
 def smooth_paths(paths: np.ndarray, jitter: np.ndarray | float, keep_first: bool) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Writes the manifest of version 3 with the pages of its index, and removes what it no longer needs."""
+"""Writes the manifest with the pages of its index, and removes what it no longer needs."""
 
 from __future__ import annotations
 
@@ -12,20 +12,26 @@ from pydantic import ValidationError
 from studio.atomic_files import sync, write_bytes
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.stream.bake_ladder import content_name
+from studio.stream.encode.files import content_name
 from studio.stream.group_index import GroupIndex
-from studio.stream.ladder_manifest import (
-    LADDER_PROFILES,
-    PAGES,
-    LadderManifest,
+from studio.stream.manifest import (
+    FILES,
+    MANIFEST_NAME,
+    MAX_MANIFEST_BYTES,
+    MAX_PAGE_GROUPS,
+    PROFILES,
+    AudioEntry,
+    Codec,
+    FileEntry,
+    GroupEntry,
+    Manifest,
+    Page,
+    PageEntry,
+    RenditionEntry,
     compact,
-    distinct_bytes,
-    parse_ladder,
-    seal_ladder,
+    invalid,
 )
-from studio.stream.ladder_models import FILES, MAX_PAGE_GROUPS, AudioEntry, GroupLadder, PageEntry, RenditionEntry
-from studio.stream.manifest import MANIFEST_NAME, Codec, Manifest, parse_head, parse_manifest
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, invalid
+from studio.stream.manifest_file import distinct_bytes, parse_manifest, seal
 from studio.stream.settings import BakeSettings
 from studio.stream.source import FolderSource
 
@@ -37,56 +43,94 @@ PAGE_BYTES = 256 << 10
 """The same for a page, which a player must have after seeking."""
 
 
-def write_ladder(
+def write_manifest(
     directory: Path,
-    groups: Sequence[GroupLadder],
+    groups: Sequence[GroupEntry],
     fps: float,
     settings: BakeSettings,
-    metadata: JsonObject,
-    live: bool,
+    metadata: JsonObject | None = None,
+    live: bool = False,
     audio: AudioEntry | None = None,
 ) -> Manifest:
-    """Write pages, then the manifest, then remove unused files. Arguments as for `bake.write_manifest`.
+    """Write pages, then `directory/manifest.json`, atomically, then remove files that the new manifest does not need.
+
+    Args:
+        directory: the stream's folder, which contains the groups' files.
+        groups: entries from `bake_group`, in order and without gaps from frame 0.
+        fps: frames per second.
+        settings: as passed to `bake_group`.
+        metadata: free-form JSON values. Leave out what changes between runs, such as dates, to keep the bytes
+            reproducible. `StreamMetadata.to_json` makes those that players know.
+        live: further groups will follow.
+        audio: the sound, from `bake_sound`; no longer than the frames.
+
+    Returns:
+        The manifest, including the total size of all files.
 
     Raises:
-        StudioError: groups out of order or with other renditions, or a file cannot be written.
+        StudioError: groups out of order, of another profile or with other renditions, or a file is missing or has a
+            different size, or cannot be written.
     """
     path = directory / MANIFEST_NAME
+    if not groups:
+        raise StudioError("bake.no_groups", "a stream needs at least one group", file=path)
+    _check_present(directory, groups, audio)
     box = groups[0].best.bounding_box
     for one in (one for group in groups for one in group.renditions):
         box = box.union(one.bounding_box)
     sizes = [len(compact(group.to_dict())) for group in groups]
     inline = _fitting(sizes, 0, INLINE_BYTES)
     try:
-        pages = _pages(directory, groups, sizes, inline, settings.profile)
-        draft = LADDER_PROFILES[settings.profile](
-            codec=Codec.model_validate({"name": settings.codec}),
-            fps=fps,
+        draft = Manifest(
+            profile=settings.profile,
+            fps=float(fps),
             frame_count=sum(group.frame_count for group in groups),
+            scan=PROFILES[settings.profile].scan,  # type: ignore[arg-type]
+            codec=Codec(name=settings.codec),
             bounding_box=box,
             live=live,
             renditions=_renditions(groups, fps),
             groups=tuple(groups[:inline]),
-            pages=pages,
+            pages=_pages(directory, groups, sizes, inline),
             audio=audio,
             settings=settings.to_dict(),
-            metadata=metadata,
+            metadata=dict(metadata or {}),
             total_bytes=1,
             manifest_sha256="0" * 64,
         )
-        manifest, data = seal_ladder(draft, distinct_bytes(groups))
+        manifest, data = seal(draft, distinct_bytes(groups))
         index = GroupIndex(manifest, FolderSource(directory), len(data))
         for number in range(len(groups)):  # what a reader of the pages would refuse
-            index.ladder(number)
+            index.group(number)
     except (ValueError, TypeError) as error:
         raise StudioError(
-            "bake.manifest_invalid", f"the manifest is invalid ({first_finding(error)})", file=path
+            "bake.manifest_invalid", f"the manifest is invalid ({_first_finding(error)})", file=path
         ) from None
-    before, kept = _files_before(path), _live_pages(path)
-    wanted = {file.path for group in groups for file in group.files}
-    replace_manifest(path, data, wanted | _other_files(manifest))
-    _remove_unused(directory, before, wanted | kept | _other_files(manifest))
-    return index.view(None)
+    other = {file.path for file in manifest.fixed_files}
+    wanted = {file.path for group in groups for file in group.files} | other
+    kept = _live_pages(path)
+    _replace_manifest(path, data, wanted)
+    _remove_unused(directory, wanted | kept)
+    return manifest
+
+
+def _check_present(directory: Path, groups: Sequence[GroupEntry], audio: AudioEntry | None) -> None:
+    files: list[tuple[FileEntry, int | None]] = [(file, group.index) for group in groups for file in group.files]
+    files += [(audio, None)] if audio is not None else []
+    for wanted, group in files:
+        file = directory / wanted.path
+        size = file.stat().st_size if file.is_file() else None
+        if size != wanted.bytes:
+            raise StudioError(
+                "bake.group_changed",
+                f"{'the file is missing' if size is None else f'the file has {size} bytes'}; "
+                f"expected {wanted.bytes} bytes",
+                file=file,
+                value=size,
+                fix="Bake the sound again." if group is None else f"Bake group {group} again.",
+                group=group,
+                expected=wanted.bytes,
+            )
 
 
 def _fitting(sizes: Sequence[int], start: int, limit: int) -> int:
@@ -98,14 +142,12 @@ def _fitting(sizes: Sequence[int], start: int, limit: int) -> int:
     return end
 
 
-def _pages(
-    directory: Path, groups: Sequence[GroupLadder], sizes: Sequence[int], start: int, profile: str
-) -> tuple[PageEntry, ...]:
+def _pages(directory: Path, groups: Sequence[GroupEntry], sizes: Sequence[int], start: int) -> tuple[PageEntry, ...]:
     pages = []
     while start < len(groups):
         end = _fitting(sizes, start, PAGE_BYTES)
         part = tuple(groups[start:end])
-        data = PAGES[profile](groups=part).to_bytes()
+        data = Page(groups=part).to_bytes()
         name, digest = content_name(data, ".json")
         _write(directory / name, data)
         pages.append(
@@ -115,7 +157,7 @@ def _pages(
     return tuple(pages)
 
 
-def _renditions(groups: Sequence[GroupLadder], fps: float) -> tuple[RenditionEntry, ...]:
+def _renditions(groups: Sequence[GroupEntry], fps: float) -> tuple[RenditionEntry, ...]:
     found = []
     for column in zip(*(group.renditions for group in groups), strict=True):
         measured = [one for one in column if one.psnr_to_trained is not None]
@@ -143,7 +185,7 @@ def _write(path: Path, data: bytes) -> None:
         raise StudioError("bake.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
 
 
-def replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
+def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
     """Write the manifest, atomically, once the files that it names are on the disk: a power cut leaves the old stream
     or the new one.
 
@@ -167,50 +209,26 @@ def replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
         ) from None
 
 
-def _files_before(path: Path) -> set[str]:
-    """Files of the stream of version 1 or 2 that is replaced; empty if there is none."""
-    try:
-        with path.open("rb") as handle:
-            data = handle.read(MAX_MANIFEST_BYTES)
-        if parse_head(data, str(path)).get("version") == 3:
-            return set()  # its files are in the folder of hashed files
-        return {file.path for group in parse_manifest(data, str(path)).groups for file in group.files}
-    except (OSError, StudioError):
-        return set()
-
-
 def _live_pages(path: Path) -> set[str]:
     """Pages of the live manifest that is replaced: players that follow may still need them, until they read the new
     one."""
     try:
         with path.open("rb") as handle:
             data = handle.read(MAX_MANIFEST_BYTES)
-        if parse_head(data, str(path)).get("version") != 3:
-            return set()
-        old = parse_ladder(data, str(path))
+        old = parse_manifest(data, str(path))
         return {page.path for page in old.pages} if old.live else set()
     except (OSError, StudioError):
         return set()
 
 
-def _other_files(manifest: LadderManifest) -> set[str]:
-    """Pages and sound."""
-    return {page.path for page in manifest.pages} | ({manifest.audio.path} if manifest.audio is not None else set())
-
-
-def _remove_unused(directory: Path, before: set[str], used: set[str]) -> None:
+def _remove_unused(directory: Path, used: set[str]) -> None:
     with contextlib.suppress(OSError):  # the stream is complete; what stays only takes room
         for found in (directory / FILES).iterdir():
             if f"{FILES}/{found.name}" not in used and found.is_file():
                 found.unlink()
-        for name in before - used:
-            (directory / name).unlink(missing_ok=True)
-        for folder in {(directory / name).parent for name in before} - {directory}:
-            if folder.is_dir() and not any(folder.iterdir()):
-                folder.rmdir()
 
 
-def first_finding(error: Exception) -> str:
+def _first_finding(error: Exception) -> str:
     """What a failed validation found first."""
     if isinstance(error, ValidationError):
         return invalid(error, "", "").problem

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
-from studio.stream.files import describe
+from studio.stream.encode.files import named_by_content
 from studio.stream.layout import (
     Component,
     component_frames,
@@ -22,7 +23,7 @@ from studio.stream.layout import (
     to_plane,
     typical_size,
 )
-from studio.stream.manifest_models import Box, ComponentEntry, Part, PlaneEntry, PlanesGroup, group_invalid
+from studio.stream.manifest import Box, ComponentEntry, Part, PlaneEntry, PlanesRendition
 from studio.stream.morton import morton_order
 from studio.stream.quantize import quantize, split_bytes
 from studio.stream.settings import BakeSettings
@@ -52,21 +53,39 @@ class PlanesBake:
     def write(
         self,
         folder: Path,
-        name: str,
-        group: int,
-        first_frame: int,
+        identity: Mapping[str, Any],
         settings: BakeSettings,
         progress: ProgressFn,
-        threads: int = 0,
-        fps: float | None = None,
+        threads: int,
+        fps: float,
         offsets: Sequence[int] = (),
-    ) -> PlanesGroup:
-        """Write the videos into `folder`, which is `name` in the manifest; `fps`, `offsets`: as for `PlaneEncoder`."""
-        frames, low, high = self._frames, self._low, self._high
-        planes = _planes(frames[0].sh_degree, settings)
-        values = component_frames(frames, self._order)
-        _encode(values, folder, planes, low, high, settings, len(frames), progress, threads, fps, offsets)
-        return _entry(folder, name, planes, low, high, group, first_frame, frames, self._box)
+    ) -> PlanesRendition:
+        """Write the videos into `folder`, under the names of their content; see `MotionBake.write`."""
+        keyframe, low, high = self._frames[0], self._low, self._high
+        planes = _planes(keyframe.sh_degree, settings)
+        values = component_frames(self._frames, self._order)
+        _encode(values, folder, planes, low, high, settings, len(self._frames), progress, threads, fps, offsets)
+        entries: dict[int, list[PlaneEntry]] = {}
+        for row, component, part, qp in planes:
+            facts = named_by_content(folder / _file_name(component, part))
+            plane = PlaneEntry.model_construct(**facts, qp=qp, part=part, checks=())
+            entries.setdefault(row, []).append(plane)
+        wanted = components(keyframe.sh_degree)
+        return PlanesRendition.model_construct(
+            **identity,
+            splats=len(keyframe),
+            sh_degree=keyframe.sh_degree,
+            side=plane_side(len(keyframe)),
+            bounding_box=self._box,
+            bytes=sum(plane.bytes for files in entries.values() for plane in files),
+            dilation=keyframe.dilation,
+            components=tuple(
+                ComponentEntry.model_construct(
+                    name=wanted[row].name, min=float(low[row]), max=float(high[row]), planes=tuple(files)
+                )
+                for row, files in entries.items()
+            ),
+        )
 
 
 def _point(values: np.ndarray) -> tuple[float, float, float]:
@@ -125,7 +144,7 @@ def _encode(
     frame_count: int,
     progress: ProgressFn,
     threads: int,
-    fps: float | None,
+    fps: float,
     offsets: Sequence[int],
 ) -> None:
     encoders: list[PlaneEncoder] = []
@@ -152,43 +171,3 @@ def _encode(
         for encoder in encoders:
             encoder.abandon()
         raise
-
-
-def _entry(
-    partial: Path,
-    folder: str,
-    planes: list[tuple[int, Component, Part, int]],
-    low: np.ndarray,
-    high: np.ndarray,
-    group: int,
-    first_frame: int,
-    frames: Sequence[Gaussians],
-    box: Box,
-) -> PlanesGroup:
-    entries: dict[int, list[PlaneEntry]] = {}
-    total = 0
-    for row, component, part, qp in planes:
-        name = _file_name(component, part)
-        plane = PlaneEntry(**describe(partial / name, folder), part=part, qp=qp)
-        total += plane.bytes
-        entries.setdefault(row, []).append(plane)
-    keyframe = frames[0]
-    wanted = components(keyframe.sh_degree)
-    try:
-        return PlanesGroup(
-            index=group,
-            first_frame=first_frame,
-            frame_count=len(frames),
-            splats=len(keyframe),
-            sh_degree=keyframe.sh_degree,
-            side=plane_side(len(keyframe)),
-            bounding_box=box,
-            bytes=total,
-            dilation=keyframe.dilation,
-            components=tuple(
-                ComponentEntry(name=wanted[row].name, min=float(low[row]), max=float(high[row]), planes=tuple(files))
-                for row, files in entries.items()
-            ),
-        )
-    except ValueError as error:
-        raise group_invalid(group, error) from None

@@ -1,0 +1,1 @@
+"""Encoding: groups of Gaussians to the files of a stream."""

@@ -1,0 +1,410 @@
+"""Baking: a group of Gaussians, and the sound, to files that are named by their content."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from pydantic import ValidationError
+
+from studio.atomic_files import remove_leftovers, temporary_path
+from studio.audio import SAMPLE_RATE, Cut, encode_sound
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.json_types import JsonObject
+from studio.progress import ProgressFn, no_progress
+from studio.stream.encode.files import content_name
+from studio.stream.encode.motion import MotionBake
+from studio.stream.encode.planes import PlanesBake
+from studio.stream.encode.quality import FilmedErrorFn, QualityFn, filmed_errors, limited_offsets, psnr_of, search_qp
+from studio.stream.manifest import (
+    FILES,
+    MAX_SPLATS,
+    AnyRendition,
+    AudioEntry,
+    GroupEntry,
+    Pruning,
+    Rendition,
+    invalid,
+)
+from studio.stream.settings import QP_MAX, BakeSettings, Rung
+from studio.stream.video import AV1_QP_MAX, NOMINAL_FPS, PlaneDecoder
+
+ContributionFn = Callable[[], np.ndarray]
+"""(N,) float, at least 0: what each splat of the group adds to the images that cameras see."""
+
+FinetunedFn = Callable[[Rung], Sequence[Gaussians]]
+"""Frames of the group with the splats that a rung keeps, trained further; called for rungs with `Rung.finetuned`."""
+
+
+def group_folder_name(group: int) -> str:
+    """Name of a group's folder: group_000, group_001, ..."""
+    return f"group_{group:03d}"
+
+
+def bake_group(
+    frames: Sequence[Gaussians] | Iterable[Gaussians],
+    directory: Path,
+    group: int,
+    first_frame: int,
+    settings: BakeSettings,
+    progress: ProgressFn = no_progress,
+    quality: QualityFn | None = None,
+    threads: int = 0,
+    fps: float | None = None,
+    contribution: ContributionFn | None = None,
+    finetuned: FinetunedFn | None = None,
+    error: FilmedErrorFn | None = None,
+) -> GroupEntry:
+    """Bake one group into files in `directory/files` that are named by their content.
+
+    The same input gives the same bytes. With a target in the settings, the group is baked several times, at the QPs of
+    a bisection; with a ladder, once per rung.
+
+    Args:
+        frames: frames of the group, keyframe first, with the same splats in each. The profile `planes` reads a sequence
+            twice, frame by frame, so a lazily loading one keeps memory low; an iterator is held in memory.
+        directory: the stream's folder; created if missing.
+        group: 0-based index of the group.
+        first_frame: index *in the stream* of its first frame, 0-based (not the footage's frame number).
+        settings: profile, QPs, targets and so on.
+        progress: called with (frames encoded, frames), over all rungs.
+        threads: CPU threads; 0: one per core. Does not change the bytes.
+        quality: error of a decoded frame against the trained one; required for `target_psnr`. The renditions'
+            `psnr_to_trained` is measured with it.
+        fps: frames per second of the stream, which the level of its videos is chosen for; None: 30.
+        contribution: what each splat adds to the images; required for rungs that keep fewer splats as they are.
+        finetuned: frames of rungs that keep fewer splats and are trained further; required for these.
+        error: errors of a decoded and of the trained frame against the footage; required for `max_loss`.
+
+    Returns:
+        The group's entry for the manifest.
+
+    Raises:
+        StudioError: no frames, differing splat counts, values that are not finite, a target that no QP reaches, no
+            `contribution`, `finetuned` or `error` where it is needed, or the folder cannot be written.
+    """
+    frames = frames if isinstance(frames, Sequence) else list(frames)
+    if not frames:
+        raise StudioError("bake.no_frames", f"group {group} has no frames", group=group)
+    if len(frames[0]) > MAX_SPLATS:
+        raise StudioError(
+            "bake.too_many_splats",
+            f"group {group} has {len(frames[0])} splats; the format supports up to {MAX_SPLATS}",
+            value=len(frames[0]),
+            fix="Lower train.max_splats.",
+            group=group,
+            expected=MAX_SPLATS,
+            setting="train.max_splats",
+        )
+    rungs = settings.rungs
+    if finetuned is None and any(rung.finetuned for rung in rungs):
+        raise StudioError(
+            "bake.no_finetuning",
+            "a rung's splats are to be trained further after pruning, but there is no footage to train them on",
+            fix="Bake a take, pass finetuned, or set finetune_iterations of all rungs to 0.",
+            setting="bake.ladder",
+            group=group,
+        )
+    folder = directory / group_folder_name(group)
+    partial = temporary_path(folder)
+    try:
+        remove_leftovers(directory, folder)
+        (directory / FILES).mkdir(parents=True, exist_ok=True)
+        ranking = _ranking(rungs, len(frames[0]), contribution, group)
+        made: dict[str, AnyRendition] = {}
+        for kind in dict.fromkeys(rung.kind for rung in rungs):
+            same = [rung for rung in rungs if rung.kind == kind]
+            part = frames
+            if finetuned is not None and same[0].finetuned:
+                part = finetuned(same[0])
+            elif kind != (1.0, None, 0):
+                part = _Reduced(frames, ranking, same[0].splats, same[0].sh_degree)
+            prepared = (PlanesBake if settings.profile == "planes" else MotionBake)(part, progress)
+            for rung in same:
+                own = settings.replace(ladder=(), qp=rung.qp)
+                if rung != rungs[0] or rung.pruned:  # the others are for lower rates
+                    own = own.replace(max_loss=None)
+                steps = _Steps(progress, len(made), len(rungs))
+                values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
+                job = _Job(prepared, partial, values, own, steps, threads, fps or NOMINAL_FPS, quality, error)
+                made[rung.id] = _stored(job.encode(), partial, directory, quality, own)
+            del prepared
+        return GroupEntry(
+            index=group,
+            first_frame=first_frame,
+            frame_count=len(frames),
+            renditions=tuple(made[rung.id] for rung in rungs),
+        )
+    except ValidationError as problem:
+        raise StudioError(
+            "bake.group_invalid",
+            f"group {group} cannot be represented in the format ({invalid(problem, '', '').problem})",
+            fix="Train the group again.",
+            group=group,
+        ) from None
+    except OSError as problem:
+        raise StudioError(
+            "bake.write_failed",
+            f"the group cannot be written ({problem.strerror or problem})",
+            file=folder,
+            group=group,
+        ) from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _identity(rung: Rung, group: int, first_frame: int, frame_count: int, single: bool) -> JsonObject:
+    """What a rendition does not have from its encoder."""
+    pruning: Pruning = "fine-tuned" if rung.finetuned else "importance" if rung.pruned else "none"
+    return {
+        "index": group,
+        "first_frame": first_frame,
+        "frame_count": frame_count,
+        "id": "main" if single else rung.id,
+        "qp": 0,
+        "pruning": pruning,
+        "psnr_to_trained": None,
+    }
+
+
+@dataclass
+class _Job:
+    """Encodes one rendition of a group at one QP, at the QP that reaches a target, or with a limit to what each frame
+    loses.
+
+    Attributes:
+        prepared: the group, analyzed.
+        folder: for the files, replaced by each encoding.
+        identity: values of the rendition that the encoder does not know.
+        settings, progress, threads, fps, quality, error: as for `bake_group`.
+    """
+
+    prepared: MotionBake | PlanesBake
+    folder: Path
+    identity: Mapping[str, Any]
+    settings: BakeSettings
+    progress: ProgressFn
+    threads: int
+    fps: float
+    quality: QualityFn | None
+    error: FilmedErrorFn | None
+
+    def encode(self) -> AnyRendition:
+        """The rendition, without checks and figures; its files are in `folder`.
+
+        Raises:
+            StudioError: a target that no QP reaches, or a target or limit without the function that measures it.
+        """
+        settings, frames = self.settings, self.identity["frame_count"]
+        what = f"group {self.identity['index']}"
+        written: dict[int, AnyRendition] = {}  # only one set of files is on disk
+
+        def write(qp: int, offsets: Sequence[int] = ()) -> AnyRendition:
+            written.clear()
+            written[qp] = self._write(qp, offsets)
+            return written[qp]
+
+        qp = settings.qp
+        if settings.max_loss is not None and qp > 0:
+            error = self.error
+            if error is None:
+                raise StudioError(
+                    "bake.no_footage",
+                    "max_loss requires a function that compares decoded frames with the footage (error)",
+                    fix="Bake a take, pass error, or set max_loss to null.",
+                    setting="bake.max_loss",
+                )
+
+            def filmed(offsets: Sequence[int]) -> list[tuple[float, float]]:
+                return filmed_errors(draft := write(qp, offsets), self._contents(draft), error, settings.codec)
+
+            limited_offsets(filmed, frames, qp, settings.max_loss)
+        elif settings.target_kb_per_frame is not None:
+            target = settings.target_kb_per_frame
+            qp = search_qp(lambda qp: write(qp).bytes / frames / 1000, target, what, "KB per frame", at_most=True)
+        elif settings.target_psnr is not None:
+            quality = self.quality
+            if quality is None:
+                raise StudioError(
+                    "bake.no_renderer",
+                    "target_psnr requires a function that renders decoded frames (quality)",
+                    fix="Pass quality, or set qp instead.",
+                    setting="bake.target_psnr",
+                )
+
+            def psnr(qp: int) -> float:
+                return psnr_of(draft := write(qp), self._contents(draft), quality, settings.codec)
+
+            qp = search_qp(psnr, settings.target_psnr, what, "dB", at_most=False)
+        return written.get(qp) or write(qp)
+
+    def _write(self, qp: int, offsets: Sequence[int]) -> AnyRendition:
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder.mkdir(parents=True)
+        settings = self.settings.at_qp(qp)
+        return self.prepared.write(self.folder, self.identity, settings, self.progress, self.threads, self.fps, offsets)
+
+    def _contents(self, draft: Rendition) -> dict[str, bytes]:
+        return _contents(draft, self.folder)
+
+
+def _contents(draft: Rendition, folder: Path) -> dict[str, bytes]:
+    """Content by path of the files of a rendition, which are in `folder`."""
+    return {file.path: (folder / Path(file.path).name).read_bytes() for file in draft.files}
+
+
+def _stored(
+    draft: AnyRendition, folder: Path, directory: Path, quality: QualityFn | None, settings: BakeSettings
+) -> AnyRendition:
+    """The complete rendition, with its files moved from `folder` to their place."""
+    codec, files = settings.codec, _contents(draft, folder)
+    values = draft.model_dump()
+    if quality is not None:
+        values["psnr_to_trained"] = round(psnr_of(draft, files, quality, codec), 3)
+    for video, entry in zip(draft.videos, _video_values(values), strict=True):
+        entry["checks"] = luma_checks(files[video.path], draft.size, codec, draft.frame_count)
+    qp = max(video.qp for video in draft.videos)
+    values["qp"] = round(qp * QP_MAX / AV1_QP_MAX) if codec == "av1" else qp
+    rendition = type(draft).model_validate(values)
+    for path in files:
+        os.replace(folder / Path(path).name, directory / path)
+    return rendition
+
+
+def _video_values(values: JsonObject) -> list[JsonObject]:
+    if "video" in values:
+        return [values["video"]]
+    return [plane for component in values["components"] for plane in component["planes"]]
+
+
+def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int) -> tuple[dict[str, int], ...]:
+    """CRC-32 of the decoded luma of the first and of the middle picture of a video, as in the manifest."""
+    wanted = sorted({0, frame_count // 2})
+    found = []
+    decoder = PlaneDecoder(data, "baking", size, frame_count, codec)
+    try:
+        picture = np.empty(size[::-1], dtype=np.uint8)
+        for index in range(wanted[-1] + 1):
+            decoder.read(picture)
+            if index in wanted:
+                found.append({"picture": index, "crc32": zlib.crc32(picture.data)})
+    finally:
+        decoder.close()
+    return tuple(found)
+
+
+class _Steps:
+    """Progress of one rung as a part of all; counts frames of all rungs."""
+
+    def __init__(self, progress: ProgressFn, rung: int, rungs: int) -> None:
+        self._progress, self._rung, self._rungs = progress, rung, rungs
+
+    def __call__(self, done: int, total: int, **figures: Any) -> None:
+        self._progress(self._rung * total + done, self._rungs * total, **figures)
+
+
+class _Reduced(Sequence[Gaussians]):
+    """Frames with fewer splats or a lower SH degree, made on access."""
+
+    def __init__(
+        self, frames: Sequence[Gaussians], ranking: np.ndarray | None, share: float, sh_degree: int | None
+    ) -> None:
+        self._frames, self._degree = frames, sh_degree
+        self._kept: torch.Tensor | None = None
+        if share < 1:
+            assert ranking is not None
+            self._kept = torch.from_numpy(most_visible(ranking, share))
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, index: Any) -> Any:
+        frame = self._frames[index]
+        if self._kept is not None:
+            frame = frame[self._kept]
+        if self._degree is not None and self._degree < frame.sh_degree:
+            frame = frame.with_sh_degree(self._degree)
+        return frame
+
+
+def most_visible(ranking: np.ndarray, share: float) -> np.ndarray:
+    """Indices of the first `share` of a ranking, at least one, ascending."""
+    kept: np.ndarray = np.sort(ranking[: max(1, round(share * len(ranking)))])
+    return kept
+
+
+def ranking_of(contribution: np.ndarray) -> np.ndarray:
+    """(N,) indices of splats, the one that contributes most first; equal ones in their order."""
+    order: np.ndarray = np.argsort(-contribution, kind="stable")
+    return order
+
+
+def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | None, group: int) -> np.ndarray | None:
+    """(N,) splats, the most visible first; None if no rung is only cut."""
+    if not any(rung.pruned and not rung.finetuned for rung in rungs):
+        return None
+    if contribution is None:
+        raise StudioError(
+            "bake.no_contribution",
+            "a rung keeps only a share of the splats, but it is not known what each adds to the images",
+            fix="Bake a take, pass contribution, or set splats of all rungs to 1.",
+            setting="bake.ladder",
+            group=group,
+        )
+    values = contribution()
+    if values.shape != (splats,) or not np.isfinite(values).all():
+        raise StudioError(
+            "bake.invalid_contribution",
+            f"contribution gives {values.shape} values for {splats} splats, or some that are not finite",
+            value=values.shape,
+            group=group,
+            expected=(splats,),
+        )
+    return ranking_of(values)
+
+
+def bake_sound(cut: Cut, directory: Path) -> AudioEntry:
+    """Encode a sound into `directory/files`, under the name of its content. The same sound gives the same bytes.
+
+    Args:
+        cut: the sound, as long as the stream's frames.
+        directory: the stream's folder; created if missing.
+
+    Returns:
+        The entry for the manifest. `cut` then knows how much of it is silence (`missing_before`, `missing_after`).
+
+    Raises:
+        StudioError: the sound cannot be read, or the file cannot be written.
+    """
+    folder = directory / FILES
+    partial = temporary_path(folder / "sound")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        samples = encode_sound(cut.blocks(), str(partial), SAMPLE_RATE, cut.channels)
+        data = partial.read_bytes()
+        path, digest = content_name(data, ".m4a")
+        os.replace(partial, directory / path)
+    except OSError as error:
+        raise StudioError(
+            "bake.write_failed", f"the sound cannot be written ({error.strerror or error})", file=partial
+        ) from None
+    finally:
+        partial.unlink(missing_ok=True)
+    return AudioEntry(
+        path=path,
+        bytes=len(data),
+        sha256=digest,
+        codec="aac",
+        sample_rate=SAMPLE_RATE,
+        channels=cut.channels,
+        samples=samples,
+        start=0.0,
+    )

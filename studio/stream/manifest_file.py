@@ -1,0 +1,204 @@
+"""The manifest's bytes: reading with all checks, writing with size and checksum, growing, and the JSON schema."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from studio.bounded_text import Bounds, TextError, parse_json
+from studio.errors import StudioError
+from studio.json_types import JsonObject
+from studio.stream.manifest import (
+    FORMAT,
+    MAX_MANIFEST_BYTES,
+    PROFILES,
+    VERSION,
+    GroupEntry,
+    InconsistentError,
+    Manifest,
+    Page,
+    PageEntry,
+    invalid,
+)
+from studio.stream.source import BAKE_AGAIN
+
+_BOUNDS = Bounds(size=MAX_MANIFEST_BYTES, values=2_000_000)
+"""About 300 MB of memory; far more than groups in the manifest itself need, since most are in pages."""
+
+
+def parse_manifest(data: bytes, name: str) -> Manifest:
+    """Parse and validate a manifest.
+
+    Args:
+        data: content of the file.
+        name: path or URL for messages.
+
+    Raises:
+        StudioError: not JSON, another format or version, a value out of bounds, or a checksum mismatch.
+    """
+    _check_head(data, name)
+    try:
+        manifest = Manifest.model_validate_json(data)
+    except ValidationError as error:
+        raise invalid(error, name, BAKE_AGAIN) from None
+    digest = manifest.manifest_sha256
+    if hashlib.sha256(data.replace(digest.encode(), b"0" * 64)).hexdigest() != digest:
+        raise StudioError(
+            "manifest.wrong_checksum",
+            "the file does not match its own SHA-256: it was damaged or edited",
+            file=name,
+            fix=BAKE_AGAIN,
+        )
+    if not manifest.pages:
+        check_total(manifest, distinct_bytes(manifest.groups), len(data), name)
+    return manifest
+
+
+def _check_head(data: bytes, name: str) -> None:
+    """Format, version and profile first: their errors say more than those of the keys that another format lacks."""
+    try:
+        head = parse_json(data, _BOUNDS)
+    except TextError as error:
+        raise StudioError("manifest.not_json", f"not valid JSON ({error})", file=name, fix=BAKE_AGAIN) from None
+    if not isinstance(head, dict) or head.get("format") != FORMAT:
+        raise StudioError(
+            "manifest.wrong_format",
+            f"not the manifest of a {FORMAT}",
+            file=name,
+            fix="Choose the folder of a baked stream.",
+        )
+    version = head.get("version")
+    if version != VERSION:
+        raise StudioError(
+            "manifest.wrong_version",
+            f"the stream has format version {str(version)[:20]}; this program reads version {VERSION}",
+            file=name,
+            value=version if isinstance(version, int) else None,
+            fix="Bake it again with this version of V3 Studio, or update V3 Studio.",
+            expected=VERSION,
+        )
+    profile = head.get("profile")
+    if not isinstance(profile, str) or profile not in PROFILES:
+        shown = str(profile)[:80]
+        raise StudioError(
+            "manifest.unknown_profile",
+            f"unknown profile {shown!r}; expected one of {', '.join(PROFILES)}",
+            file=name,
+            value=shown,
+            fix=BAKE_AGAIN,
+        )
+
+
+def parse_page(
+    data: bytes, page: PageEntry, manifest: Manifest, first_group: int, first_frame: int, name: str
+) -> tuple[GroupEntry, ...]:
+    """Parse and validate a page of the index.
+
+    Args:
+        data: content of its file.
+        page: its entry in the manifest.
+        manifest: the stream's.
+        first_group, first_frame: of the page, by the manifest.
+        name: path or URL for messages.
+
+    Raises:
+        StudioError: another checksum, not JSON, a value out of bounds, or other groups than the manifest promises.
+    """
+    if hashlib.sha256(data).hexdigest() != page.sha256:
+        raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
+    try:
+        groups = Page.model_validate_json(data).groups
+        manifest.check_groups(groups, first_group, first_frame)
+        if tuple(group.frame_count for group in groups) != page.frames:
+            raise InconsistentError(
+                "page_frames", "the page's groups do not have the frames that the manifest promises"
+            )
+    except ValidationError as error:
+        raise invalid(error, name, BAKE_AGAIN) from None
+    except InconsistentError as error:
+        raise StudioError(
+            "manifest.invalid", str(error), file=name, fix=BAKE_AGAIN, location="", rule=error.rule
+        ) from None
+    return groups
+
+
+def distinct_bytes(groups: Sequence[GroupEntry]) -> int:
+    """Total size of the files of all renditions, each counted once."""
+    return sum({file.path: file.bytes for group in groups for file in group.files}.values())
+
+
+def check_total(manifest: Manifest, group_bytes: int, manifest_bytes: int, name: str) -> None:
+    """Raises StudioError unless `total_bytes` is right.
+
+    Args:
+        manifest: the stream's.
+        group_bytes: size of all files of all groups, each once.
+        manifest_bytes: size of the manifest's file.
+        name: path or URL for messages.
+    """
+    expected = group_bytes + sum(file.bytes for file in manifest.fixed_files) + manifest_bytes
+    if manifest.total_bytes != expected:
+        raise StudioError(
+            "manifest.wrong_total",
+            f"total_bytes is {manifest.total_bytes}, but the listed files have {expected} bytes",
+            file=name,
+            value=manifest.total_bytes,
+            fix=BAKE_AGAIN,
+            expected=expected,
+        )
+
+
+def seal(manifest: Manifest, group_bytes: int) -> tuple[Manifest, bytes]:
+    """Fill in `total_bytes` and `manifest_sha256`, which depend on the bytes of the manifest itself.
+
+    Args:
+        manifest: a draft.
+        group_bytes: `distinct_bytes` of all groups, also of those in pages.
+
+    Returns:
+        The manifest and the bytes to write.
+    """
+    zeros = "0" * 64
+    total = file_bytes = group_bytes + sum(file.bytes for file in manifest.fixed_files)
+    while True:  # the size includes its own digits; it only grows, so this converges after a few rounds
+        draft = manifest.model_copy(update={"total_bytes": total, "manifest_sha256": zeros})
+        data = draft.to_bytes()
+        if file_bytes + len(data) == total:
+            break
+        total = file_bytes + len(data)
+    digest = hashlib.sha256(data).hexdigest()
+    sealed = draft.model_copy(update={"manifest_sha256": digest})
+    return sealed, data.replace(zeros.encode(), digest.encode(), 1)
+
+
+def check_growth(old: Manifest, new: Manifest, name: str) -> None:
+    """Raises StudioError unless a live stream's new manifest only adds groups to the old one."""
+    kept = old.frame_counts
+    fixed = ("profile", "fps", "scan", "codec")
+    changed = [key for key in fixed if getattr(old, key) != getattr(new, key)]
+    if [one.id for one in old.renditions] != [one.id for one in new.renditions]:
+        changed.append("renditions")
+    same = all(before.files == after.files for before, after in zip(old.groups, new.groups, strict=False))
+    if new.frame_counts[: len(kept)] != kept or ("renditions" not in changed and not same):
+        changed.append("groups")
+    if changed:
+        raise StudioError(
+            "stream.live_changed",
+            f"the live stream was replaced by another one ({', '.join(changed)} differ)",
+            file=name,
+            value=changed,
+            fix="Open the stream again.",
+        )
+
+
+def manifest_schema() -> JsonObject:
+    """JSON schema (2020-12) of the manifest and of the pages of its index, published as `docs/stream.schema.json`. It
+    cannot express constraints between values (sums, counts, order); see `docs/STREAM.md` for those."""
+    kinds: TypeAdapter[Any] = TypeAdapter(Manifest | Page)
+    schema = kinds.json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "Manifest of a v3studio-stream"
+    return schema
