@@ -16,7 +16,7 @@ COPY scripts scripts
 ARG TORCH=cpu
 # The tests' set too: then `make test` holds in a container without a network.
 RUN bash scripts/system_packages.sh --tests && rm -rf /var/lib/apt/lists/*
-RUN PIP_NO_CACHE_DIR=1 V3STUDIO_TORCH=${TORCH} python3 scripts/install.py --dev --requirements-only
+RUN PIP_NO_CACHE_DIR=1 V3STUDIO_TORCH=${TORCH} bash scripts/setup.sh --packages-only dev
 
 COPY . .
 # Tests list our files by `git ls-files`, and the history is not copied into the image.

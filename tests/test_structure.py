@@ -56,7 +56,7 @@ def test_every_imported_package_is_declared() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = [text for name, texts in project["optional-dependencies"].items() if name != "docs" for text in texts]
     declared = {canonicalize_name(Requirement(text).name) for text in (*project["dependencies"], *extras)}
-    installed = importlib.metadata.packages_distributions() | {"open3d": ["open3d"]}  # scripts/install.py: open3d-cpu
+    installed = importlib.metadata.packages_distributions() | {"open3d": ["open3d"]}  # scripts/setup.sh: open3d-cpu
     files = [path for path in tracked_files() if path.suffix == ".py" and ROOT / "docs" not in path.parents]
     own = {path.stem for path in files} | {part for path in files for part in path.relative_to(ROOT).parts[:-1]}
     wrong = {
