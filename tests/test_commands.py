@@ -1,0 +1,71 @@
+"""Commands in the Makefile, the README and the guides are current: their targets, scripts, options and settings exist.
+
+Other tests run small versions: of `run` and its stages everywhere, examples (tests/v3studio), `cluster-demo`
+(tests/pipelines/runs/cluster), `gpu-check --dry-run` and `attack` (tests/benchmarks). `.ci/run` runs `lint`, `test`,
+`docs`, `fresh-test`, `sbom`, `tsan` and `wheel` themselves.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pipelines.cli import _parser
+from pipelines.commands.arguments import long_settings_as_set, overrides
+from pipelines.config import load_config
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted((ROOT / "docs").rglob("*.md")) + [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"]
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+TARGETS = re.findall(r"^([a-z-]+):.*?## ", MAKEFILE, re.MULTILINE)
+PLACEHOLDERS = re.compile(r"\[[^\]']*\]|\.\.\.")
+
+
+def blocks() -> Iterator[tuple[str, str]]:
+    """Page and command of each line in a shell block; lines that are continued are joined."""
+    for page in PAGES:
+        name = page.relative_to(ROOT).as_posix()
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        for block in re.findall(r"^ *```(?:sh|bash|console)\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL):
+            for line in block.splitlines():
+                yield name, line.strip().removeprefix("$ ").removeprefix(".venv/bin/")
+
+
+V3STUDIO = sorted({(page, line) for page, line in blocks() if line.startswith("v3studio ")})
+
+
+@pytest.mark.parametrize(("page", "line"), V3STUDIO, ids=[f"{page}:{line[:60]}" for page, line in V3STUDIO])
+def test_documented_commands_parse(page: str, line: str) -> None:
+    """Options exist, and settings have valid names and values. Optional parts in brackets are placeholders."""
+    if "FORMAT" in line or "[-" in line:
+        line = PLACEHOLDERS.sub("", line).replace("FORMAT", "ply")
+    words = shlex.split(re.split(r" [>|] | && ", line)[0], comments=True)[1:]
+    parser, commands = _parser()
+    try:
+        known = parser.parse_args(long_settings_as_set(words, commands.get(words[0], parser)))
+        load_config(None, overrides(known))
+    except SystemExit:
+        pytest.fail(f"{page}: {line}")
+
+
+def test_documented_targets_and_scripts_exist() -> None:
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for target in re.findall(r"(?:`|^|&& )make ([a-z][a-z-]*)", text, re.MULTILINE):
+            assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE), f"{page.name}: make {target}"
+        for script in re.findall(r"(?:scripts|benchmarks|examples)/[\w/]+\.(?:py|sh)", text):
+            assert (ROOT / script).is_file(), f"{page.name}: {script}"
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_make_targets_name_what_exists(target: str) -> None:
+    """A dry run; what it would start is there."""
+    dry = subprocess.run(["make", "-n", target], cwd=ROOT, capture_output=True, text=True)
+    assert dry.returncode == 0, dry.stderr
+    for script in re.findall(r"(?:scripts|benchmarks|web|tests)/[\w/]+\.(?:py|sh|mjs)", dry.stdout):
+        assert (ROOT / script).is_file(), script
