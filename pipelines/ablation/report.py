@@ -8,6 +8,7 @@ import io
 from pathlib import Path
 
 from pipelines.ablation.results import AblationResults
+from pipelines.reports.plots import figure_with_axes
 from pipelines.takes.atomic_files import write_bytes, write_text
 from studio.counts import counted
 
@@ -74,10 +75,7 @@ def write_report(results: AblationResults, qp: int, path: Path) -> None:
 
 
 def _plot(results: AblationResults) -> bytes:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 5.5), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = figure_with_axes(9, 5.5)
     for index, entry in enumerate(results.variants):
         points = sorted((point.kb_per_frame, point.psnr_decoded) for point in entry.points)
         axes.plot(
@@ -91,7 +89,6 @@ def _plot(results: AblationResults) -> bytes:
         )
     axes.set_xlabel("KB per frame")
     axes.set_ylabel("PSNR of the decoded stream (dB)")
-    axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=130)

@@ -100,21 +100,18 @@ def _compare(arguments: argparse.Namespace) -> int:
 def _print(result: Comparison, out: Path) -> None:
     from pipelines.reports.tables import escaped, table_of
     from pipelines.reports.terminal import console
+    from studio.comparison import FLICKER, METRICS
 
     protocol = result.protocol
-    lpips = ("LPIPS",) if protocol.lpips else ()
-    table = table_of(
-        "take", "PSNR", "color fit", "SSIM", *lpips, "flicker", "at borders", "KB/frame", "bytes", left=(0,)
-    )
+    metrics = [metric for metric in METRICS if getattr(result.takes[0], metric.name) is not None]
+    titles = [metric.title for metric in metrics]
+    table = table_of("take", *titles, FLICKER.title, "at borders", "KB/frame", "bytes", left=(0,))
     for take in result.takes:
         table.add_row(
             escaped(take.name) + ("*" if take.trained_on else ""),
-            f"{take.psnr:.2f}",
-            f"{take.psnr_color_fit:.2f}",
-            f"{take.ssim:.4f}",
-            *([f"{take.lpips:.4f}"] if take.lpips is not None else []),
-            _number(take.flicker),
-            _number(take.flicker_at_group_borders),
+            *(metric.text(getattr(take, metric.name), unit=False) for metric in metrics),
+            FLICKER.text(take.flicker, unit=False),
+            FLICKER.text(take.flicker_at_group_borders, unit=False),
             f"{take.bytes_per_frame / 1000:.1f}",
             f"{take.total_bytes:,}",
         )
@@ -137,7 +134,3 @@ def _print(result: Comparison, out: Path) -> None:
                 f"* {take.name} was trained on {', '.join(take.trained_on)}: not new views.", style="dim", markup=False
             )
     screen.print(f"results and pictures: {out}", markup=False, soft_wrap=True)
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"

@@ -10,14 +10,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.comparison.finished_frames import ComparedFrame, FinishedFrames, FrameOfTake
-from pipelines.comparison.measuring import FrameMeasurer
+from pipelines.comparison.measuring import FrameMeasurer, side_by_side
 from pipelines.comparison.opened_takes import OpenedTake, open_takes
-from pipelines.comparison.results import MEASURES, ComparedTake, Comparison, ComparisonProtocol, Measures
-from pipelines.comparison.side_by_side import side_by_side
+from pipelines.comparison.results import (
+    ComparedFrame,
+    ComparedTake,
+    Comparison,
+    ComparisonProtocol,
+    FinishedFrames,
+    FrameOfTake,
+    Measures,
+)
 from pipelines.takes.atomic_files import digest_of, digest_of_file, disk_errors, read_model, remove, write_model
 from pipelines.version import program_version
-from studio.comparison import EvaluationProtocol
+from studio.comparison import METRICS, EvaluationProtocol
 from studio.errors import StudioError
 from studio.json_types import JsonData
 from studio.progress import ProgressFn, no_progress
@@ -93,10 +99,7 @@ def compare(
                 done += len(takes) * len(names)
                 continue
             figures, views = measurer.measure(frame, before, frame in shown, tick)
-            images = {
-                _picture_name(camera, frame): side_by_side([take.name for take in takes], pairs, protocol.padding)
-                for camera, pairs in views.items()
-            }
+            images = {_picture_name(camera, frame): side_by_side(pairs) for camera, pairs in views.items()}
             compared.append(finished.write(frame, figures, images))
         progress(total, total)
         rows = [[each.takes[number] for each in compared] for number in range(len(takes))]
@@ -211,10 +214,10 @@ def _protocol(
 
 def _means(rows: Sequence[Measures]) -> Measures:
     figures = {}
-    for name in MEASURES:
-        values = [value for row in rows if (value := getattr(row, name)) is not None]
+    for metric in METRICS:
+        values = [value for row in rows if (value := getattr(row, metric.name)) is not None]
         if values:
-            figures[name] = round(_mean(values), 5)
+            figures[metric.name] = round(_mean(values), 5)
     return Measures(**figures)
 
 

@@ -1,28 +1,22 @@
-"""Measures one frame of all takes in a comparison."""
+"""Measures one frame of all takes in a comparison, and shows the takes side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.comparison.finished_frames import FrameOfTake
 from pipelines.comparison.opened_takes import OpenedTake
-from pipelines.comparison.results import FlickerOfFrame, Measures
-from studio.comparison import EvaluationProtocol, ViewPair, flicker, measure_view, padded_box
+from pipelines.comparison.results import FlickerOfFrame, FrameOfTake, Measures
+from pipelines.reports.evaluation import DIFFERENCE_GAIN
+from pipelines.reports.pictures import to_bytes
+from studio.comparison import EvaluationProtocol, Residual, ViewPair, flicker_of, measure, padded_box
 
 if TYPE_CHECKING:
     from studio.perceptual import Lpips
 
-
-@dataclass(frozen=True, eq=False)
-class _Residual:
-    """What is kept of a view for the flicker of the next frame."""
-
-    values: np.ndarray
-    mask: np.ndarray
+_LABEL_HEIGHT, _GAP = 18, 2
 
 
 class FrameMeasurer:
@@ -33,7 +27,7 @@ class FrameMeasurer:
         cameras: names.
         protocol: which pixels.
         lpips: the metric; None: not measured.
-        device: torch device to draw on.
+        device: torch device to render on.
         flicker: measure it; then the residuals of one frame are kept.
     """
 
@@ -52,82 +46,98 @@ class FrameMeasurer:
         self._lpips = lpips
         self._device = device
         self._flicker = flicker
-        self._before: dict[tuple[str, str], _Residual] = {}
+        self._before: dict[str, dict[str, Residual]] = {take.name: {} for take in takes}
         self._last: int | None = None
 
     def measure(
         self, frame: int, before: int | None, keep: bool, tick: Callable[[bool], None]
-    ) -> tuple[tuple[FrameOfTake, ...], dict[str, list[ViewPair]]]:
+    ) -> tuple[tuple[FrameOfTake, ...], dict[str, dict[str, ViewPair]]]:
         """Measure one frame.
 
         Args:
             frame: number in the footage.
-            before: the frame that flicker is measured against, None for the first one. It is drawn again if it is not
-                the one that was measured last.
+            before: the frame that flicker is measured against, None for the first one. It is rendered again if it is
+                not the one that was measured last.
             keep: return the views.
-            tick: called before each view is drawn; True if it is a view of `frame`.
+            tick: called before each view is rendered; True if it is a view of `frame`.
 
         Returns:
-            the figures of each take, and the views by camera, one of each take; empty without `keep`.
+            the figures of each take, and the views by camera and name of the take; empty without `keep`.
         """
         if self._flicker and before is not None and before != self._last:
-            self._before = {
-                (take.name, camera): _Residual(pair.residual, pair.mask)
-                for take in self._takes
-                for camera, pair in self._views(take, before, lambda: tick(False))
-            }
-        views: dict[str, list[ViewPair]] = {camera: [] for camera in self._cameras} if keep else {}
+            for take in self._takes:
+                pairs = self._pairs(take, before, lambda: tick(False))
+                self._before[take.name] = {camera: pair.residual for camera, pair in pairs}
+        views: dict[str, dict[str, ViewPair]] = {}
         found = []
         for take in self._takes:
             row: dict[str, Measures] = {}
-            changes: list[float] = []
-            for camera, pair in self._views(take, frame, lambda: tick(True)):
-                quality = measure_view(pair, self._protocol.padding, self._lpips)
-                if quality is not None:
-                    row[camera] = Measures(**{k: v for k, v in asdict(quality).items() if v is not None})
-                if self._flicker:
-                    now = _Residual(pair.residual, pair.mask)
-                    if before is not None:
-                        changes += _change(self._before[take.name, camera], now, self._protocol.padding)
-                    self._before[take.name, camera] = now
+            residuals: dict[str, Residual] = {}
+            for camera, pair in self._pairs(take, frame, lambda: tick(True)):
+                row[camera] = Measures.model_validate(measure(pair, self._lpips))
+                residuals[camera] = pair.residual
                 if keep:
-                    views[camera].append(pair)
-            found.append(_figures(take, frame, row, changes))
+                    views.setdefault(camera, {})[take.name] = pair
+            change = flicker_of(self._before[take.name], residuals) if self._flicker and before is not None else None
+            if change is None:
+                found.append(FrameOfTake(cameras=row))
+            else:
+                border = frame in take.group_starts
+                flicker = FlickerOfFrame(frame=int(frame), flicker=change, group_border=border)
+                found.append(FrameOfTake(cameras=row, flicker=flicker))
+            self._before[take.name] = residuals
         self._last = frame
         return tuple(found), views
 
-    def _views(self, take: OpenedTake, frame: int, tick: Callable[[], None]) -> Iterator[tuple[str, ViewPair]]:
-        gaussians = take.reader.gaussians(take.frames[frame])
+    def _pairs(self, take: OpenedTake, frame: int, tick: Callable[[], None]) -> Iterator[tuple[str, ViewPair]]:
+        """The views of cameras that see the performer."""
+        gaussians, padding = take.reader.gaussians(take.frames[frame]), self._protocol.padding
         for camera in self._cameras:
             tick()
-            yield (
-                camera,
-                ViewPair.of(
-                    gaussians,
-                    take.place.camera(take.footage.rig[camera]),
-                    take.footage.image(camera, frame),
-                    take.footage.evaluation_mask(camera, frame),
-                    self._protocol.background,
-                    self._device,
-                ),
-            )
+            mask = take.footage.evaluation_mask(camera, frame)
+            box = None if padding is None else padded_box(mask, padding)
+            if padding is None or box is not None:
+                place = take.place.camera(take.footage.rig[camera])
+                image, background = take.footage.image(camera, frame), self._protocol.background
+                yield camera, ViewPair.of(gaussians, place, image, mask, background, box, self._device, fit=True)
 
 
-def _figures(take: OpenedTake, frame: int, row: dict[str, Measures], changes: Sequence[float]) -> FrameOfTake:
-    if not changes:
-        return FrameOfTake(cameras=row)
-    border = frame in take.group_starts
-    change = round(sum(changes) / len(changes), 4)
-    return FrameOfTake(cameras=row, flicker=FlickerOfFrame(frame=int(frame), flicker=change, group_border=border))
+def side_by_side(pairs: dict[str, ViewPair]) -> np.ndarray:
+    """The footage and each take; below, the take's absolute difference from the footage, amplified.
+
+    Args:
+        pairs: one view of one frame by the name of the take, all of one size or of sizes that differ by a few pixels.
+
+    Returns:
+        (H, W, 3) uint8.
+    """
+    footage = next(iter(pairs.values())).footage
+    columns = [[_labeled("footage", footage), _labeled(f"difference x{DIFFERENCE_GAIN:g}", np.zeros_like(footage))]]
+    for name, pair in pairs.items():
+        difference = np.clip(np.abs(pair.rendered - pair.footage) * DIFFERENCE_GAIN, 0, 1)
+        columns.append([_labeled(name, pair.rendered), _labeled("", difference)])
+    rows = [_joined([column[row] for column in columns], axis=1) for row in (0, 1)]
+    return _joined(rows, axis=0)
 
 
-def _change(before: _Residual, now: _Residual, padding: int | None) -> list[float]:
-    """Flicker in the box around the performer of both frames; none if one of the masks is empty."""
-    if before.values.shape != now.values.shape:
-        return []
-    box: tuple[slice, ...] | None = (slice(None), slice(None))
-    if padding is not None:
-        if not ((before.mask > 127).any() and (now.mask > 127).any()):
-            return []
-        box = padded_box(np.maximum(before.mask, now.mask), padding)
-    return [] if box is None else [flicker(before.values[box], now.values[box])]
+def _labeled(text: str, image: np.ndarray) -> np.ndarray:
+    """The image below a line of text; letters that OpenCV cannot draw become question marks."""
+    import cv2
+
+    strip = np.full((_LABEL_HEIGHT, image.shape[1], 3), 255, np.uint8)
+    plain = text.encode("ascii", "replace").decode()
+    cv2.putText(strip, plain, (2, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
+    return np.concatenate([strip, to_bytes(image)])
+
+
+def _joined(images: Sequence[np.ndarray], axis: int) -> np.ndarray:
+    """Images in a row (axis 1) or column (axis 0), smaller ones padded with white."""
+    other = 1 - axis
+    size = max(image.shape[other] for image in images)
+    parts = []
+    for image in images:
+        edges = [[0, 0], [0, 0], [0, 0]]
+        edges[other][1] = size - image.shape[other]
+        edges[axis][1] = _GAP
+        parts.append(np.pad(image, edges, constant_values=255))
+    return np.concatenate(parts, axis=axis)

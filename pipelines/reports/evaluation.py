@@ -13,6 +13,7 @@ import numpy as np
 from pipelines.config import Config
 from pipelines.reports.pictures import encode
 from pipelines.reports.plots import mark_rows, plots
+from pipelines.reports.tables import metric_texts
 from pipelines.takes.atomic_files import digest_of, write_text
 from pipelines.takes.calibration import read_cameras_report
 from pipelines.takes.evaluation import Evaluation, read_evaluation
@@ -21,6 +22,7 @@ from pipelines.takes.marks import read_marks
 from pipelines.takes.records import note_rewritten, read_record
 from pipelines.takes.take import Take
 from pipelines.version import program_version
+from studio.comparison.metrics import FLICKER
 from studio.errors import StudioError
 
 _BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
@@ -60,7 +62,11 @@ def render_report(
         title=take.root.name,
         made=datetime.datetime.now().isoformat(sep=" ", timespec="minutes"),
         version=program_version(),
-        evaluation=evaluation.to_json(),
+        evaluation=evaluation,
+        protocol=evaluation.protocol.to_json(),
+        figures=_figures(evaluation),
+        titles=[f"{metric.title} {what}" for metric in evaluation.metrics for what in ("trained", "decoded")],
+        texts=metric_texts,
         gain=DIFFERENCE_GAIN,
         pictures=[_pictures(sample) for sample in samples],
         over_time=_over_time(take, groups, evaluation),
@@ -68,6 +74,20 @@ def render_report(
         timings=_timings(take),
         settings=config.model_dump(mode="json"),
     )
+
+
+def _figures(evaluation: Evaluation) -> list[tuple[str, str]]:
+    """The means at the top of the report: titles and values."""
+    summary = evaluation.summary
+    found = [
+        (f"{metric.title} {what}", metric.text(summary.measures[f"{metric.name}_{what}"]))
+        for metric in evaluation.metrics
+        for what in ("trained", "decoded")
+    ]
+    borders = summary.flicker_at_group_borders
+    for title, value in (("Flicker", summary.flicker), ("Flicker at group borders", borders)):
+        found += [] if value is None else [(title, FLICKER.text(value, unit=False))]
+    return found
 
 
 def update_marks(take: Take, groups: Sequence[Group]) -> bool:

@@ -12,6 +12,7 @@ from pipelines.takes.evaluation import Evaluation, FrameQuality
 from pipelines.takes.groups import Group
 from pipelines.takes.stage_files import TrainedGroup
 from pipelines.takes.take import Take
+from studio.comparison.metrics import FLICKER
 
 MARK_COLOR = "tab:red"
 
@@ -50,17 +51,24 @@ def mark_rows(evaluation: Evaluation, marks: Mapping[int, str]) -> list[MarkRow]
     return [MarkRow(frame, marks[frame], rows.get(frame)) for frame in sorted(marks)]
 
 
-def _svg(draw_into: Any, data: Any, marked: list[int]) -> str:
-    import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
+def figure_with_axes(width: float, height: float) -> tuple[Any, Any]:
+    """A matplotlib figure of this size in inches, and its axes: the look of all plots in reports."""
     from matplotlib.figure import Figure
 
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.25)
+    return figure, axes
+
+
+def _svg(plot_into: Any, data: Any, marked: list[int]) -> str:
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "v3studio", "font.size": 9}):
-        figure = Figure(figsize=(8, 2.6), layout="constrained")
-        axes = figure.add_subplot()
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(alpha=0.25)
-        if not draw_into(axes, data):
+        figure, axes = figure_with_axes(8, 2.6)
+        if not plot_into(axes, data):
             return ""
         for frame in marked:
             axes.axvline(frame, ymax=0.08, color=MARK_COLOR, linewidth=2, gid=f"mark {frame}")
@@ -90,7 +98,7 @@ def _flicker_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
     for row in rows:
         if row.keyframe:
             axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
-    axes.set(xlabel="frame (gray: group borders)", ylabel="flicker (levels of 255)", ylim=(0, None))
+    axes.set(xlabel="frame (gray: group borders)", ylabel=f"{FLICKER.title} ({FLICKER.unit})", ylim=(0, None))
     return True
 
 

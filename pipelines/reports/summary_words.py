@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from studio.comparison.metrics import EVALUATED
 from studio.counts import plural
 from studio.json_types import JsonData
 
@@ -67,15 +68,16 @@ def _bake(rest: dict[str, JsonData]) -> list[str]:
 
 def _evaluate(rest: dict[str, JsonData]) -> list[str]:
     words = []
-    for name, title, digits, unit in (("psnr", "PSNR", 2, " dB"), ("ssim", "SSIM", 4, ""), ("lpips", "LPIPS", 4, "")):
-        decoded, trained = rest.pop(f"{name}_decoded", None), rest.pop(f"{name}_trained", None)
-        lowest = rest.pop(f"{name}_decoded_lowest_frame", None)
-        rest.pop(f"{name}_trained_lowest_frame", None)
+    for metric in EVALUATED:
+        decoded, trained, lowest, _ = (
+            rest.pop(f"{metric.name}_{what}", None)
+            for what in ("decoded", "trained", "decoded_lowest_frame", "trained_lowest_frame")
+        )
         if not isinstance(decoded, int | float) or not isinstance(trained, int | float):
             continue
-        words.append(f"{title} {decoded:.{digits}f}{unit} (before baking {trained:.{digits}f}{unit})")
+        words.append(f"{metric.title} {metric.text(decoded)} (before baking {metric.text(trained)})")
         if isinstance(lowest, int | float):
-            words.append(f"lowest frame {lowest:.{digits}f}{unit}")
+            words.append(f"lowest frame {metric.text(lowest)}")
     per_frame = rest.pop("bytes_per_frame", None)
     words.append(f"{size_words(per_frame)} per frame" if isinstance(per_frame, int | float) else "")
     flicker, borders = rest.pop("flicker", None), rest.pop("flicker_at_group_borders", None)

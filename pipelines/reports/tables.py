@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING
 from pipelines.reports.terminal import console
 from pipelines.takes.evaluation import Quality, read_evaluation
 from pipelines.takes.take import Take
+from studio.comparison.metrics import EVALUATED
 from studio.counts import counted
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from studio.playback import PlaybackReport
-
-_FOUR_DIGITS = ("ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
-
 
 MOST_FRAMES = 300
 """Longer takes are shown by their lowest frames: nobody reads thousands of rows, and printing them takes a minute."""
@@ -28,8 +26,8 @@ def print_evaluation(take: Take) -> None:
     evaluation = read_evaluation(take.evaluation)
     summary, protocol = evaluation.summary, evaluation.protocol
     screen = console()
-    lpips = ("LPIPS trained", "decoded") if evaluation.has_lpips else ()
-    table = table_of("frame", "group", "splats", "PSNR trained", "decoded", "SSIM trained", "decoded", *lpips, "KB")
+    titles = [title for metric in evaluation.metrics for title in (f"{metric.title} trained", "decoded")]
+    table = table_of("frame", "group", "splats", *titles, "KB")
     rows, left_out = evaluation.frames, ""
     if len(rows) > MOST_FRAMES:
         lowest = sorted(rows, key=lambda row: row.psnr_decoded)[:LOWEST_FRAMES]
@@ -37,17 +35,19 @@ def print_evaluation(take: Take) -> None:
         left_out = f"The {len(rows)} frames with the lowest PSNR, decoded, of {len(evaluation.frames):,}. "
     for row in rows:
         mark = "*" if row.keyframe else ""
-        table.add_row(f"{row.frame}{mark}", str(row.group), str(row.splats), *_quality(row), f"{row.bytes / 1000:.1f}")
+        numbers = f"{row.frame}{mark}", str(row.group), str(row.splats)
+        table.add_row(*numbers, *metric_texts(row), f"{row.bytes / 1000:.1f}")
     table.add_section()
     mean = sum(row.bytes for row in evaluation.frames) / max(1, len(evaluation.frames))
-    table.add_row("mean", "", "", *_quality(summary), f"{mean / 1000:.1f}")
+    table.add_row("mean", "", "", *metric_texts(summary), f"{mean / 1000:.1f}")
     screen.print(table)
     which = "held-out cameras" if protocol.held_out else "TRAINING cameras (none held out):"
     screen.print(
         f"{left_out}{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
         f"{protocol.background}. * keyframe. KB: the group's files, divided by its frames.\n"
         f"To play it all: {protocol.total_bytes:,} bytes with manifest and sound, "
-        f"{summary.bytes_per_frame / 1000:.1f} KB per frame." + (f"\nLPIPS: {protocol.lpips}" if lpips else ""),
+        f"{summary.bytes_per_frame / 1000:.1f} KB per frame."
+        + (f"\nLPIPS: {protocol.lpips}" if protocol.lpips else ""),
         style="dim",
         markup=False,
     )
@@ -79,12 +79,11 @@ def print_playback(report: PlaybackReport) -> None:
     )
 
 
-def _quality(row: Quality) -> tuple[str, ...]:
+def metric_texts(row: Quality) -> list[str]:
+    """The metrics of a row that were measured, of trained and of decoded frames, without units."""
     measures = row.measures
-    return (
-        f"{row.psnr_trained:.2f}", f"{row.psnr_decoded:.2f}",
-        *(f"{measures[name]:.4f}" for name in _FOUR_DIGITS if name in measures),
-    )  # fmt: skip
+    names = [(metric, f"{metric.name}_{what}") for metric in EVALUATED for what in ("trained", "decoded")]
+    return [metric.text(measures[name], unit=False) for metric, name in names if name in measures]
 
 
 def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:

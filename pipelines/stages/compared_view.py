@@ -1,16 +1,14 @@
-"""Views of the footage with which rendered splats are compared: one way to make such a pair of images."""
+"""Views of the footage with which splats are compared: the cameras, masks and pixels of the evaluation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.reports.pictures import draw
 from pipelines.stages.inputs import Inputs
-from studio.comparison import flicker, padded_box
+from studio.comparison import ViewPair, padded_box
 
 if TYPE_CHECKING:
     from studio.cameras import Camera
@@ -18,43 +16,28 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Residual:
-    """Decoded minus footage in the box of a view, kept from one frame to the next to measure flicker.
-
-    Attributes:
-        box: rows and columns of the image.
-        values: (h, w, 3) float16, colors in 0 to 1.
-    """
-
-    box: tuple[slice, slice]
-    values: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class ComparedView:
-    """A view of the footage, with the performer over the background.
+    """A view of the footage.
 
     Attributes:
         camera: from which splats are rendered.
+        image: (H, W, 3) uint8 RGB.
+        mask: (H, W) uint8, 255 is the performer.
         box: rows and columns that are measured.
-        footage: (h, w, 3) float32 image in the box, 0 to 1.
         background: RGB, 0 to 1.
         device: torch device to render on.
     """
 
     camera: Camera
+    image: np.ndarray
+    mask: np.ndarray
     box: tuple[slice, slice]
-    footage: np.ndarray
     background: tuple[float, float, float]
     device: str
 
-    def render(self, gaussians: Gaussians) -> np.ndarray:
-        """(h, w, 3) float32 in 0 to 1: splats in the box."""
-        return draw(gaussians, self.camera, self.background, self.device)[self.box]
-
-    def residual(self, decoded: np.ndarray) -> Residual:
-        """Of what was rendered in the box."""
-        return Residual(self.box, (decoded - self.footage).astype(np.float16))
+    def pair(self, gaussians: Gaussians) -> ViewPair:
+        """The footage and these splats, in the box."""
+        return ViewPair.of(gaussians, self.camera, self.image, self.mask, self.background, self.box, self.device)
 
 
 def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | None:
@@ -73,41 +56,12 @@ def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | Non
     box = padded_box(mask, settings.evaluate.crop_padding)
     if box is None:
         return None
-    alpha = mask[box][..., None].astype(np.float32) / 255
-    background = settings.capture.background
-    color = np.array(background, dtype=np.float32)
-    image = view.image[box].astype(np.float32) / 255 * alpha + color * (1 - alpha)
     world = inputs.edits.similarity
     place = view.camera if world.is_identity else world.camera(view.camera)
-    return ComparedView(place, box, image, background, inputs.device)
+    return ComparedView(place, view.image, mask, box, settings.capture.background, inputs.device)
 
 
 def compared_cameras(inputs: Inputs) -> tuple[str, ...]:
     """Names of the held-out cameras; those of the training cameras if none is held out."""
     footage = inputs.footage.calibrated
     return footage.held_out_cameras or footage.train_cameras
-
-
-def flicker_of(before: Mapping[str, Residual], now: Mapping[str, Residual]) -> float | None:
-    """Flicker between two consecutive frames where the boxes overlap, mean over cameras, in levels of 0 to 255.
-
-    Args:
-        before, now: by camera.
-
-    Returns:
-        None if no camera has the performer in both frames.
-    """
-    found = []
-    for camera in sorted(set(before) & set(now)):
-        one, other = before[camera], now[camera]
-        spans = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one.box, other.box, strict=True)]
-        if all(start < stop for start, stop in spans):
-            parts = []
-            for each in (one, other):
-                rows, columns = (
-                    slice(start - side.start, stop - side.start)
-                    for (start, stop), side in zip(spans, each.box, strict=True)
-                )
-                parts.append(each.values[rows, columns].astype(np.float32))
-            found.append(flicker(*parts))
-    return round(sum(found) / len(found), 4) if found else None

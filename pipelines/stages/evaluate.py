@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from pipelines.config import Config
 from pipelines.reports.evaluation import Sample, render_report
 from pipelines.stages import Executor, stage_named
 from pipelines.stages.baking.plan import baked_frames
-from pipelines.stages.compared_view import Residual, compared_cameras, compared_view, flicker_of
+from pipelines.stages.compared_view import compared_cameras, compared_view
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.measured_groups import Measured, read_measured, write_measured
 from pipelines.stages.params import Params, key_of, settings_affecting
@@ -25,7 +25,7 @@ from pipelines.takes.edited import EditedGroup
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
-from studio.comparison import HIGHEST_PSNR
+from studio.comparison import Residual, flicker_of, measure
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
@@ -227,8 +227,6 @@ def _reader(inputs: Inputs) -> Iterator[StreamReader]:
 def _measure(
     inputs: Inputs, group: Group, reporter: StageReporter, reader: StreamReader, start: float, stop: float
 ) -> Measured:
-    from studio.metrics import psnr, ssim
-
     measured, cameras = Measured(), compared_cameras(inputs)
     lpips = lpips_of(inputs.config, inputs.device)
     sizes = {
@@ -255,19 +253,13 @@ def _measure(
             if view is None:
                 measured.unseen.append((index, camera))
                 continue
-            sample = Sample(frame, camera, view.footage, view.render(trained), view.render(decoded))
-            residuals[camera] = view.residual(sample.decoded)
-            views[camera] = {}
-            for what in ("trained", "decoded"):
-                image, footage = _tensor(getattr(sample, what)), _tensor(sample.footage)
-                views[camera][f"psnr_{what}"] = round(min(float(psnr(image, footage)), HIGHEST_PSNR), 4)
-                views[camera][f"ssim_{what}"] = round(float(ssim(image, footage)), 5)
-                if lpips is not None:
-                    from studio.perceptual import at_least
-
-                    pair = (at_least(one, inputs.config.capture.background) for one in (image, footage))
-                    views[camera][f"lpips_{what}"] = round(lpips(*pair), 5)
+            pairs = {"trained": view.pair(trained), "decoded": view.pair(decoded)}
+            residuals[camera] = pairs["decoded"].residual
+            views[camera] = {
+                f"{name}_{what}": value for what, pair in pairs.items() for name, value in measure(pair, lpips).items()
+            }
             if index in shown and camera in cameras[:3]:
+                sample = Sample(frame, camera, pairs["decoded"].footage, *(pair.rendered for pair in pairs.values()))
                 measured.samples.append(sample)
         if views:
             row = _row(group, index, frame, views, sizes[index - baked[0]], trained)
@@ -290,7 +282,7 @@ def _residuals(
         reporter.check()
         view = compared_view(inputs, camera, inputs.footage.raw.frames[index])
         if view is not None:
-            found[camera] = view.residual(view.render(decoded))
+            found[camera] = view.pair(decoded).residual
     return found
 
 
@@ -313,12 +305,6 @@ def _row(
         **_means(cameras.values()),
         cameras=cameras,
     )
-
-
-def _tensor(image: np.ndarray) -> Any:
-    import torch
-
-    return torch.from_numpy(np.ascontiguousarray(image))
 
 
 def _means(rows: Iterable[Quality]) -> dict[str, float]:

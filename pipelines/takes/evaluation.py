@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from pipelines.takes.atomic_files import Result, read_model
+from studio.comparison.metrics import EVALUATED, Metric
 
-MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
-"""Metrics of a row, in order; the last two only with evaluate.lpips."""
+MEASURES = tuple(f"{metric.name}_{what}" for metric in EVALUATED for what in ("trained", "decoded"))
+"""Figures of a row, in order: metrics of trained and decoded frames. LPIPS only with evaluate.lpips."""
 
 
 class Quality(Result):
@@ -106,9 +107,9 @@ class Evaluation(Result):
     frames: tuple[FrameQuality, ...]
 
     @property
-    def has_lpips(self) -> bool:
-        """Whether LPIPS was measured."""
-        return self.summary.lpips_trained is not None
+    def metrics(self) -> tuple[Metric, ...]:
+        """Those that were measured."""
+        return tuple(metric for metric in EVALUATED if f"{metric.name}_decoded" in self.summary.measures)
 
 
 def read_evaluation(path: Path) -> Evaluation:

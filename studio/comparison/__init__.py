@@ -1,4 +1,4 @@
-"""Measuring drawn frames against footage by a stated protocol, so that results can be compared with those of others."""
+"""Measuring rendered frames against footage by a stated protocol, so that others can compare their results."""
 
 import lazy_loader
 

@@ -1,15 +1,20 @@
-from .flicker import flicker
+from .metrics import EVALUATED, FLICKER, HIGHEST_PSNR, METRICS, Metric, measure
 from .protocols import PROTOCOLS, EvaluationProtocol, find_camera
-from .view_quality import HIGHEST_PSNR, ViewPair, ViewQuality, measure_view, padded_box
+from .view_pair import Residual, ViewPair, flicker, flicker_of, padded_box
 
 __all__ = [
+    "EVALUATED",
+    "FLICKER",
     "HIGHEST_PSNR",
+    "METRICS",
     "PROTOCOLS",
     "EvaluationProtocol",
+    "Metric",
+    "Residual",
     "ViewPair",
-    "ViewQuality",
     "find_camera",
     "flicker",
-    "measure_view",
+    "flicker_of",
+    "measure",
     "padded_box",
 ]

@@ -118,7 +118,8 @@ class FilmedError:
     def _error(self, gaussians: Gaussians, views: Sequence[ComparedView]) -> float:
         if not views:
             return 0.0
-        errors = [np.square(view.render(gaussians) - view.footage).mean(dtype=np.float64) for view in views]
+        pairs = [view.pair(gaussians) for view in views]
+        errors = [np.square(pair.rendered - pair.footage).mean(dtype=np.float64) for pair in pairs]
         return float(np.exp(np.mean(np.log(np.maximum(errors, 1e-12)))))
 
 

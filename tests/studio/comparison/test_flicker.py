@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipelines.stages.compared_view import Residual, flicker_of
+from studio.comparison import Residual, flicker_of
 
 
 def at(top: int, left: int, values: np.ndarray) -> Residual:

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from studio.cameras import Camera
-from studio.comparison import PROTOCOLS, ViewPair, find_camera, flicker, measure_view, padded_box
+from studio.comparison import PROTOCOLS, ViewPair, find_camera, flicker, measure, padded_box
 from studio.gaussians import Gaussians
 
 WIDTH, HEIGHT = 64, 48
@@ -37,7 +37,7 @@ def filmed(change: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     pair = ViewPair.of(
         splats(), camera(), np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8), (0, 0, 0)
     )
-    image, mask = pair.drawn, (pair.drawn.sum(-1) > 0.15).astype(np.uint8) * 255
+    image, mask = pair.rendered, (pair.rendered.sum(-1) > 0.15).astype(np.uint8) * 255
     if change is not None:
         image = image @ change[:, :3].T + change[:, 3]
     return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), mask
@@ -51,41 +51,34 @@ def test_psnr_is_that_of_opencv_over_the_background(background):
     )
     pair = ViewPair.of(splats(), camera(), noisy, mask, background)
     truth = np.where(mask[..., None] > 0, noisy / 255, np.array(background))
-    assert np.allclose(pair.truth, truth, atol=1e-6)
-    found = measure_view(pair, None)
-    assert found.psnr == pytest.approx(cv2.PSNR(truth, pair.drawn.astype(float), 1.0), abs=1e-3)
+    assert np.allclose(pair.footage, truth, atol=1e-6)
+    found = measure(pair)
+    assert found["psnr"] == pytest.approx(cv2.PSNR(truth, pair.rendered.astype(float), 1.0), abs=1e-3)
     rows, columns = padded_box(mask, 8)
-    box = measure_view(pair, 8)
-    assert box.psnr == pytest.approx(
-        cv2.PSNR(truth[rows, columns], pair.drawn[rows, columns].astype(float), 1.0), abs=1e-3
+    box = measure(ViewPair.of(splats(), camera(), noisy, mask, background, (rows, columns)))
+    assert box["psnr"] == pytest.approx(
+        cv2.PSNR(truth[rows, columns], pair.rendered[rows, columns].astype(float), 1.0), abs=1e-3
     )
     # outside the box all is background, so both have the same squared error in total
     ratio = WIDTH * HEIGHT / ((rows.stop - rows.start) * (columns.stop - columns.start))
-    assert found.psnr - box.psnr == pytest.approx(10 * math.log10(ratio), abs=0.05)
+    assert found["psnr"] - box["psnr"] == pytest.approx(10 * math.log10(ratio), abs=0.05)
 
 
 def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
     change = np.array([[0.9, 0.05, 0, 0.02], [0, 1.1, 0, -0.03], [0.03, 0, 0.8, 0.04]])
     image, mask = filmed(change)
-    pair = ViewPair.of(splats(), camera(), image, mask, (0, 0, 0))
-    found = measure_view(pair, 8)
-    assert found.psnr < 32
-    assert found.psnr_color_fit > found.psnr + 3
+    pair = ViewPair.of(splats(), camera(), image, mask, (0, 0, 0), fit=True)
+    found = measure(pair)
+    assert found["psnr"] < 32
+    assert found["psnr_color_fit"] > found["psnr"] + 3
     inside = mask > 127
     # plain least squares on the performer, by NumPy
     from studio.rasterizer import rasterize
 
     render = rasterize(splats(), camera(), torch.zeros(3))
     base = np.concatenate([render.image.numpy(), render.alpha.numpy()[..., None]], -1)
-    matrix = np.linalg.lstsq(base[inside], pair.truth[inside], rcond=None)[0]
+    matrix = np.linalg.lstsq(base[inside], pair.footage[inside], rcond=None)[0]
     assert np.allclose(pair.fitted, np.clip(base @ matrix, 0, 1), atol=1e-4)
-
-
-def test_a_box_without_performer_is_not_measured():
-    image, mask = filmed()
-    pair = ViewPair.of(splats(), camera(), image, np.zeros_like(mask), (0, 0, 0))
-    assert measure_view(pair, 8) is None
-    assert measure_view(pair, None) is not None
 
 
 def test_a_constant_error_does_not_flicker_and_noise_does():
@@ -97,19 +90,17 @@ def test_a_constant_error_does_not_flicker_and_noise_does():
 
 
 def test_lpips_gets_images_of_its_smallest_size():
-    image, mask = filmed()
-    small = ViewPair(
-        *(np.zeros((20, 20, 3), np.float32) for _ in range(3)), np.full((20, 20), 255, np.uint8), (1, 1, 1)
-    )
+    black = np.zeros((20, 20, 3), np.float32)
+    small = ViewPair(black, black, (1, 1, 1), (slice(0, 20), slice(0, 20)))
     sizes = []
 
     def metric(one, other):
         sizes.append((tuple(one.shape), float(one[-1, -1, 0])))
         return 0.25
 
-    assert measure_view(small, None, metric).lpips == 0.25
+    assert measure(small, metric)["lpips"] == 0.25
     assert sizes == [((32, 32, 3), 1.0)]
-    assert measure_view(ViewPair.of(splats(), camera(), image, mask, (0, 0, 0)), None).lpips is None
+    assert "lpips" not in measure(small)
 
 
 def test_box_is_padded_and_stays_inside():

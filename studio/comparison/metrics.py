@@ -1,0 +1,110 @@
+"""The metrics: one table, which the evaluation, its tables and report, `compare` and the window read.
+
+To add a metric: a row here, and fields in `Quality` (`pipelines.takes.evaluation`) and `Measures`
+(`pipelines.comparison.results`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from studio.comparison.view_pair import ViewPair
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+HIGHEST_PSNR = 100.0
+"""dB; stands for the infinite PSNR of equal images."""
+
+Distance = Callable[["Tensor", "Tensor"], float]
+"""LPIPS of two (H, W, 3) images."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A figure of image quality.
+
+    Attributes:
+        name: in results.
+        title: in tables, reports and plots.
+        unit: behind its values; may be empty.
+        digits: decimals that are shown.
+        higher_is_better: False: lower values are better.
+        measure: its value for a pair of images; None if it is not measured. None for flicker, which compares frames.
+        evaluated: the evaluation of a take measures it, of trained and of decoded frames; False: only `compare` does.
+    """
+
+    name: str
+    title: str
+    unit: str
+    digits: int
+    higher_is_better: bool
+    measure: Callable[[ViewPair, Distance | None], float | None] | None
+    evaluated: bool = True
+
+    def text(self, value: float | None, unit: bool = True) -> str:
+        """A value with its digits and unit; "-" for None."""
+        if value is None:
+            return "-"
+        return f"{value:.{self.digits}f}{f' {self.unit}' if unit and self.unit else ''}"
+
+
+def _psnr(pair: ViewPair, lpips: Distance | None) -> float:
+    from studio.metrics import psnr
+
+    return min(float(psnr(_tensor(pair.rendered), _tensor(pair.footage))), HIGHEST_PSNR)
+
+
+def _psnr_color_fit(pair: ViewPair, lpips: Distance | None) -> float | None:
+    from studio.metrics import psnr
+
+    if pair.fitted is None:
+        return None
+    return min(float(psnr(_tensor(pair.fitted), _tensor(pair.footage))), HIGHEST_PSNR)
+
+
+def _ssim(pair: ViewPair, lpips: Distance | None) -> float:
+    from studio.metrics import ssim
+
+    return float(ssim(_tensor(pair.rendered), _tensor(pair.footage)))
+
+
+def _lpips(pair: ViewPair, lpips: Distance | None) -> float | None:
+    if lpips is None:
+        return None
+    from studio.perceptual import at_least
+
+    rendered, footage = (at_least(_tensor(image), pair.background) for image in (pair.rendered, pair.footage))
+    return lpips(rendered, footage)
+
+
+def _tensor(image: np.ndarray) -> Any:
+    import torch
+
+    return torch.from_numpy(np.ascontiguousarray(image))
+
+
+METRICS = (
+    Metric("psnr", "PSNR", "dB", 2, True, _psnr),
+    Metric("psnr_color_fit", "color fit", "dB", 2, True, _psnr_color_fit, evaluated=False),
+    Metric("ssim", "SSIM", "", 4, True, _ssim),
+    Metric("lpips", "LPIPS", "", 4, False, _lpips),
+)
+"""Of a view, in the order in which they are shown. PSNR as filmed; after the best 3x4 color matrix of the view, since
+the colors of a camera that was not trained on are not known; SSIM; LPIPS, if it is asked for."""
+
+EVALUATED = tuple(metric for metric in METRICS if metric.evaluated)
+
+FLICKER = Metric("flicker", "flicker", "levels of 255", 2, False, None)
+"""Between consecutive frames; see `Residual`."""
+
+
+def measure(pair: ViewPair, lpips: Distance | None = None) -> dict[str, float]:
+    """The metrics of a pair of images that are measured, by name."""
+    found = {metric.name: metric.measure(pair, lpips) for metric in METRICS if metric.measure is not None}
+    return {name: round(value, 5) for name, value in found.items() if value is not None}

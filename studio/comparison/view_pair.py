@@ -1,0 +1,142 @@
+"""One view of a frame: the footage and rendered splats, over the same background; and how their difference flickers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from studio.cameras import Camera
+    from studio.gaussians import Gaussians
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """Rendered minus footage in the box of a view, kept from one frame to the next to measure flicker.
+
+    Attributes:
+        box: rows and columns of the image.
+        values: (h, w, 3) float16, colors in 0 to 1.
+    """
+
+    box: tuple[slice, slice]
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ViewPair:
+    """Footage and rendered splats in the box of a view, float32 RGB in 0 to 1.
+
+    Attributes:
+        footage: (h, w, 3), composited with the mask.
+        rendered: (h, w, 3) splats.
+        background: RGB, 0 to 1.
+        box: rows and columns of the image.
+        fitted: (h, w, 3) splats after the best 3x4 color matrix; None: it was not asked for.
+    """
+
+    footage: np.ndarray
+    rendered: np.ndarray
+    background: tuple[float, ...]
+    box: tuple[slice, slice]
+    fitted: np.ndarray | None = None
+
+    @property
+    def residual(self) -> Residual:
+        """Rendered minus footage."""
+        return Residual(self.box, (self.rendered - self.footage).astype(np.float16))
+
+    @classmethod
+    def of(
+        cls,
+        gaussians: Gaussians,
+        camera: Camera,
+        image: np.ndarray,
+        mask: np.ndarray,
+        background: Sequence[float],
+        box: tuple[slice, slice] | None = None,
+        device: str = "cpu",
+        fit: bool = False,
+    ) -> ViewPair:
+        """Render a view and composite the footage.
+
+        Args:
+            gaussians: on any device.
+            camera: pinhole camera of `image`.
+            image: (H, W, 3) uint8 RGB.
+            mask: (H, W) uint8, 255 is the performer.
+            background: RGB, 0 to 1.
+            box: rows and columns to cut to; None: the full frame.
+            device: torch device to render on.
+            fit: also fit the colors of the splats to those of the footage.
+        """
+        import torch
+
+        from studio.color_fit import correct_color, fit_color
+        from studio.rasterizer import rasterize
+
+        box = (slice(0, camera.height), slice(0, camera.width)) if box is None else box
+        color = torch.tensor(background, dtype=torch.float32, device=device)
+        with torch.no_grad():
+            render = rasterize(gaussians.to(device), camera, torch.zeros_like(color))
+            rest = (1 - render.alpha)[..., None] * color
+            shown = torch.from_numpy(mask).to(device)[..., None].float() / 255
+            footage = torch.from_numpy(image).to(device).float() / 255 * shown + color * (1 - shown)
+            images = [footage, (render.image + rest).clamp(0, 1)]
+            if fit:
+                matrix = fit_color(render.image, render.alpha, footage - rest, shown[..., 0] > 0.5)
+                images.append((correct_color(render.image, render.alpha, matrix) + rest).clamp(0, 1))
+        cut = [each[box].cpu().numpy() for each in images]
+        return cls(cut[0], cut[1], tuple(background), box, cut[2] if fit else None)
+
+
+def padded_box(mask: np.ndarray, padding: int) -> tuple[slice, slice] | None:
+    """Rows and columns of the bounding box of an (H, W) uint8 mask above 127, padded by `padding` pixels and clipped
+    to the image; None if the mask is empty."""
+    rows, columns = np.flatnonzero((mask > 127).any(1)), np.flatnonzero((mask > 127).any(0))
+    if rows.size == 0:
+        return None
+    return (
+        slice(max(0, int(rows[0]) - padding), min(mask.shape[0], int(rows[-1]) + 1 + padding)),
+        slice(max(0, int(columns[0]) - padding), min(mask.shape[1], int(columns[-1]) + 1 + padding)),
+    )
+
+
+def flicker(before: np.ndarray, now: np.ndarray) -> float:
+    """RMS change of the residual between two consecutive frames of one camera, in levels of 0 to 255.
+
+    An error that stays, such as blur, does not flicker; motion that is reproduced does not either. The footage's own
+    noise is part of it, equally for all that is compared with the same footage.
+
+    Args:
+        before, now: (H, W, 3) residuals, rendered minus footage, colors in 0 to 1; the same size.
+    """
+    return float(np.sqrt(np.square((now - before).astype(np.float64)).mean()) * 255)
+
+
+def flicker_of(before: Mapping[str, Residual], now: Mapping[str, Residual]) -> float | None:
+    """Flicker between two consecutive frames where the boxes overlap, mean over cameras, in levels of 0 to 255.
+
+    Args:
+        before, now: by camera.
+
+    Returns:
+        None if no camera has the performer in both frames.
+    """
+    found = []
+    for camera in sorted(set(before) & set(now)):
+        one, other = before[camera], now[camera]
+        spans = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one.box, other.box, strict=True)]
+        if all(start < stop for start, stop in spans):
+            parts = []
+            for each in (one, other):
+                rows, columns = (
+                    slice(start - side.start, stop - side.start)
+                    for (start, stop), side in zip(spans, each.box, strict=True)
+                )
+                parts.append(each.values[rows, columns].astype(np.float32))
+            found.append(flicker(*parts))
+    return round(sum(found) / len(found), 4) if found else None
