@@ -22,7 +22,7 @@ Exports are imported on first use, so `import v3studio` is fast.
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _EXPORTS = {
     "pipelines.config": ("Config", "load_config"),
