@@ -13,7 +13,7 @@ has a size. The same arguments give the same pictures.
     clean_plates/camNN.png        the empty room, without noise
     mattes/camNN/NNNNNN.png       exact masks
     cameras.json                  calibration (OpenCV axes, meters, z up)
-    own.yaml, exact.yaml          settings: the quickstart's training from clean plates (with mask_colored_shadows) or
+    own.yaml, exact.yaml          settings: the quickstart's training from clean plates (with mask_shadows: colored) or
                                   from the exact masks, cam03 and cam08 held out, evaluated with the exact masks
 """
 
@@ -310,7 +310,7 @@ def write_settings(folder: Path, frames: int) -> None:
     plates = {"clean_plates": "clean_plates/{camera}.png"}
     exact = "mattes/{camera}/{frame:06d}.png"
     sources: dict[str, dict[str, Any]] = {
-        "own": {"masks": "clean_plate", "mask_colored_shadows": True, **plates},
+        "own": {"masks": "clean_plate", "mask_shadows": "colored", **plates},
         "exact": {"masks": "files", "mask_files": exact, **plates},
     }
     for name, source in sources.items():

@@ -80,7 +80,6 @@ def open_takes(
     spec = first.capture.replace(
         cameras=names,
         held_out=(),
-        held_out_every=0,
         scale=protocol.scale or first.capture.scale,
     )
     run = first.config.run

@@ -18,7 +18,7 @@ _SPARSE = 0.4
 _UNSURE = 0.02
 """Largest 1-sigma camera position uncertainty, as a fraction of the distance to the points."""
 _FAR_OFF = 5
-"""Largest error of a measured point, in units of calibrate.tie_world_accuracy."""
+"""Largest error of a measured point, in units of the accuracy of measured positions."""
 _NEAR, _FAR = 0.05, 100
 """Plausible camera distances in meters."""
 

@@ -33,7 +33,7 @@ def memory_errors(stage: str) -> Iterator[None]:
         raise StudioError(
             "run.out_of_memory",
             f"memory ran out in the stage {stage}; this process may use {memory_limit() / 1e9:.1f} GB",
-            fix="Allow more memory, or lower run.groups_at_once, capture.cache_megabytes or capture.scale, and run "
+            fix="Allow more memory, or lower run.groups_at_once or capture.scale, and run "
             "again; finished work is kept.",
             stage=stage,
         ) from error

@@ -206,7 +206,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
         masks,
         workdir=work,
         known=known,
-        poses=before if section.known_poses else None,
+        poses=None if section.known_poses == "unused" else before,
         focal_lengths={} if known else focal_lengths(footage, frames[0]),
         settings=section,
         threads=inputs.config.run.threads,

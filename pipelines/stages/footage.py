@@ -50,7 +50,7 @@ class TakeFootage:
 
         capture = with_garbage_of(self.config.capture, self.take)
         if is_address(capture.root):
-            return capture.replace(root=mirrored(capture.root, capture.disk_cache_gigabytes))
+            return capture.replace(root=mirrored(capture.root))
         here = path_here(capture.root, self.config.run.paths)
         return capture if here == capture.root else capture.replace(root=here)
 

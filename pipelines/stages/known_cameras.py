@@ -62,7 +62,7 @@ def known_cameras(inputs: Inputs) -> Rig | None:
 
     section = inputs.config.calibrate
     if not section.known_cameras:
-        if section.known_poses:
+        if section.known_poses != "unused":
             raise StudioError(
                 "settings.missing",
                 "calibrate.known_poses needs calibrate.known_cameras",

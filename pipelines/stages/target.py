@@ -12,6 +12,8 @@ from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from studio.errors import Message, StudioError
 
+_MOST_FRAMES = 300  # per camera that are searched for the target, spread evenly: more views do not help
+
 if TYPE_CHECKING:
     from studio.calibration import CalibrationResult, TargetObservation
     from studio.calibration.report import IntrinsicsReport
@@ -130,10 +132,9 @@ def _views(
             camera=missing[0],
             found=list(footage.camera_names),
         )
-    most = inputs.config.calibrate.board_frames
     # the same frames for all cameras
     frames = sorted({frame for name in names for frame in footage.frames_of(name)})
-    chosen = {frames[int(index)] for index in np.linspace(0, len(frames) - 1, min(most, len(frames)))}
+    chosen = {frames[int(index)] for index in np.linspace(0, len(frames) - 1, min(_MOST_FRAMES, len(frames)))}
     sync_frames, readers = {}, {}
     for name in names:
         sync_frames[name] = [frame for frame in footage.frames_of(name) if frame in chosen]

@@ -72,7 +72,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
         raise StudioError(
             "settings.no_training_camera",
             "all cameras are held out; none are left to train on",
-            fix="Remove cameras from capture.held_out, or set capture.held_out_every to 0.",
+            fix="Remove cameras from capture.held_out.",
             setting="capture.held_out",
         )
     finished = {group.index: _finished(inputs, group) for group in groups}

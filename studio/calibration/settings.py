@@ -38,10 +38,7 @@ class CalibrateSettings(Settings):
     board: Annotated[CalibrationTarget, _ALL_WAYS] = CalibrationTarget()
     """Layout and size of the calibration target."""
 
-    board_frames: Annotated[int, Heading("Target detection"), _ALL_WAYS] = Field(default=300, ge=1)
-    """Maximum number of frames per camera that are searched for the target, spread evenly over the footage."""
-
-    board_origin: Annotated[int | None, _FRAME_NUMBER, _TARGET] = None
+    board_origin: Annotated[int | None, Heading("Target detection"), _FRAME_NUMBER, _TARGET] = None
     """Frame of board_images in which the target defines the world: origin at its center, x along its rows of squares,
     z up (see board_upright). null: the origin is the point that the cameras look at, and up is the mean of their up
     directions. World units are meters in both cases."""
@@ -53,12 +50,6 @@ class CalibrateSettings(Settings):
     """File of tie points marked manually in several cameras (docs/guides/calibrate-points.md), relative to
     capture.root. If set, the cameras are calibrated from these points. For rigs whose cameras share too few features
     to be matched automatically."""
-
-    tie_accuracy: Annotated[float, _POINTS] = Field(default=1.0, gt=0, le=100)
-    """Standard deviation of the marks, in pixels."""
-
-    tie_world_accuracy: Annotated[float, _POINTS] = Field(default=0.01, gt=0, le=10)
-    """Standard deviation of measured world positions of tie points, in meters."""
 
     frame: Annotated[int | None, Heading("Footage"), _FRAME_NUMBER, Affects()] = None
     """Frame to calibrate from, as numbered in the files. null: the first frame used."""
@@ -83,18 +74,15 @@ class CalibrateSettings(Settings):
     """Groups of cameras that share intrinsics; example: [[cam01, cam02], [cam03, cam04]]."""
 
     known_cameras: Annotated[str, Heading("Known cameras")] = ""
-    """Camera file with known intrinsics, relative to capture.root. With known_poses, its extrinsics are used
-    as well."""
+    """Camera file with known intrinsics, relative to capture.root. Its extrinsics are used as known_poses says."""
 
     fix_intrinsics: bool = True
     """Keep the intrinsics of known_cameras (or intrinsics_images) fixed. false: use them as initial values."""
 
-    known_poses: bool = False
-    """known_cameras is a previous calibration of this rig: register the new footage to it, which is much faster than a
-    full calibration."""
-
-    fix_poses: bool = False
-    """With known_poses: keep the extrinsics fixed. false: refine them, in case cameras have moved since."""
+    known_poses: Literal["unused", "refine", "fix"] = "unused"
+    """refine, fix: known_cameras is a previous calibration of this rig, and the new footage is registered to it, which
+    is much faster than a full calibration. refine: its extrinsics are initial values, in case cameras have moved since.
+    fix: they are kept."""
 
     scale_between: Annotated[tuple[str, ...], Heading("Scale and floor"), _POINTS] = ()
     """Two cameras whose distance is known, which sets the scale; example: [cam01, cam05]."""
@@ -104,26 +92,6 @@ class CalibrateSettings(Settings):
 
     floor: bool = False
     """Detect the floor in the sparse points; it defines up and height 0. Needs a textured floor."""
-
-    focal_factor: Annotated[float, Heading("Solver")] = Field(default=1.2, gt=0, le=100)
-    """Initial focal length where none is known, as a multiple of the longer image side."""
-
-    refine_principal_point: Annotated[bool, _ALL_WAYS] = False
-    """Estimate the principal points. Needs many features, spread over the whole image. With a calibration target, even
-    false estimates the principal point of each camera whose views of the target cover at least 60% of the image."""
-
-    max_features: int = Field(default=8192, ge=100)
-    """Maximum number of features per camera."""
-
-    max_image_size: int = Field(default=2400, ge=64)
-    """Images with a longer side above this many pixels are downscaled for feature detection."""
-
-    guided: bool = False
-    """Guided matching: match a second time along the epipolar lines. More matches, but slower."""
-
-    mapper: Literal["auto", "incremental", "global"] = "auto"
-    """COLMAP mapper. auto: incremental, then incremental with relaxed thresholds, then global, until all cameras are
-    registered."""
 
     @model_validator(mode="after")
     def _groups(self) -> Self:

@@ -15,7 +15,7 @@ from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
 from studio.capture.lru_cache import ByteCache
 from studio.capture.patterns import Match, find_files, natural_key
-from studio.capture.settings import CaptureSettings
+from studio.capture.settings import EVERY, CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
 from studio.counts import counted, plural
@@ -88,7 +88,7 @@ def open_footage(
     notes = [_found(spec, pattern, sources, frames), fps_note, video_notes]
     if sound is not None:
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
-    limit = _cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20
+    limit = min(2 << 30, memory_limit() // 8)
     cache = ByteCache(limit if most_cached is None else min(limit, most_cached))
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = held_out_cameras(spec, tuple(sources))
@@ -110,11 +110,7 @@ def _on_this_machine(spec: CaptureSettings) -> CaptureSettings:
     """With the mirror of a folder in object storage."""
     if not is_address(spec.root):
         return spec
-    return spec.replace(root=mirrored(spec.root, spec.disk_cache_gigabytes))
-
-
-def _cache_bytes() -> int:
-    return min(2 << 30, memory_limit() // 8)
+    return spec.replace(root=mirrored(spec.root))
 
 
 def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
@@ -379,14 +375,21 @@ def held_out_cameras(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str
     Raises:
         StudioError: a camera is unknown, or all of them would be held out.
     """
-    refuse_unknown_cameras(spec.held_out, names, "capture.held_out")
-    nth = set(names[spec.held_out_every - 1 :: spec.held_out_every]) if spec.held_out_every else set()
-    chosen = tuple(name for name in names if name in nth or name in spec.held_out)
+    wanted: set[str] = set()
+    for entry in spec.held_out:
+        every = EVERY.fullmatch(entry)
+        if every is not None and entry not in names:
+            step = int(every[1])
+            wanted.update(names[step - 1 :: step])
+        else:
+            refuse_unknown_cameras((entry,), names, "capture.held_out")
+            wanted.add(entry)
+    chosen = tuple(name for name in names if name in wanted)
     if len(chosen) == len(names):
         raise StudioError(
             "footage.all_held_out",
             f"All {len(names)} cameras are held out",
-            fix="Leave at least one camera to train on: change capture.held_out or capture.held_out_every.",
+            fix="Leave at least one camera to train on: change capture.held_out.",
             setting="capture.held_out",
         )
     return chosen

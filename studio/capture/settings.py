@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -11,15 +12,18 @@ from studio.capture.transfer import TransferFunction
 from studio.settings import Affects, Color, Conflict, Heading, Settings, Unbounded
 from studio.storage import StoreAddress, is_address
 from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
-from studio.storage.cache import DEFAULT_GIGABYTES
 
 MaskKind = Literal["auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model"]
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 
-_Deviation = Annotated[float, Field(gt=0, le=10)]
+ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "plain"]
 _FRAME_NUMBER = Unbounded("frame numbers are those of the files")
 
 _DEFAULT = Affects("calibration_masks", "training_views", "evaluation")
+
+
+EVERY = re.compile(r"every (\d+)")
+"""An entry of `held_out` that stands for several cameras."""
 
 
 class FileSettings(Settings):
@@ -93,13 +97,11 @@ class DifferenceSettings(Settings):
     mask_sensitivity: float = Field(default=1.0, gt=0, le=10)
     """Masks from clean plates, median or screen: above 1 detects more foreground, below 1 less."""
 
-    mask_shadows: bool = True
-    """Masks from clean plates, median or screen: treat darkened background as shadow rather than performer."""
-
-    mask_colored_shadows: bool = False
-    """With mask_shadows, masks from clean plates or median: treat background as shadow also where its color changes, as
-    in shadows of colored lights, or where it is very dark (down to 0.12). Before a set without texture, and where it is
-    thin, a performer as dark as such a shadow, or lighter than it, can be lost; see docs/guides/masks.md."""
+    mask_shadows: Literal["none", "gray", "colored"] = "gray"
+    """Masks from clean plates, median or screen: which parts of the background count as shadow rather than performer.
+    gray: darkened background. colored (clean plates and median only): also where its color changes, as in shadows of
+    colored lights, or where it is very dark (down to 0.12). Before a set without texture, and where it is thin, a
+    performer as dark as such a shadow, or lighter than it, can be lost; see docs/guides/masks.md."""
 
     mask_components: int = Field(default=0, ge=0)
     """Masks from clean plates, median, screen or model: maximum number of connected components per camera, largest
@@ -114,9 +116,6 @@ class ScreenSettings(Settings):
     key_color: Annotated[Color | Literal["auto"], Heading("Masks: colored screen")] = "auto"
     """Masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1), which must be saturated.
     auto: for each camera, the saturated color that covers most of the image."""
-
-    despill: Annotated[bool, Affects("training_views", "evaluation")] = True
-    """Masks from a screen: remove spill from the performer's edges in the images used for training and evaluation."""
 
     garbage_masks: Annotated[str, Heading("Garbage masks")] = ""
     """Where the performer never is, for all sources of masks: the pattern of images that are black there and white
@@ -149,20 +148,9 @@ class OnnxSettings(Settings):
     """Masks from a model: its ONNX file, relative to root. Input: one RGB image (1x3xHxW, float). Output: a mask from
     0 to 1. Requires the extra matting (onnxruntime)."""
 
-    mask_model_size: int = Field(default=0, ge=0, multiple_of=32)
-    """Masks from a model: longer side to which images are resized, in pixels; a multiple of 32. 0: the model's fixed
-    input size, or the size of the image if the model accepts any."""
-
-    mask_model_mean: Color = (0.485, 0.456, 0.406)
-    """Masks from a model: mean (red, green, blue; 0 to 1) subtracted from the input. The default (ImageNet) is for
-    BiRefNet and U2-Net; MODNet and IS-Net use [0.5, 0.5, 0.5]."""
-
-    mask_model_std: tuple[_Deviation, _Deviation, _Deviation] = (0.229, 0.224, 0.225)
-    """Masks from a model: standard deviation that the input is then divided by. The default (ImageNet) is for BiRefNet
-    and U2-Net; MODNet uses [0.5, 0.5, 0.5], IS-Net [1, 1, 1]."""
-
-    mask_model_sigmoid: bool = False
-    """Masks from a model: the output is logits, as with BiRefNet, and is passed through a sigmoid."""
+    mask_model_kind: ModelKind = "u2net"
+    """Masks from a model: how it was trained, which gives the normalization of its input, its size unless the file
+    fixes it, and whether its output is logits. plain: RGB from 0 to 1 at the size of the image, a mask from 0 to 1."""
 
 
 # Fields of the last base come first.
@@ -202,10 +190,8 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     """Names of the cameras to use. Empty: all."""
 
     held_out: Annotated[tuple[str, ...], Affects("training_views", "evaluation", "manifest")] = ()
-    """Cameras that are excluded from training and used for evaluation."""
-
-    held_out_every: Annotated[int, Affects("training_views", "evaluation", "manifest")] = Field(default=0, ge=0)
-    """Also hold out every n-th camera (the n-th, 2n-th, ... by name). 0: none."""
+    """Cameras that are excluded from training and used for evaluation. The entry "every 8" stands for every eighth
+    camera by name (the 8th, 16th, ...)."""
 
     scale: Annotated[float, Heading("Frames and sizes"), Affects("training_views", "evaluation")] = Field(
         default=1.0, gt=0, le=1
@@ -234,25 +220,17 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     independently. crop: the image was cropped symmetrically. letterbox: bars were added symmetrically. auto: letterbox
     if black bars are detected, otherwise an error."""
 
-    cache_megabytes: Annotated[int | None, Affects()] = Field(default=None, ge=16)
-    """Memory limit of the decoded-image cache, in MiB. null: one eighth of the machine's memory, at most 2048."""
-
-    disk_cache_gigabytes: Annotated[float, Affects()] = Field(default=DEFAULT_GIGABYTES, ge=0.1)
-    """Footage in object storage: limit of what a machine keeps of it on its disk, in GB. What was used least recently
-    goes first. The environment variable V3STUDIO_CACHE selects the folder."""
-
     @model_validator(mode="after")
     def _combinations(self) -> Self:
         if self.stop is not None and self.stop <= (self.start or 0):
             raise Conflict(
                 f"stop = {self.stop} is not after start = {self.start or 0}", "Increase stop.", "stop", "start"
             )
-        if self.held_out_every == 1:
-            raise Conflict(
-                "held_out_every = 1 holds out all cameras", "Set it to 0 (none) or to 2 or more.", "held_out_every"
-            )
         for what in ("cameras", "held_out"):
             names = getattr(self, what)
             if len(set(names)) != len(names):
                 raise Conflict(f"{what} contains a camera twice ({', '.join(names)})", "Remove one.", what)
+        for entry in self.held_out:
+            if EVERY.fullmatch(entry) and int(entry.split()[1]) < 2:
+                raise Conflict(f"held_out = {entry} holds out all cameras", "Hold out every 2nd or fewer.", "held_out")
         return self

@@ -88,7 +88,7 @@ def key_evidence(image: np.ndarray, screen: Screen, settings: DifferenceSettings
     by_angle = 1.2 * (np.sqrt(angle / variance) * settings.mask_sensitivity - 4.0)
     # Local brightness of the screen, from pixels that are certainly screen; it includes shadows if they are ignored.
     typical = float(np.linalg.norm(screen.color))
-    least, reach = (_DEEPEST_SHADOW, 0.04) if settings.mask_shadows else (_NO_SHADOW, 0.2)
+    least, reach = (_DEEPEST_SHADOW, 0.04) if settings.mask_shadows != "none" else (_NO_SHADOW, 0.2)
     plain = ((by_angle < -1.0) & (along > _DEEPEST_SHADOW * typical)).astype(np.uint8)
     everywhere = np.array([typical], np.float32)
     light = _extrapolate(along[..., None], plain, reach * max(image.shape[:2]), everywhere)[..., 0]
@@ -171,6 +171,8 @@ def _weighted_mean(values: np.ndarray, weight: np.ndarray, sigma: float) -> tupl
 class ChromaMaskSource:
     """A `MaskSource` whose foreground is everything that differs from the screen's color.
 
+    Spill is removed from the performer's outline (see `Recolors`).
+
     Args:
         read: returns the raw (H, W, 3) uint8 RGB image of a camera and frame.
         frames: returns a camera's frame numbers; the screen color is estimated from `SAMPLES` of them.
@@ -210,10 +212,6 @@ class ChromaMaskSource:
     def files(self) -> list[Path]:
         """See `MaskSource`."""
         return self._garbage.files() if self._garbage is not None else []
-
-
-class DespillingMaskSource(ChromaMaskSource):
-    """Chroma key with despill (see `Recolors`)."""
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `Recolors`."""

@@ -90,7 +90,7 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     for pixels in (image, plate):
         # Chroma is usually subsampled: blur it more than luma.
         scaled: np.ndarray = cv2.GaussianBlur(pixels, (0, 0), 0.7)
-        if settings.mask_colored_shadows:
+        if settings.mask_shadows == "colored":
             blurred.append(scaled.copy())
         scaled /= 255.0
         channels: list[np.ndarray] = list(cv2.split(cv2.cvtColor(scaled, cv2.COLOR_RGB2YCrCb)))
@@ -102,8 +102,8 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     ours, empty = luma_chroma
     difference = [one - other for one, other in zip(ours, empty, strict=True)]
     noise = [_noise(channel) for channel in difference]
-    shadow, factor = _shadow(ours[0], empty[0], noise[0]) if settings.mask_shadows else (None, None)
-    colored = settings.mask_shadows and settings.mask_colored_shadows
+    shadow, factor = _shadow(ours[0], empty[0], noise[0]) if settings.mask_shadows != "none" else (None, None)
+    colored = settings.mask_shadows == "colored"
     tinted = colored_shadow(ours[0], empty[0], blurred[0], blurred[1], noise[0]) if colored else None
     total: np.ndarray = np.zeros_like(ours[0])
     for index, (channel, other) in enumerate(zip(difference, empty, strict=True)):

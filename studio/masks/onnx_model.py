@@ -5,16 +5,45 @@ from __future__ import annotations
 import importlib.util
 import threading
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from studio.capture.settings import OnnxSettings
+from studio.capture.settings import ModelKind, OnnxSettings
 from studio.errors import StudioError
 
 STRIDE = 32
 """Image sides must be multiples of this: networks downsample up to five times by 2."""
+
+_IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a model was trained.
+
+    Attributes:
+        mean, deviation: (red, green, blue), subtracted from values in 0..1, and by which they are then divided.
+        side: longer side in pixels, for files that accept any size; 0: the size of the image.
+        logits: whether the output has to be passed through a sigmoid.
+    """
+
+    mean: tuple[float, float, float]
+    deviation: tuple[float, float, float]
+    side: int
+    logits: bool = False
+
+
+KINDS: dict[ModelKind, Kind] = {
+    "u2net": Kind(*_IMAGENET, 320),
+    "birefnet": Kind(*_IMAGENET, 1024, logits=True),
+    "isnet": Kind((0.5, 0.5, 0.5), (1.0, 1.0, 1.0), 1024),
+    "modnet": Kind((0.5, 0.5, 0.5), (0.5, 0.5, 0.5), 512),
+    "plain": Kind((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0),
+}
+"""As in the code that the models' authors published."""
 
 
 class OnnxModel:
@@ -37,7 +66,7 @@ class OnnxModel:
         self, path: Path, settings: OnnxSettings | None = None, *, device: str = "auto", threads: int = 0
     ) -> None:
         self.path, self.device, self.threads = path, device, threads
-        self.settings = settings or OnnxSettings()
+        self.kind = KINDS[(settings or OnnxSettings()).mask_model_kind]
         if not path.is_file():
             raise StudioError(
                 "mask.model_missing",
@@ -67,7 +96,7 @@ class OnnxModel:
 
         Raises:
             StudioError: `mask.model_unloadable`, `mask.model_inputs`, `mask.model_outputs`, `mask.model_values`,
-                `mask.model_size`, `mask.model_failed` or `mask.no_cuda`.
+                `mask.model_failed` or `mask.no_cuda`.
         """
         import cv2
 
@@ -75,8 +104,8 @@ class OnnxModel:
             if self._loaded is None:
                 self._loaded = _Loaded(self.path, self.device, self.threads)
         height, width = image.shape[:2]
-        size = input_size(self.path, self.settings.mask_model_size, self._loaded.fixed, width, height)
-        mask = self._mask_of(self._loaded.run(preprocess(image, size, self.settings)))
+        size = input_size(self.kind.side, self._loaded.fixed, width, height)
+        mask = self._mask_of(self._loaded.run(preprocess(image, size, self.kind)))
         return cv2.resize(mask, (width, height), interpolation=cv2.INTER_LINEAR)
 
     def _mask_of(self, outputs: Sequence[np.ndarray]) -> np.ndarray:
@@ -91,7 +120,7 @@ class OnnxModel:
                 setting="capture.mask_model",
             )
         mask = np.ascontiguousarray(mask, np.float32)
-        if self.settings.mask_model_sigmoid:
+        if self.kind.logits:
             return (1.0 / (1.0 + np.exp(-np.clip(mask, -60.0, 60.0)))).astype(np.float32)
         low, high = float(mask.min()), float(mask.max())
         if not (low >= -0.01 and high <= 1.01):  # NaN too
@@ -100,9 +129,8 @@ class OnnxModel:
                 f"the matting model returns values from {low:.3g} to {high:.3g}, outside 0 to 1",
                 file=self.path,
                 value=(low, high),
-                fix="If these are logits, set capture.mask_model_sigmoid to true; otherwise check "
-                "capture.mask_model_mean and capture.mask_model_std.",
-                setting="capture.mask_model_sigmoid",
+                fix="Set capture.mask_model_kind to that of the model; birefnet if these are logits.",
+                setting="capture.mask_model_kind",
             )
         return mask
 
@@ -182,8 +210,8 @@ class _Loaded:
                 f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})",
                 file=self._path,
                 value=size,
-                fix="Try another capture.mask_model_size.",
-                setting="capture.mask_model_size",
+                fix="Check capture.mask_model_kind.",
+                setting="capture.mask_model_kind",
             ) from None
         return [np.asarray(one) for one in found]
 
@@ -213,22 +241,16 @@ def providers(device: str, available: Sequence[str]) -> list[Any]:
     return [(cuda, {"device_id": index}), "CPUExecutionProvider"]
 
 
-def input_size(
-    path: Path, wanted: int, fixed: tuple[int | None, int | None], width: int, height: int
-) -> tuple[int, int]:
+def input_size(wanted: int, fixed: tuple[int | None, int | None], width: int, height: int) -> tuple[int, int]:
     """The size to which an image is resized for a model.
 
     Args:
-        path: the model's file, for errors.
         wanted: longer side in pixels, or 0 for the size of the image.
         fixed: (height, width) of the model's input, None where it is dynamic.
         width, height: size of the image in pixels.
 
     Returns:
         (width, height): the fixed size, otherwise multiples of `STRIDE`.
-
-    Raises:
-        StudioError: `mask.model_size`: the model's fixed size differs from `wanted`.
     """
 
     def near(length: float) -> int:
@@ -236,28 +258,17 @@ def input_size(
 
     scale = wanted / max(width, height) if wanted else 1.0
     down, across = fixed
-    if wanted and (down or across) and max(down or 0, across or 0) != wanted:
-        raise StudioError(
-            "mask.model_size",
-            f"the input of the matting model is {across or 'any'}x{down or 'any'}, but capture.mask_model_size is "
-            f"{wanted}",
-            file=path,
-            value=wanted,
-            fix="Set capture.mask_model_size to 0.",
-            expected=(across, down),
-            setting="capture.mask_model_size",
-        )
     return across or near(scale * width), down or near(scale * height)
 
 
-def preprocess(image: np.ndarray, size: tuple[int, int], settings: OnnxSettings) -> np.ndarray:
+def preprocess(image: np.ndarray, size: tuple[int, int], kind: Kind) -> np.ndarray:
     """The (1, 3, H, W) float32 model input of an (h, w, 3) uint8 RGB image, resized to `size` (width, height)."""
     import cv2
 
     if (image.shape[1], image.shape[0]) != size:
         shrinks = size[0] * size[1] < image.shape[0] * image.shape[1]
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-    mean, deviation = np.array(settings.mask_model_mean, np.float32), np.array(settings.mask_model_std, np.float32)
+    mean, deviation = np.array(kind.mean, np.float32), np.array(kind.deviation, np.float32)
     values = (image.astype(np.float32) / 255.0 - mean) / deviation
     return np.ascontiguousarray(values.transpose(2, 0, 1)[None], np.float32)
 

@@ -15,7 +15,7 @@ from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings, OnnxSettings
 from studio.counts import plural
 from studio.errors import StudioError
-from studio.masks.chroma_key import ChromaMaskSource, DespillingMaskSource
+from studio.masks.chroma_key import ChromaMaskSource
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import (
     AlphaMaskSource,
@@ -176,8 +176,7 @@ def _chroma(
         return sources[camera].read(frame)[:, :, :3]
 
     key = None if isinstance(spec.key_color, str) else spec.key_color
-    kind = DespillingMaskSource if spec.despill else ChromaMaskSource
-    return kind(read, lambda camera: sources[camera].frames, key, spec, garbage)
+    return ChromaMaskSource(read, lambda camera: sources[camera].frames, key, spec, garbage)
 
 
 def _model(

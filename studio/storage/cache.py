@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import threading
 from collections.abc import Iterator
@@ -12,8 +13,11 @@ from functools import cache
 from pathlib import Path
 
 from studio.atomic_files import write_json
+from studio.errors import StudioError
 
 DEFAULT_GIGABYTES = 100.0
+"""Of the cache, unless V3STUDIO_CACHE_GIGABYTES says otherwise."""
+
 _KEEP = 0.9
 """Share of the limit that is left when something had to go."""
 
@@ -28,6 +32,26 @@ def cache_folder() -> Path:
     if named:
         return Path(named).expanduser().absolute()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").expanduser().absolute() / "v3studio"
+
+
+def cache_gigabytes() -> float:
+    """V3STUDIO_CACHE_GIGABYTES, or `DEFAULT_GIGABYTES`.
+
+    Raises:
+        StudioError: `storage.cache_size`: it is not a number above 0.
+    """
+    named = os.environ.get("V3STUDIO_CACHE_GIGABYTES")
+    if not named:
+        return DEFAULT_GIGABYTES
+    with suppress(ValueError):
+        if 0 < float(named) < math.inf:
+            return float(named)
+    raise StudioError(
+        "storage.cache_size",
+        f"V3STUDIO_CACHE_GIGABYTES is '{named}', which is not a number above 0",
+        value=named,
+        fix="Set it to the size of the cache in GB, such as 100.",
+    )
 
 
 class DiskCache:

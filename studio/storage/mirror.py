@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from studio.atomic_files import atomic_path, write_bytes
 from studio.errors import StudioError, show_as
-from studio.storage.cache import DEFAULT_GIGABYTES, cache_folder, disk_cache, locked
+from studio.storage.cache import cache_folder, cache_gigabytes, disk_cache, locked
 from studio.storage.objects import Pointer
 from studio.storage.pointers import pointer_bytes, read_pointer
 from studio.storage.store import Entry, Store
@@ -23,7 +23,7 @@ _SMALL_BYTES = 256 << 20
 _PARALLEL = 16
 
 
-def mirrored(address: str | os.PathLike[str], gigabytes: float = DEFAULT_GIGABYTES) -> Path:
+def mirrored(address: str | os.PathLike[str], gigabytes: float | None = None) -> Path:
     """List a folder of a store, and bring its mirror in the machine's cache up to date.
 
     Files that describe the capture are fetched; of images and videos only what is read later, and each part once: see
@@ -31,7 +31,7 @@ def mirrored(address: str | os.PathLike[str], gigabytes: float = DEFAULT_GIGABYT
 
     Args:
         address: s3://bucket/folder.
-        gigabytes: limit of the cache for images and videos.
+        gigabytes: limit of the cache for images and videos; None: `cache_gigabytes`.
 
     Returns:
         the mirror's folder.
@@ -55,7 +55,7 @@ def mirrored(address: str | os.PathLike[str], gigabytes: float = DEFAULT_GIGABYT
     show_as(f"{cache.folder / 'mirror' / scheme}/", f"{scheme}://")
     try:
         with locked(cache.folder / "mirror.lock"):
-            cache.set_limit(gigabytes)
+            cache.set_limit(cache_gigabytes() if gigabytes is None else gigabytes)
             _update(root, store, entries, str(cache.folder))
     except OSError as error:
         raise StudioError(

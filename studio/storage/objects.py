@@ -178,6 +178,5 @@ def cache_full(folder: Path) -> StudioError:
         "storage.cache_full",
         "the disk is full, so that footage cannot be fetched",
         file=folder,
-        fix="Free some space, lower capture.disk_cache_gigabytes, or set V3STUDIO_CACHE to a folder on another disk.",
-        setting="capture.disk_cache_gigabytes",
+        fix="Free some space, lower V3STUDIO_CACHE_GIGABYTES, or set V3STUDIO_CACHE to a folder on another disk.",
     )

@@ -76,7 +76,7 @@ def test_cameras_are_clicked_held_out_and_excluded(open_window: Callable, take_c
 
 def test_uses_of_cameras_become_settings(footage_project: Path) -> None:
     root = footage_project / "capture"
-    spec = CaptureSettings(root=root, held_out_every=3, offsets={"cam1": 2, "cam2": 0})
+    spec = CaptureSettings(root=root, held_out=("every 3",), offsets={"cam1": 2, "cam2": 0})
     uses = CameraUses.of(spec)
     assert uses.uses == {
         "cam0": "training", "cam1": "training", "cam2": "held out",
@@ -86,7 +86,6 @@ def test_uses_of_cameras_become_settings(footage_project: Path) -> None:
     assert changed == {
         "capture.cameras": ["cam0", "cam2", "cam3", "cam4", "cam5"],
         "capture.held_out": ["cam2", "cam5"],
-        "capture.held_out_every": 0,
         "capture.offsets": {"cam2": 0},
     }
     config = load_config(None, [("capture.root", str(root)), *changed.items()])

@@ -79,7 +79,7 @@ def test_a_tooltip_has_the_size_of_its_text(
     window.stage("capture")
     window.click("settings filter")
     window.enter_text("settings filter", "mask")
-    settings = ["setting capture.mask_shadows", "setting capture.mask_colored_shadows", "setting capture.masks"]
+    settings = ["setting capture.mask_shadows", "setting capture.mask_components", "setting capture.masks"]
     window.wait_for("the settings", lambda s: settings[0] in s["widgets"])
     places = [window.point(name) for name in settings]
 

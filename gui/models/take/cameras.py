@@ -68,7 +68,6 @@ class CameraUses:
         values: dict[str, object] = {
             "capture.cameras": [] if len(used) == len(self.uses) else used,
             "capture.held_out": [name for name, use in self.uses.items() if use == "held out"],
-            "capture.held_out_every": 0,
         }
         if any(name not in used for name in spec.offsets):
             values["capture.offsets"] = {name: offset for name, offset in spec.offsets.items() if name in used}

@@ -333,9 +333,10 @@ class FootageCheck:
         try:
             run = context.config.run
             footage = open_footage(
-                context.footage.capture.replace(cache_megabytes=64),
+                context.footage.capture,
                 None,
                 strict=False,
+                most_cached=64 << 20,
                 cache_folder=context.take.footage_cache,
                 device=run.device,
                 threads=run.threads,

@@ -31,6 +31,10 @@ class Accuracy:
     world: float
 
 
+ACCURACY = Accuracy(mark=1.0, world=0.01)
+"""Marks are set by hand to about a pixel; positions are measured with a tape measure to about a centimeter."""
+
+
 def adjust(
     rig: TieRig,
     observations: Observations,

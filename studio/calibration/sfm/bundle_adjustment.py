@@ -24,7 +24,7 @@ def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: f
     import pycolmap
 
     options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = job.refine_principal_point
+    options.refine_principal_point = False
     options.refine_rig_from_world = not job.fix_poses
     options.print_summary = False
     robust = width is not None or not last

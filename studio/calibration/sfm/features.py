@@ -191,7 +191,6 @@ def _match_images(
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = job.threads
     matching.use_gpu = False
-    matching.guided_matching = job.guided and step == "matches"
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = listed
     with polled(step, len(pairs), lambda: count_rows(path, "SELECT COUNT(*) FROM two_view_geometries")):

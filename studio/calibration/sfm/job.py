@@ -14,6 +14,13 @@ from studio.camera_files.colmap_model import camera_model
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
+MAX_FEATURES = 8192
+"""Per image."""
+
+MAX_IMAGE_SIZE = 2400
+"""Longer side in pixels; larger images are downscaled for feature detection."""
+
+_FOCAL_FACTOR = 1.2  # initial focal length where none is known, as a multiple of the longer side
 _START = {  # initial parameters from focal length and principal point
     "SIMPLE_PINHOLE": lambda f, cx, cy: [f, cx, cy],
     "PINHOLE": lambda f, cx, cy: [f, f, cx, cy],
@@ -64,14 +71,13 @@ class SfmJob(_Model):
     poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
     """World-to-camera matrices (3, 4) of all cameras from an earlier solution, or empty."""
     fix_poses: bool = False
-    max_features: int = 8192
-    max_image_size: int = 2400
-    guided: bool = False
-    mapper: str = "auto"
+    max_features: int = MAX_FEATURES
+    max_image_size: int = MAX_IMAGE_SIZE
+    attempts: tuple[str, ...] = ("incremental", "lenient", "global")
+    """Ways of mapping, tried in this order until all cameras are registered."""
     seed: int = 0
     threads: int = 1
     fix_intrinsics: bool = True
-    refine_principal_point: bool = False
     find_shared: bool = False
     """Whether to test if cameras share intrinsics."""
 
@@ -171,7 +177,7 @@ def sfm_job(
                 intrinsics_of.append(shared[key])
                 continue
             shared[key] = len(intrinsics)
-            focal = focal_lengths.get(name, settings.focal_factor * max(width, height))
+            focal = focal_lengths.get(name, _FOCAL_FACTOR * max(width, height))
             # distortion terms that the first few matches do not determine would distort the poses during mapping
             model = _SIMPLER.get(settings.camera_model, settings.camera_model)
             own = SfmCamera(
@@ -192,15 +198,11 @@ def sfm_job(
         masks=masks,
         pairs=tuple(neighbors(poses)) if poses is not None else (),
         poses=tuple(camera.world_to_camera[:3].tolist() for camera in poses) if poses is not None else (),
-        fix_poses=settings.fix_poses,
-        max_features=settings.max_features,
-        max_image_size=settings.max_image_size,
-        guided=settings.guided,
-        mapper=settings.mapper,
+        fix_poses=settings.known_poses == "fix",
+        max_features=MAX_FEATURES,
         seed=seed,
         threads=threads or os.cpu_count() or 1,
         fix_intrinsics=settings.fix_intrinsics,
-        refine_principal_point=settings.refine_principal_point,
         find_shared=settings.shared_intrinsics is None and not settings.intrinsics_groups,
     )
 

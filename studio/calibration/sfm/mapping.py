@@ -23,7 +23,6 @@ from studio.calibration.sfm.shared_intrinsics import (
 )
 from studio.calibration.sfm.verdict import TRUSTED, match_inlier_ratio, noise
 
-_ORDER = {"incremental": ("incremental", "lenient"), "global": ("global",)}
 _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
 _SHARING_LOSS = 0.05
@@ -60,7 +59,7 @@ class Mapper:
         """
         best, how, rank = None, "", (0, 0.0)
         self._guess_focal_lengths()
-        wanted = _ORDER.get(self.job.mapper, ("incremental", "lenient", "global"))
+        wanted = self.job.attempts
         if self.job.poses:
             wanted = ("known poses",) if self.job.fix_poses else ("known poses", *wanted)
         for attempt in wanted:
@@ -248,7 +247,7 @@ class Mapper:
         options.mapper.num_threads = self.threads
         options.min_model_size = 2
         options.max_num_models = 4
-        options.ba_refine_principal_point = self.job.refine_principal_point
+        options.ba_refine_principal_point = False
         known = {i + 1 for i, one in enumerate(self.job.intrinsics) if one.known}
         options.constant_cameras = self.held | (known if self.job.fix_intrinsics else set())
         return options

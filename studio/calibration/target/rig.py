@@ -32,11 +32,7 @@ _COVERED = 0.6
 point cannot be distinguished from a rotated camera."""
 
 
-def _estimates_principal_point(
-    settings: CalibrateSettings, views: Sequence[TargetObservation], size: tuple[int, int]
-) -> bool:
-    if settings.refine_principal_point:
-        return True
+def _estimates_principal_point(views: Sequence[TargetObservation], size: tuple[int, int]) -> bool:
     return image_coverage(np.concatenate([view.pixels for view in views]), size) >= _COVERED
 
 
@@ -106,7 +102,7 @@ def calibrate_intrinsics(
     settings = settings or CalibrateSettings()
     cameras, figures = {}, {}
     for name, seen in views.items():
-        principal_point = bool(seen) and _estimates_principal_point(settings, seen, sizes[name])
+        principal_point = bool(seen) and _estimates_principal_point(seen, sizes[name])
         start = intrinsics_from_views(
             name, sizes[name], target, seen, settings.camera_model, principal_point=principal_point
         )
@@ -184,7 +180,7 @@ def calibrate_from_target(
             check_intrinsics_size(known[name], size)
             intrinsics[name] = known[name]
         else:
-            estimated[name] = _estimates_principal_point(settings, own, size)
+            estimated[name] = _estimates_principal_point(own, size)
             intrinsics[name] = intrinsics_from_views(
                 name, size, target, own, settings.camera_model, principal_point=estimated[name]
             )

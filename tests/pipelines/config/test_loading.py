@@ -68,7 +68,7 @@ def test_settings_keep_their_order():
     assert names[:4] == ["capture.root", "capture.images", "capture.rig", "capture.masks"]
     assert names.index("train.check_footage") + 1 == names.index("train.sh_degree")
     assert names.index("capture.mask_components") + 1 == names.index("capture.key_color")
-    assert names.index("capture.mask_model_sigmoid") + 1 == names.index("capture.fps")
+    assert names.index("capture.mask_model_kind") + 1 == names.index("capture.fps")
 
 
 @pytest.mark.parametrize("given", ["{camera}/video.avi", "'{camera}/video.avi'", '"{camera}/video.avi"'])
@@ -187,7 +187,7 @@ def test_nan_is_no_value(tmp_path):
         ("bake: {codec: av1, qp: 0}", ["bake.codec", "bake.qp"]),
         ("capture: {start: 5, stop: 5}", ["capture.stop", "capture.start"]),
         ("capture: {held_out: [a, a]}", ["capture.held_out"]),
-        ("capture: {held_out_every: 1}", ["capture.held_out_every"]),
+        ("capture: {held_out: [every 1]}", ["capture.held_out"]),
         ("calibrate: {intrinsics_groups: [[a]]}", ["calibrate.intrinsics_groups"]),
         ("calibrate: {intrinsics_groups: [[a, b], [b, c]]}", ["calibrate.intrinsics_groups"]),
         ("calibrate: {board: {dictionary: DICT_9X9}}", ["calibrate.board.dictionary"]),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-import sys
 import wave
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +16,7 @@ import pytest
 from pipelines.stages.camera_file import camera_file
 from pipelines.stages.footage import performer_over
 from studio.cameras import Rig
-from studio.capture import CaptureSettings, frame_sources, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.errors import StudioError
 from studio.settings import affected
 
@@ -30,8 +29,7 @@ VIDEO = {"root": "video", "masks": "none"}
 MODEL = {
     "masks": "model",
     "mask_model": "free.onnx",
-    "mask_model_mean": (0.0, 0.0, 0.0),
-    "mask_model_std": (1.0, 1.0, 1.0),
+    "mask_model_kind": "plain",
 }
 
 CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
@@ -44,22 +42,16 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "audio": ("a.wav", {}),
     "audio_offset": (0.5, {"audio": "a.wav"}),
     "mask_sensitivity": (0.1, PLATES),
-    "mask_shadows": (False, PLATES),
-    "mask_colored_shadows": (True, PLATES),
+    "mask_shadows": ("none", PLATES),
     "mask_components": (1, PLATES),
     "key_color": ((0.9, 0.2, 0.1), SCREEN),
-    "despill": (False, SCREEN),
     "garbage_masks": ("garbage.yaml", {}),
-    "mask_model_size": (32, MODEL),
-    "mask_model_mean": ((0.2, 0.2, 0.2), MODEL),
-    "mask_model_std": ((2.0, 2.0, 2.0), MODEL),
-    "mask_model_sigmoid": (True, MODEL),
+    "mask_model_kind": ("birefnet", MODEL),
     "fps": (24.0, {}),
     "color_matrix": ("bt709", VIDEO),
     "transfer": ("linear", {}),
     "cameras": (("a", "b"), {}),
     "held_out": (("b",), {}),
-    "held_out_every": (2, {}),
     "scale": (0.5, {}),
     "start": (1, {}),
     "stop": (2, {}),
@@ -163,42 +155,6 @@ def _background(captures: Path, patch: pytest.MonkeyPatch) -> bool:
     both = [CaptureSettings(root=captures / "plain", background=color) for color in ((0, 0, 0), (1, 1, 1))]
     seen = [performer_over(open_footage(one), "a", 0, one.background) for one in both]
     return not np.array_equal(*seen)
-
-
-@observed_by("cache_megabytes")
-def _cache(captures: Path, patch: pytest.MonkeyPatch) -> bool:
-    """An image that does not fit is decoded again."""
-    reads: list[int] = []
-
-    def read(path: Path, transfer: str = "auto") -> np.ndarray:
-        reads.append(1)
-        return np.zeros((3000, 2000, 3), np.uint8)  # 17 MiB
-
-    patch.setattr(frame_sources, "read_image", read)
-    patch.setattr(frame_sources, "image_size", lambda path: (2000, 3000))
-    counts = []
-    for limit in (16, 64):
-        footage = open_footage(CaptureSettings(root=captures / "plain", masks="none", cache_megabytes=limit))
-        reads.clear()
-        footage.raw_image("a", 0)
-        footage.raw_image("a", 0)
-        counts.append(len(reads))
-    return counts == [2, 1]
-
-
-@observed_by("disk_cache_gigabytes")
-def _disk_cache(captures: Path, patch: pytest.MonkeyPatch) -> bool:
-    """What becomes of the limit: tests/studio/storage."""
-    limits: list[float] = []
-
-    def mirror(root: Path, limit: float) -> Path:
-        limits.append(limit)
-        return captures / "plain"
-
-    patch.setattr(sys.modules["studio.capture.open_footage"], "mirrored", mirror)
-    for limit in (1.0, 2.0):
-        open_footage(CaptureSettings(root=Path("s3://bucket/day"), disk_cache_gigabytes=limit))
-    return limits == [1.0, 2.0]
 
 
 def test_there_is_a_row_for_every_setting() -> None:

@@ -178,7 +178,7 @@ def test_rig_and_footage_must_have_the_same_cameras(three_videos: Path, make: Si
 
 
 def test_held_out_cameras(three_videos: Path) -> None:
-    assert open_footage(CaptureSettings(root=three_videos, held_out_every=2)).held_out_cameras == ("cam2",)
+    assert open_footage(CaptureSettings(root=three_videos, held_out=("every 2",))).held_out_cameras == ("cam2",)
     with refuses("footage.unknown_camera", value="cam02", setting="capture.held_out", suggestion="cam2"):
         open_footage(CaptureSettings(root=three_videos, held_out=("cam02",)))
     with refuses("footage.all_held_out", setting="capture.held_out"):
@@ -273,7 +273,13 @@ def test_digest_depends_on_names_and_contents_not_on_times(image_folders: Path, 
 
 
 def test_spec_refuses_impossible_values(tmp_path: Path) -> None:
-    for values in ({"scale": 0.0}, {"step": 0}, {"masks": "magic"}, {"background": (2, 0, 0)}, {"held_out_every": 1}):
+    for values in (
+        {"scale": 0.0},
+        {"step": 0},
+        {"masks": "magic"},
+        {"background": (2, 0, 0)},
+        {"held_out": ("every 1",)},
+    ):
         with refuses_setting(*values):
             CaptureSettings(root=tmp_path, **values)  # type: ignore[arg-type]
     with refuses("footage.folder_missing", file=tmp_path / "none", setting="capture.root"):

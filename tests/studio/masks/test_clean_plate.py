@@ -8,7 +8,7 @@ import pytest
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import difference_evidence, match_exposure, noise_of
 
-PLAIN = DifferenceSettings(mask_shadows=False)
+PLAIN = DifferenceSettings(mask_shadows="none")
 BRIGHTER = 20.0
 """Difference of a patch in all channels: only luma differs, by as much."""
 

@@ -3,6 +3,7 @@
 import builtins
 import importlib.util
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,12 +15,11 @@ from studio.capture import CaptureSettings, open_footage
 from studio.capture.settings import OnnxSettings
 from studio.masks import FunctionMaskSource
 from studio.masks.mask_cache import MaskCache
-from studio.masks.onnx_model import OnnxModel, first_mask, input_size, preprocess, providers
+from studio.masks.onnx_model import KINDS, Kind, OnnxModel, first_mask, input_size, preprocess, providers
 from tests.support.errors import refuses
-from tests.support.settings import refuses_setting
 
 DATA = Path(__file__).parent / "data"
-PLAIN = OnnxSettings(mask_model_mean=(0.0, 0.0, 0.0), mask_model_std=(1.0, 1.0, 1.0))
+PLAIN = OnnxSettings(mask_model_kind="plain")
 
 
 def noisy(height: int = 64, width: int = 96, seed: int = 0) -> np.ndarray:
@@ -39,35 +39,35 @@ def test_the_mask_is_the_first_output_of_one_channel() -> None:
     assert np.abs(mask - weighted(image / 255)).max() < 1e-6
 
 
-def test_normalization_and_sigmoid() -> None:
+def test_normalization_and_sigmoid(monkeypatch: pytest.MonkeyPatch) -> None:
     image = noisy()
-    settings = OnnxSettings(mask_model_mean=(0.5, 0.4, 0.3), mask_model_std=(0.5, 0.25, 0.2), mask_model_sigmoid=True)
+    monkeypatch.setitem(KINDS, "plain", Kind((0.5, 0.4, 0.3), (0.5, 0.25, 0.2), 0, logits=True))
     seen = (image / 255 - [0.5, 0.4, 0.3]) / [0.5, 0.25, 0.2]
-    mask = OnnxModel(DATA / "free.onnx", settings, device="cpu")(image)
+    mask = OnnxModel(DATA / "free.onnx", PLAIN, device="cpu")(image)
     assert np.abs(mask - 1 / (1 + np.exp(-weighted(seen)))).max() < 1e-6
-    assert preprocess(image, (96, 64), settings)[0].transpose(1, 2, 0) == pytest.approx(seen, abs=1e-5)
+    assert preprocess(image, (96, 64), KINDS["plain"])[0].transpose(1, 2, 0) == pytest.approx(seen, abs=1e-5)
 
 
-@pytest.mark.parametrize(("file", "wanted"), [("fixed.onnx", 0), ("fixed.onnx", 96), ("free.onnx", 128)])
-def test_images_are_resized_for_the_model_and_masks_back(file: str, wanted: int) -> None:
+@pytest.mark.parametrize(("file", "wanted"), [("fixed.onnx", 0), ("free.onnx", 128)])
+def test_images_are_resized_for_the_model_and_masks_back(
+    file: str, wanted: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Away from the border a linear ramp is invariant to both resizes, whatever the sizes."""
     columns = np.broadcast_to((np.arange(300) + 0.5) / 300, (150, 300))
     image = np.repeat(np.rint(255 * columns)[..., None], 3, axis=2).astype(np.uint8)
-    settings = PLAIN.replace(mask_model_size=wanted)
-    mask = OnnxModel(DATA / file, settings, device="cpu")(image)
+    monkeypatch.setitem(KINDS, "plain", replace(KINDS["plain"], side=wanted))
+    mask = OnnxModel(DATA / file, PLAIN, device="cpu")(image)
     assert mask.shape == (150, 300)
     assert np.abs(mask - columns)[:, 8:-8].max() < 0.004
 
 
 def test_input_sizes() -> None:
-    path = Path("m.onnx")
-    assert input_size(path, 0, (None, None), 1920, 1080) == (1920, 1088)
-    assert input_size(path, 512, (None, None), 1920, 1080) == (512, 288)
-    assert input_size(path, 512, (None, None), 1080, 1920) == (288, 512)
-    assert input_size(path, 64, (None, None), 1000, 10) == (64, 32)
-    assert input_size(path, 0, (1024, 1024), 1920, 1080) == (1024, 1024)
-    with refuses("mask.model_size", file=path, value=512, expected=(320, 320), setting="capture.mask_model_size"):
-        input_size(path, 512, (320, 320), 1920, 1080)
+    assert input_size(0, (None, None), 1920, 1080) == (1920, 1088)
+    assert input_size(512, (None, None), 1920, 1080) == (512, 288)
+    assert input_size(512, (None, None), 1080, 1920) == (288, 512)
+    assert input_size(64, (None, None), 1000, 10) == (64, 32)
+    assert input_size(0, (1024, 1024), 1920, 1080) == (1024, 1024)
+    assert input_size(512, (320, 320), 1920, 1080) == (320, 320)
 
 
 def test_first_mask() -> None:
@@ -107,7 +107,7 @@ def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
 
 def test_values_outside_0_to_1() -> None:
     """A mean and standard deviation that differ from the model's, or logits."""
-    with refuses("mask.model_values", file=DATA / "free.onnx", setting="capture.mask_model_sigmoid") as caught:
+    with refuses("mask.model_values", file=DATA / "free.onnx", setting="capture.mask_model_kind") as caught:
         OnnxModel(DATA / "free.onnx", OnnxSettings(), device="cpu")(noisy())
     low, high = caught.value.value
     assert low < 0
@@ -160,8 +160,6 @@ def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
     assert np.array_equal(inside.mask("b", 1)[:30], footage.mask("b", 1)[:30])
     with refuses("mask.model_not_set", setting="capture.mask_model"):
         open_footage(spec_of(capture, mask_model=""))
-    with refuses_setting("mask_model_size"):
-        spec_of(capture, mask_model_size=500)
 
 
 def test_another_model_changes_the_digest(capture: Path) -> None:
@@ -195,7 +193,7 @@ def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.Mo
     file.write_bytes(file.read_bytes()[:200])  # truncated: recomputed
     assert np.array_equal(mask(), first)
     assert len(made) == 2
-    mask(mask_model_std=(2.0, 2.0, 2.0))
+    mask(mask_model_kind="birefnet")
     assert len(made) == 3
     shutil.copy(DATA / "fixed.onnx", capture / "model.onnx")
     mask()

@@ -175,7 +175,7 @@ def test_the_camera_in_whose_place_the_view_is_does_not_cover_it(scene: Scene) -
 def nth_scene(finished_project: Path, take_copy: Path) -> Iterator[Scene]:
     """A take that holds out every third camera, none by name."""
     settings = parse_yaml((take_copy / "config.yaml").read_text())
-    settings["capture"] |= {"held_out": [], "held_out_every": 3}
+    settings["capture"] |= {"held_out": ["every 3"]}
     (take_copy / "config.yaml").write_text(dump_yaml(settings))
     found = Scene(take_copy)
     yield found

@@ -36,7 +36,7 @@ def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", focal: float = 1280.0,
         "names": [str(number) for number in range(count)],
         "intrinsics": [own] * count,
         "intrinsics_of": list(range(count)),
-        "mapper": "incremental",
+        "attempts": ("incremental", "lenient"),
     }
     return SfmJob(**{**values, **settings})
 
@@ -376,7 +376,7 @@ def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(
         opened.update_camera(camera)
     opened.close()
     assert is_any_unknown(database)
-    mapper = Mapper(tmp_path, database, job_of(8, mapper="global"))
+    mapper = Mapper(tmp_path, database, job_of(8, attempts=("global",)))
     model, how = mapper.solve()
     assert (model.num_reg_images(), how) == (8, "global")
     assert not is_any_unknown(database)

@@ -11,15 +11,22 @@ import pytest
 
 from studio.calibration import CalibrateSettings, calibrate_from_images, compare_rigs
 from studio.calibration.report import CalibrationReport
+from studio.calibration.sfm import job
 from studio.cameras import Camera, Rig
 from studio.errors import Cancelled
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
 
-FAST = CalibrateSettings(max_features=1500)
+FAST = CalibrateSettings()
 ONE_THREAD: dict[str, int] = {"threads": 1, "seed": 7}
 SIZE = (360, 270)
+
+
+@pytest.fixture(autouse=True)
+def few_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fraction of the usual number, which is enough for small images."""
+    monkeypatch.setattr(job, "MAX_FEATURES", 1500)
 
 
 def texture(rng: np.random.Generator) -> np.ndarray:
@@ -193,14 +200,11 @@ def test_several_sync_frames_and_an_older_solution(scene: tuple[dict[str, np.nda
 def test_a_camera_without_a_pose(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     images = dict(list(scene[0].items())[:4])
     images["wall"] = np.full((*SIZE[::-1], 3), 90, np.uint8)
-    settings = FAST.replace(mapper="incremental")
     with refuses("calibration.unregistered", value=["wall"]) as caught:
-        calibrate_from_images(images, workdir=tmp_path / "a", settings=settings, **ONE_THREAD)
+        calibrate_from_images(images, workdir=tmp_path / "a", settings=FAST, **ONE_THREAD)
     assert caught.value.fields["unregistered"] == {"wall": "only 0 features in its image"}
     assert "registered 4 of 5 cameras; not registered: 'wall': only 0 features in its image" in str(caught.value)
-    result = calibrate_from_images(
-        images, workdir=tmp_path / "b", settings=settings, **ONE_THREAD, allow_unregistered=True
-    )
+    result = calibrate_from_images(images, workdir=tmp_path / "b", settings=FAST, **ONE_THREAD, allow_unregistered=True)
     assert "wall" not in result.rig
     assert list(result.report.unregistered) == ["wall"]
 
@@ -251,8 +255,6 @@ def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> 
         calibrate_from_images(images, workdir=tmp_path, known={name: truth[name].scaled(0.5)})
     with refuses_setting("camera_model"):
         CalibrateSettings(camera_model="BENT")  # type: ignore[arg-type]
-    with refuses_setting("mapper"):
-        CalibrateSettings(mapper="x")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("locale", ["C", "C.UTF-8"])
