@@ -1,4 +1,5 @@
-"""Shell: the interface of the main window (`gui.window.MainWindow`) for actions and the state log."""
+"""Shell: the interface of the main window (`gui.window.MainWindow`) for actions and the state log, and the layout of
+its panels. In a narrow window rows wrap and the right panel is hidden."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ from typing import Protocol
 
 from open3d.visualization import gui
 
-from gui.layout import Layout
+from gui.drawing.palette import GROUND, PANEL
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.notices import Notices
@@ -26,11 +27,25 @@ from gui.widgets.inspector import InspectorPanel
 from gui.widgets.modes import ModesPanel
 from gui.widgets.notice_bar import NoticeBar
 from gui.widgets.path_panel import PathPanel
+from gui.widgets.picture import color
 from gui.widgets.scene_view import SceneView
 from gui.widgets.stages import StagesPanel
-from gui.widgets.timeline import TimelinePanel
+from gui.widgets.timeline import STRIP, TimelinePanel
 from gui.widgets.tour_bubble import TourBubble
 from gui.widgets.viewport import Viewport
+
+NARROW = 60
+"""Width in em below which the right panel is hidden until the user shows it (I)."""
+
+LEFT, LEAST_LEFT, MOST_LEFT = 18.0, 14.0, 40.0
+"""Width of the left panel in em: at first, the least and the most."""
+
+RIGHT, RIGHT_SHARE, MOST_RIGHT = 17.0, 0.2, 26.0
+"""Width of the right panel: its least in em, its share of the window, its most in em. The log is easier to read in
+wide lines."""
+
+PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
+"""The timeline gets this share of what the window is higher than `PLAIN`, and at most so much more, em."""
 
 
 class Page(Protocol):
@@ -43,6 +58,8 @@ class Page(Protocol):
 class Shell(Protocol):
     """The part of the main window that actions and the state log use."""
 
+    window: gui.Window
+    em: float
     preferences: Preferences
     device: str
     workspace: Workspace
@@ -54,13 +71,11 @@ class Shell(Protocol):
     marks: Marks
     evaluation: Evaluation
     camera_menu: CameraMenu
-    opening: str
     pictures: int
     wants_close: bool
     numbers: list[int | None]
     dialogs: Dialogs
     input: InputOrder
-    layout: Layout
     viewport: Viewport
     scene_view: SceneView
     timeline: TimelinePanel
@@ -75,6 +90,14 @@ class Shell(Protocol):
     hints: Hints
     message: gui.Label
     status: gui.Label
+
+    @property
+    def layout(self) -> Layout:
+        """Places the panels."""
+
+    @property
+    def opening(self) -> str:
+        """Path or URL that is being opened; "" if none is."""
 
     @property
     def title(self) -> str:
@@ -114,3 +137,181 @@ class Shell(Protocol):
 
     def laid_out(self) -> None:
         """Lay the window out again before it is next drawn."""
+
+
+class Layout:
+    """See the module.
+
+    Args:
+        panels: the window with its panels.
+
+    Attributes:
+        fullscreen: only the viewport is visible.
+        figures: whether the right panel is visible; None to decide by width.
+        left: width of the left panel, em; at most a third of the window.
+        view: x, y, width and height of the viewport, or of the start page, window pixels.
+    """
+
+    def __init__(self, panels: Shell) -> None:
+        self._panels = panels
+        self.fullscreen = False
+        self.figures: bool | None = None
+        self._width = panels.window.content_rect.width  # asking for it takes a round trip to the X server
+        # Fills between the panels: one background under everything would cost a software driver 30 ms per draw.
+        # Few, because Open3D draws a window with more than 20 visible children incorrectly.
+        self.fills = [gui.Vert() for _ in range(4)]
+        for number, fill in enumerate(self.fills):
+            fill.background_color = color(GROUND if number < 3 else PANEL)
+        self.left = LEFT
+        self.view = (0, 0, 16, 16)
+
+    def widen(self, x: float) -> None:
+        """Drag the left panel's edge to a column of the window."""
+        at = x - self._panels.window.content_rect.x
+        self.left = min(max(at / self._panels.em, LEAST_LEFT), MOST_LEFT)
+        self._panels.window.set_needs_layout()
+
+    @property
+    def shows_figures(self) -> bool:
+        """Whether the right panel is shown."""
+        if self.fullscreen or self._panels.start.shown:
+            return False
+        return self._width >= NARROW * self._panels.em if self.figures is None else self.figures
+
+    def toggle_figures(self) -> None:
+        """Show or hide the right panel."""
+        self.figures = not self.shows_figures
+        self._panels.window.set_needs_layout()
+
+    def show_figures(self) -> None:
+        """Show the right panel."""
+        if not self.shows_figures:
+            self.toggle_figures()
+
+    def toggle_log(self) -> None:
+        """Show the log over the view, or in its panel again; not in fullscreen, which has no log."""
+        if not self.fullscreen:
+            self._panels.inspector.toggle()
+
+    def close_log(self) -> bool:
+        """Show the log in its panel again; returns whether it was over the view."""
+        shown = self._panels.inspector.large and self._panels.inspector.log.widget.visible
+        if shown:
+            self.toggle_log()
+        return shown
+
+    def set_fullscreen(self, on: bool) -> None:
+        """Show the viewport alone, or with all panels."""
+        self.fullscreen = on
+        self._panels.window.show_menu(not on)
+        self._show_panels(not on and not self._panels.start.shown)
+
+    def leave_fullscreen(self) -> None:
+        """Show all panels again."""
+        if self.fullscreen:
+            self.set_fullscreen(False)
+
+    def set_start(self, on: bool) -> None:
+        """Show the start page alone, or the panels."""
+        panels = self._panels
+        self.leave_fullscreen()
+        panels.start.shown = panels.start.picture.widget.visible = on
+        panels.camera_menu.close()
+        self._show_panels(not on)
+
+    def _show_panels(self, on: bool) -> None:
+        panels = self._panels
+        for widget in (*self.fills, panels.status, panels.controls.widget, panels.timeline.picture.widget):
+            widget.visible = on
+        panels.hints.hide()
+        panels.stages.set_visible(on)
+        if not on:
+            for row in panels.modes.rows.values():
+                row.widget.visible = False
+        panels.window.set_needs_layout()
+
+    def place(self, context: gui.LayoutContext) -> None:
+        """Position every panel."""
+        panels, em = self._panels, self._panels.em
+        area = panels.window.content_rect
+        x, y, width, height = area.x, area.y, area.width, area.height
+        self._width = width
+        panels.dialogs.shade.frame = gui.Rect(x, y, width, height)
+        figures = self.shows_figures
+        for widget in panels.inspector.widgets:
+            widget.visible = figures
+        alone = self.fullscreen or panels.start.shown
+        panels.inspector.log.widget.visible = not alone and (figures or panels.inspector.large)
+        # not under the large log: a click brings the view to the front, and Open3D knows no order but that of clicks
+        panels.viewport.picture.widget.visible = not panels.start.shown and (alone or not panels.inspector.large)
+        beside = figures and not panels.inspector.large  # the large log leaves only a strip of what is beside the view
+        panels.path_panel.picture.widget.visible = beside and panels.path_panel.shown
+        panels.inspector.figures.widget.visible = beside and not panels.path_panel.shown
+        if alone:
+            picture = panels.start.picture if panels.start.shown else panels.viewport.picture
+            picture.place(x, y, width, height)
+            panels.scene_view.place(x, y, width, height)
+            self._place_over(context, x, y, width, height)
+            return
+        left = min(round(self.left * em), width // 3)
+        right = min(round(min(max(RIGHT * em, RIGHT_SHARE * width), MOST_RIGHT * em)), width // 4) if figures else 0
+        gap, pad = round(0.4 * em), round(0.5 * em)
+        inner = x + left + gap
+        inner_width = width - left - gap
+        padded = inner_width - 2 * pad
+        controls = panels.controls.flow.height(padded, context)
+        taller = min(max(SPARE * (height - PLAIN * em), 0.0), MOST_TALLER * em)
+        bottom_height = round((10.4 + STRIP) * em + controls + taller)
+        bottom = y + height - bottom_height
+        panels.stages.place(x, y, left, height, context)
+        panels.status.frame = gui.Rect(inner + pad, y + height - round(1.4 * em), padded, round(1.35 * em))
+        # above the status line with a margin: a list that is opened brings the controls to the front
+        panels.controls.flow.place(inner + pad, y + height - controls - round(1.9 * em), padded, context)
+        plots = bottom_height - controls - 2.4 * em - pad
+        panels.timeline.picture.place(inner + pad, bottom + pad, padded, plots)
+        view_width = inner_width - right - (gap if figures else 0)
+        modes = panels.modes.place(panels.views.row, inner + pad, y + 0.25 * em, view_width - pad, context)
+        row = round(modes + 0.5 * em)
+        panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
+        panels.scene_view.place(inner, y + row, view_width, bottom - y - row)
+        if figures or panels.inspector.large:
+            over = (inner, y + row, inner_width, bottom - y - row)
+            panels.inspector.place(inner + view_width + gap, y, right, bottom - y, over)
+        if figures:
+            panels.path_panel.picture.widget.frame = panels.inspector.figures.widget.frame
+        frames = (
+            (x + left, y, gap, height),
+            (inner, y, inner_width if panels.inspector.large else view_width, row),
+            (inner + view_width, y, gap if figures else 0, bottom - y),
+            (inner, bottom, inner_width, bottom_height),
+        )
+        for fill, frame in zip(self.fills, frames, strict=True):
+            fill.frame = gui.Rect(*frame)
+        self._place_over(context, inner, y + row, view_width, bottom - y - row)
+
+    def _place_over(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
+        """Place what lies over the view."""
+        panels = self._panels
+        self.view = (x, y, width, height)
+        self._place_message(context, x, y, width, height)
+        panels.hints.place(self.view)
+        if panels.camera_menu.camera:
+            panels.camera_menu.place(context, panels.window.content_rect)
+        panels.notice_bar.place(context, x, y, width, height)
+        panels.tour_bubble.place(context, x, y, width, height)
+
+    def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
+        message = self._panels.message
+        wide, high = _size_of(message, context, width)
+        message.frame = gui.Rect(x + (width - wide) // 2, y + (height - high) // 2, wide, high)
+        if self.fullscreen:  # at the top: cards of notices are at the bottom
+            wide, high = _size_of(self._panels.status, context, width)
+            self._panels.status.frame = gui.Rect(x + (width - wide) // 2, y + round(self._panels.em), wide, high)
+
+
+def _size_of(label: gui.Label, context: gui.LayoutContext, width: int) -> tuple[int, int]:
+    """Width and height of a label over a view of some width, where longer text wraps; pixels."""
+    limits = gui.Widget.Constraints()
+    limits.width = int(0.85 * width)
+    preferred = label.calc_preferred_size(context, limits)
+    return min(preferred.width, limits.width), preferred.height

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -11,23 +10,20 @@ from open3d.visualization import gui, rendering
 
 from gui.actions import menus
 from gui.actions.commands import Actions
+from gui.actions.opening import Opening
 from gui.drawing.icons import FONT
 from gui.drawing.palette import DIM, GROUND, PANEL, TEXT
-from gui.layout import Layout, Panels
-from gui.models.evaluation import Evaluation, EvaluationFile
+from gui.figures import QualityFigures
+from gui.models.evaluation import Evaluation
 from gui.models.loop import LOOP
 from gui.models.marks import Marks
 from gui.models.notices import Notices
-from gui.models.playback.loading import load
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.rate import Rate
-from gui.models.playback.sources import Opened
-from gui.models.playback.timeline_plots import Waveform, plots_of
 from gui.models.preferences import PICTURE_SIZES, Preferences
 from gui.models.take.exports import Exports
 from gui.models.take.serving import Serving
 from gui.models.take.workspace import Workspace
-from gui.models.worker import Done, LatestWorker
 from gui.overlays import Overlays
 from gui.pages.stage_views import StageViews
 from gui.pages.start.panel import StartPanel
@@ -35,13 +31,12 @@ from gui.platform.closing import CloseRequests
 from gui.platform.drawn_frames import DrawnFrames
 from gui.platform.fonts import title_font, use_icons
 from gui.platform.input_order import InputOrder
-from gui.platform.memory import give_back
 from gui.platform.menu_bar import MenuBar
-from gui.platform.presses import Chords
 from gui.platform.redraw import Redraws
 from gui.platform.x_window import XDisplay
-from gui.shell import Page
+from gui.shell import Layout, Page
 from gui.state import StateLog
+from gui.user_input import UserInput
 from gui.widgets.camera_menu import CameraMenu
 from gui.widgets.controls import ControlsPanel
 from gui.widgets.dialogs.base import Dialogs
@@ -59,7 +54,6 @@ from gui.widgets.timeline import TimelinePanel
 from gui.widgets.tour_bubble import TourBubble
 from gui.widgets.viewport import Viewport
 from pipelines.events import as_message
-from studio.gaussians import Gaussians
 
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
@@ -78,11 +72,6 @@ LOOK_EVERY = 0.5
 
 LEAST_SIZE = (51, 40)
 """Width and height of the window in em below which controls would be cut off."""
-
-QUALITY = ("psnr_trained", "psnr_decoded", "bytes", "flicker")
-"""What the timeline shows of every frame."""
-
-Loaded = tuple[Opened, Gaussians | None] | str
 
 
 class MainWindow:
@@ -110,22 +99,16 @@ class MainWindow:
         self.exports, self.serving = Exports(), Serving()
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.notices = Notices()
-        self.opening = ""
-        self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open", self._loaded)
-        self._evaluation_file = EvaluationFile()
-        self._waveform: Waveform | None = None
         self._software = software
         self._redraws = Redraws()
         self._log = StateLog(log)
         self.pictures = 0
         self.numbers: list[int | None] = [None, None, None]
-        self._told = False
         self.drawn = Rate()
         self.close_requests = CloseRequests(lambda: self._x.escape_down)
         self.wants_close = False
         self.ticks = 0
         self._awake_until = self._next_look = self._last_input = 0.0
-        self._chords = Chords()
         application = gui.Application.instance
         if application.menubar is None:
             use_icons(application, FONT)
@@ -135,25 +118,27 @@ class MainWindow:
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
         self.em = float(self.window.theme.font_size)
-        self._x, self._buttons = XDisplay(), 0
-        self._pointer: tuple[int, int] | None = None
+        self._x = XDisplay()
         own = self._x.window
-        self.input, self.menu_bar = InputOrder(own), MenuBar(self.em, menus.boxes(self.em))
+        self.input = InputOrder(own)
         self._frames = DrawnFrames(own)
-        self.input.wanted = self._pointed
         self._x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
         self._guard = SwapGuard(lambda: self.input.pointer, self.em)
         self.dialogs = Dialogs(self.window, titles)
         self.input.pressed = self.dialogs.pressed
         self.dialogs.last_folder, self.dialogs.remembered = self.preferences.folder, self._remember_folder
         self.actions = Actions(self, software)
+        self.places = Opening(self, self._opening_ended)
         self._build()
+        menu_bar = MenuBar(self.em, menus.boxes(self.em))
+        self._user = UserInput(self, self.actions, self.overlays, self._x, self.close_requests, menu_bar)
+        self._quality = QualityFigures(self)
         self.layout.left = self.preferences.panel_width
         self.window.set_on_layout(self.layout.place)
         self.window.set_on_tick_event(self._on_tick)
-        self.window.set_on_key(self._on_key)
+        self.window.set_on_key(self._user.on_key)
         self.window.set_on_close(self.close_requests.asked)
-        menus.connect(self.window, self._item_chosen)
+        menus.connect(self.window, self._user.item_chosen)
         self._connect()
         self.apply_preferences()
         self.actions.start.update()
@@ -164,7 +149,6 @@ class MainWindow:
         self.scene_view = SceneView(self.window, self.viewport.on_mouse, self.over_view)
         self.timeline = TimelinePanel(self.player, em, changed)
         hints = self.hints = Hints(self.input.active, em)
-        hints.bar = self._free_bar
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed, hints)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen, hints)
         self.stages = StagesPanel(
@@ -180,20 +164,14 @@ class MainWindow:
         buttons = NoticeActions(told.open_folder, told.copy, told.dismiss)
         self.notice_bar = NoticeBar(self.notices, em, buttons, changed)
         self.tour_bubble = TourBubble(tour.tour, em, tour.act)
-        self.overlays = Overlays(self, self.actions, changed)
+        self.overlays: Overlays = Overlays(self, self.actions, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
         self._pictures = (
             self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
             self.path_panel.picture, self.start.picture, *self.controls.symbols.values(), hints.picture,
         )  # fmt: skip
-        self.layout: Layout = Layout(
-            Panels(
-                self.window, em, self.views, self.viewport, self.scene_view, self.timeline, self.controls, self.modes,
-                self.stages, self.inspector, self.path_panel, self.message, self.status, self.camera_menu, self.start,
-                self.notice_bar, self.tour_bubble, hints, self.dialogs.shade,
-            )
-        )  # fmt: skip
+        self.layout: Layout = Layout(self)
         for widget in (
             *self.layout.fills,
             self.viewport.picture.widget,
@@ -241,44 +219,24 @@ class MainWindow:
 
     # Opening and closing
 
+    @property
+    def opening(self) -> str:
+        """Path or URL that is being opened; "" if none is."""
+        return self.places.place
+
     def open(self, path: str) -> None:
         """Open a take, a stream or a URL; bad input is reported in the window."""
-        self.opening = self.workspace.opening = path
-        if self.player.opened is None:
-            self.player.message = f"Opening {path} ..."
-        else:
-            self.notices.tell(f"Opening {path} ...", topic="open")
-        self._opener.ask(path)
+        self.places.open(path)
         self.actions.start.update()
 
-    def _loaded(self, done: Done[str, Loaded]) -> None:
-        found = done.result
-        self.opening = self.workspace.opening = ""
-        if found is None or isinstance(found, str):
-            self.notices.tell(found or str(done.error), bad=True, topic="open")
-            self.actions.tour.failed()
+    def _opening_ended(self, opened: bool) -> None:
+        if opened:
+            self.actions.start.opened()
+            self.actions.path.stop()
+            self.actions.tour.opened()
+        else:
             self.actions.start.update()
-            return
-        self.notices.clear("open")
-        opened, _ = found
-        self.player.adopt(*found)
-        self.actions.start.opened()
-        self.workspace.open(opened.take)
-        self.views.forget()
-        # what was open before has just been freed; on a thread, because it can take half a second
-        threading.Thread(target=give_back, name="v3studio memory", daemon=True).start()
-        self.actions.path.stop()
-        self.exports.path.open(opened.take.camera_path if opened.take is not None else None, self.workspace.history)
-        self.marks = Marks(opened.take.marks if opened.take is not None else None)
-        self.marks_changed()
-        self.preferences.opened(str(opened.path))
-        self.preferences.save()
-        self.player.background = self.preferences.background
-        self.select("review" if opened.sources else "capture")
-        if opened.sources and self.preferences.play_on_opening:
-            self.player.transport.play()
-        self.actions.tour.opened()
-        self.window.set_needs_layout()
+            self.actions.tour.failed()
 
     def apply_preferences(self) -> None:
         """Apply the preferences."""
@@ -322,7 +280,7 @@ class MainWindow:
         self.actions.path.close()
         self.timeline.filmstrip.close()
         self.workspace.close()
-        self._opener.close()
+        self.places.close()
         LOOP.stop(self._marks_timer)
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
@@ -339,7 +297,7 @@ class MainWindow:
     @property
     def control_held(self) -> bool:
         """Whether Ctrl or Shift is held."""
-        return self._chords.control or self._chords.shift
+        return self._user.control_held
 
     @property
     def start_actions(self) -> Page:
@@ -378,85 +336,19 @@ class MainWindow:
             self.window.set_needs_layout()
         self.changed()
 
-    def _on_key(self, event: gui.KeyEvent) -> bool:
-        LOOP.run()  # what is typed is for what a chosen item opens
-        modifier = self._chords.note(event)
-        if modifier and event.type == gui.KeyEvent.Type.UP:
-            self.actions.search.show_expected()
-        is_new = event.type != gui.KeyEvent.Type.DOWN or self.input.reports.is_new()
-        if event.key == gui.KeyName.ESCAPE:
-            self.close_requests.escape()
-            if event.type == gui.KeyEvent.Type.DOWN and self.input.escapes.heard(self._chords.again):
-                self._escape()
-            return True
-        if event.key == gui.KeyName.ENTER and (self.dialogs.name or self.dialogs.expected):
-            if event.type == gui.KeyEvent.Type.UP:
-                self.dialogs.enter()
-                self.changed()
-            return True
-        if not is_new:
-            return True
-        if self.dialogs.focusing and self._chords.again:
-            return True  # the key that opened the dialog, still held
-        if self.dialogs.key(event):
-            return True
-        if modifier:
-            return False
-        if event.type != gui.KeyEvent.Type.DOWN or self.dialogs.name:
-            return False
-        if self.overlays.key(event, self._chords.control, self._chords.shift, self._chords.again):
-            self.changed()
-            return True
-        if self._chords.control:
-            action = None if self._chords.again else self.actions.for_chord(event, self._chords.shift)
-        else:
-            action = self.actions.for_key(event, self._chords.again)
-        if action is None:
-            return False
-        action()
-        self.changed()
-        return True
-
-    def _escape(self) -> None:
-        if self.dialogs.name or self.dialogs.expected:
-            self.dialogs.escape()
-        elif self.menu_bar.opened:
-            self.input.click(*self.menu_bar.empty)  # the toolkit's menus know no keys
-        elif (
-            self.overlays.escape()
-            or self.camera_menu.close()
-            or self.layout.close_log()
-            or self.views.leave_camera()
-            or self.views.leave()
-            or self.player.transport.clear_span()
-        ):
-            pass
-        elif self.layout.fullscreen:
-            self.layout.set_fullscreen(False)
-        self.changed()
-
     # At each tick
 
     def _on_tick(self) -> bool:
         if self._frames.poll():
             self._redraws.drawn()
         LOOP.run()
-        self.input.escapes.dialog = bool(self.dialogs.name)
-        came = self.input.poll(hold=self.dialogs.focusing, release=self.dialogs.expected)
-        if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
-            self.changed()
-        elif came:
+        if self._user.tick():
+            self._last_input = time.monotonic()
             self._stay_awake()
-        self.input.escapes.dialog = bool(self.dialogs.name)  # what came may have closed it
-        if self.input.escapes.kept():  # by a text field, which only restores its text
-            self._escape()
         self._close_if_asked()
-        self._watch_mouse()
         if self._rests():
             self._log.tick()
             return False
-        self._read_evaluation()
-        self._show_waveform()
         copied = self.actions.clipboard.poll()
         if copied is not None:
             self.actions.start.copied(copied)
@@ -473,7 +365,8 @@ class MainWindow:
         if not pausing:  # changes between two draws are invisible
             self.timeline.path_keys = [key.frame for key in self.exports.path.keys] if self.path_panel.shown else []
             self.timeline.busy = self.workspace.busy
-            self.timeline.look(self.input.pointer, self._covered)
+            self._quality.update()
+            self.timeline.look(self.input.pointer, self._user.covered)
             changed |= self.timeline.update()
             changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
             changed |= self._update_panels()
@@ -490,8 +383,6 @@ class MainWindow:
         transport, settled = self.player.transport, self.views.settled
         if transport.playing or not settled or self.opening:  # the next picture is shown as soon as it is there
             self._stay_awake()
-        if came:
-            self._last_input = time.monotonic()
         if self._software:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
             unwatched = self.input.active and time.monotonic() > self._last_input + ATTENTION
@@ -525,51 +416,6 @@ class MainWindow:
         self._next_look = now + REST
         return False
 
-    def _item_chosen(self, key: str) -> None:
-        """An item of a menu was chosen, which closes the menu. It acts before the next tick or key: the toolkit reports
-        it while it draws, and a dialog that opens then would come below its shade, which the next frame has first.
-        """
-        self.menu_bar.closed()
-        LOOP.post(self.actions.menu()[key])
-        self.changed()
-
-    def _watch_mouse(self) -> None:
-        """Draw when a mouse button is pressed or released: the toolkit tells of no clicks on its menus and lists, and
-        would draw what they open only when the pointer moves."""
-        buttons = self.input.buttons if self.input.active else self._x.buttons
-        if buttons != self._buttons:
-            self._buttons = buttons
-            self.changed()
-        pointer, before, self._pointer = self.input.pointer, self._pointer, self.input.pointer
-        if pointer != before:
-            self.actions.edits.moved()
-        if pointer not in (None, before) and holds(self.stages.settings[self.stages.selected].widget, *pointer):
-            self.changed()  # a tooltip has the size of the one before it until the second draw
-
-    def _pointed(self, kind: str, button: int, x: int, y: int) -> bool:
-        """Whether the toolkit is to see that the pointer is moved or a button is pressed at a position."""
-        self.menu_bar.height = self.window.content_rect.y
-        if self.dialogs.name:
-            self.menu_bar.closed()
-            return kind != "press" or not self.actions.search.press(button, x, y)
-        if kind == "press" and button == 1:
-            settings = self.stages.settings[self.stages.selected]
-            self.hints.press(x, y, (*self.controls.lists, *settings.lists))
-            settings.press(x, y)
-        if kind == "move":
-            self.menu_bar.move(x, y)
-        return kind == "move" or button != 1 or self.menu_bar.press(x, y)
-
-    @property
-    def _covered(self) -> bool:
-        """Whether a dialog or a menu is open, as far as can be told."""
-        return bool(self.dialogs.name or self.camera_menu.camera or self.menu_bar.opened)
-
-    def _free_bar(self) -> tuple[int, int, int, int]:
-        """Left, top, width and height of the menu bar without its titles, pixels; no height while it is hidden."""
-        area, left = self.window.content_rect, self.menu_bar.empty[0]
-        return left, 0, area.x + area.width - left, area.y
-
     def _update_panels(self) -> bool:
         if self.layout.fullscreen or self.start.shown:
             return False
@@ -591,48 +437,17 @@ class MainWindow:
         drawn = self.drawn.value if self.player.transport.playing else 0.0
         changed |= self.inspector.update(
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage,
-            stage_view.blocks if stage_view is not None else (), drawn, self._camera,
+            stage_view.blocks if stage_view is not None else (), drawn, self._quality.camera,
         )  # fmt: skip
         changed |= self.inspector.update_log(self.workspace)
-        if self.hints.update(self.input.pointer, bool(self._buttons) or self._covered or self.hints.listing):
+        if self.hints.update(self.input.pointer, bool(self._user.buttons) or self._user.covered or self.hints.listing):
             self.window.set_needs_layout()
             changed = True
         status = self.player.status if stage_view is None else stage_view.status
-        told = self.overlays.line
-        words = [told or status, self.scene_view.words, self.exports.words, self.serving.words]
-        if self._told != bool(told):
-            self._told = bool(told)
-            self.status.text_color = color(TEXT if told else DIM)
+        notice = self.overlays.line
+        words = [notice or status, self.scene_view.words, self.exports.words, self.serving.words]
+        self.status.text_color = color(TEXT if notice else DIM)
         return changed | self._set_text(self.status, "   ".join(filter(None, words)))
-
-    @property
-    def _camera(self) -> str:
-        """The camera whose figures are shown; "" for the mean, as over an edit, which has a view of its own."""
-        return self.player.camera if self.views.shows_player else ""
-
-    def _read_evaluation(self) -> None:
-        take, frames = self.workspace.take, self.player.transport.frame_count
-        camera, other = self._camera, self.player.other
-        if not self._evaluation_file.changed(take, frames, camera, other):
-            return
-        self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
-        others = {name: other.series(name, camera) for name in QUALITY} if other is not None else None
-        camera = camera if camera in self.evaluation.cameras else ""
-        series = {name: self.evaluation.series(name, frames, camera) for name in QUALITY}
-        self.timeline.plots = plots_of(
-            series, self.evaluation.whose(camera), others, self.evaluation.whose_briefly(camera)
-        )
-        self._waveform = None
-        against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""
-        self.timeline.explanation = self.evaluation.explanation + against
-
-    def _show_waveform(self) -> None:
-        """Add the sound's row to the timeline once its waveform is known, or remove it."""
-        waveform = self.player.audio.waveform if self.player.audio is not None else None
-        if waveform is not self._waveform:
-            plots = [plot for plot in self.timeline.plots if not isinstance(plot, Waveform)]
-            self.timeline.plots = (*plots, *((waveform,) if waveform is not None else ()))
-            self._waveform = waveform
 
     def marks_changed(self) -> None:
         """Update the timeline's marks."""

@@ -184,11 +184,12 @@ def test_no_modules_import_in_a_circle() -> None:
 GUI = (
     "app",
     "window",
+    "user_input",
     "overlays",
+    "figures",
     "state",
     "actions",
     "shell",
-    "layout",
     "pages",
     "widgets",
     "models.take",

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.palette import GROUND
 from gui.models.loop import Signal
 from gui.models.playback.player import PlayerPresenter
 from gui.models.scene.contents import PARTS
@@ -20,71 +19,15 @@ from gui.pages.bake.view import BakeView
 from gui.pages.calibrate.points_view import PointsView
 from gui.pages.calibrate.view import CalibrateView
 from gui.pages.capture.view import GARBAGE, CaptureView
+from gui.pages.choices import REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
 from gui.pages.initialize import InitializeView, Mesh
+from gui.pages.newest_image import NewestImage
 from gui.pages.review.tools import EDIT_CHOICES
 from gui.pages.review.view import EditView
-from gui.pages.stage_view import StageView, shown_at, waiting
+from gui.pages.stage_view import StageView, shown_at
 from gui.pages.train import TrainView
 
-Choice = tuple[str, str, str]
-
-REVIEW_CHOICES: tuple[Choice, ...] = (
-    ("truth", "Footage", "Footage of a capture camera, maskd (1)"),
-    ("trained", "Trained", "Trained Gaussians (2)"),
-    ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
-    ("other", "Other bake", "Another bake or take to compare with; View > Bakes chooses it (4)"),
-    ("", "", ""),
-    ("side by side", "Side by side", "Show sources side by side (S)"),
-    ("wipe", "Wipe", "Wipe against footage or trained; drag the line (W)"),
-    ("difference", "Difference", "Difference heat map against footage or trained (D)"),
-    ("", "", ""),
-    ("scene", "Scene", "Splats with cameras, points, mesh, grid and axes; click a camera to look through it (O)"),
-    ("edit", "Edit", "Trim, crop, remove floaters, place the world; can be undone (X)"),
-)
-SCENE_CHOICES: tuple[Choice, ...] = (
-    ("scene", "Done", "Leave the scene and show the take again (O)"),
-    ("", "", ""),
-    ("trained", "Trained", "Trained Gaussians (2)"),
-    ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
-    ("", "", ""),
-    ("splats", "Splats", "The frame's splats"),
-    ("cameras", "Cameras", "Frusta of the capture cameras with their images; click one to look through it"),
-    ("points", "Points", "Sparse points of the calibration, else the initial points of training"),
-    ("mesh", "Mesh", "Visual hull of the group's keyframe"),
-    ("grid", "Grid", "A grid on the ground"),
-    ("axes", "Axes", "The axes of the world: x red, y green, z blue"),
-    ("volume", "Volume", "The box around the visual hull, and its size"),
-)
 EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
-
-LOADING = "loading"
-"""What the empty view says until its first picture is there."""
-
-DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
-"""Seconds after which a picture of something else, or of another frame, is dimmed: not at every quick change."""
-
-SLOW_TICK = 0.25
-"""Seconds between two ticks from which on the window is so slow that a wrong picture is dimmed at once: it would stay
-for another draw."""
-
-TOOLTIPS = {
-    "mask overlay": "Images with the background darkened and the mask's edge outlined",
-    "images": "Original images",
-    "performer": "Images cut out by the masks",
-    "garbage masks": "Draw where the performer never is: click a camera, then the corners of a polygon",
-    "cameras": "Camera frustums with their images, and sparse points",
-    "coverage": "Directions around the performer, and its surface, by how well the training cameras see them",
-    "report": "Reprojection error per camera",
-    "points by hand": "Mark tie points manually, for footage with too few automatic matches",
-    "mesh": "Visual hull of the group's keyframe",
-    "points": "Initial points for training",
-    "progress": "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage",
-    "gaussians": "Trained frames in the interactive viewer",
-    "camera colors": "Each camera's image as filmed and in the mean camera's colors, with train.camera_colors",
-    "bytes": "Size by attribute and by group",
-    "try other QPs": "Size and PSNR at other quantization parameters, measured on a whole group",
-    "planes": "Attribute planes of the frame as images",
-}
 
 
 class StageViews:
@@ -126,12 +69,7 @@ class StageViews:
         self.stage = "review"
         self._left_scene_of: object = None
         self._looks: tuple[str, OrbitCamera | None] = ("", None)
-        self._now = now
-        self._shown: object = None
-        self._pixels: np.ndarray | None = None
-        self._missing_since: float | None = None
-        self._ticked = now()
-        self._waits = ""
+        self._newest = NewestImage(now)
         self._rest = Rest(now)
         self.clicked: Signal[[]] = Signal()
         self.camera_clicked: Signal[[str]] = Signal()
@@ -321,40 +259,9 @@ class StageViews:
             drawn_size: size of pictures rendered from splats.
             em: font size, pixels.
         """
-        pixels = self._poll(size, drawn_size, em)
-        before, self._ticked = self._ticked, self._now()
-        if pixels is not None:
-            self._shown, self._pixels, self._missing_since, self._waits = self._wanted, pixels, None, ""
-            return pixels
-        if self._pixels is None:
-            return self._loading(size, em)
-        if self._wanted == self._shown and self._frame_shown:
-            self._missing_since = None
-            return None
-        now = self._ticked
-        if self._missing_since is None:
-            self._missing_since = before if now - before >= SLOW_TICK else now
-        if now - self._missing_since < (DIMMED_AFTER if self._wanted != self._shown else FRAME_DIMMED_AFTER):
-            return None
-        words = "not available" if self._finished else "drawing"
-        if words == self._waits:
-            return None
-        self._waits = words
-        return waiting(self._pixels, "" if self.message else words, em)
-
-    def _loading(self, size: tuple[int, int], em: float) -> np.ndarray | None:
-        """An empty picture with a word, while the very first one is being made; without, if there will be none."""
-        if self._finished or self.message:
-            self._missing_since = None
-            if self._waits:
-                self._waits = ""
-                return np.full((size[1], size[0], 3), GROUND, np.uint8)
-        elif self._missing_since is None:
-            self._missing_since = self._now()
-        elif not self._waits and self._now() - self._missing_since >= DIMMED_AFTER:
-            self._waits = LOADING
-            return waiting(np.full((size[1], size[0], 3), GROUND, np.uint8), self._waits, em)
-        return None
+        return self._newest.update(
+            self._poll(size, drawn_size, em), self._wanted, self._frame_shown, self._finished, self.message, size, em
+        )
 
     @property
     def _wanted(self) -> object:
@@ -404,7 +311,7 @@ class StageViews:
     @property
     def settled(self) -> bool:
         """Whether the newest picture shows what was last requested."""
-        return self._finished and self._waits != LOADING
+        return self._finished and not self._newest.loading
 
     @property
     def _finished(self) -> bool:

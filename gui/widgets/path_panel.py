@@ -22,7 +22,7 @@ class PathPanel:
         changed: called when something must be drawn again.
 
     Attributes:
-        shown: whether it is to be seen; `gui.layout` shows it where there is room.
+        shown: whether it is to be seen; the layout shows it where there is room.
     """
 
     def __init__(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from PIL import Image, ImageDraw, ImageFont
 
 from gui.drawing.icons import CODES, FONT, ICONS, icon
+from gui.pages.choices import REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS
 from gui.pages.review.tools import EDIT_CHOICES
-from gui.pages.stage_views import REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS
 
 
 def drawn(character: str) -> bytes:

@@ -1,0 +1,74 @@
+"""Opening takes, streams and URLs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from gui.models.marks import Marks
+from gui.models.playback.loading import load
+from gui.models.playback.sources import Opened
+from gui.models.worker import Done, LatestWorker
+from gui.platform.memory import give_back
+from gui.shell import Shell
+from studio.gaussians import Gaussians
+
+Loaded = tuple[Opened, Gaussians | None] | str
+
+
+class Opening:
+    """See the module.
+
+    Args:
+        window: the main window.
+        ended: called once something is opened, or was not, with whether it was.
+    """
+
+    def __init__(self, window: Shell, ended: Callable[[bool], object]) -> None:
+        self._window, self._ended = window, ended
+        self._worker: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open", self._loaded)
+        self.place = ""
+
+    def open(self, place: str) -> None:
+        """Open a take, a stream or a URL; bad input is reported in the window."""
+        window = self._window
+        self.place = window.workspace.opening = place
+        if window.player.opened is None:
+            window.player.message = f"Opening {place} ..."
+        else:
+            window.notices.tell(f"Opening {place} ...", topic="open")
+        self._worker.ask(place)
+
+    def _loaded(self, done: Done[str, Loaded]) -> None:
+        window, found = self._window, done.result
+        self.place = window.workspace.opening = ""
+        if found is None or isinstance(found, str):
+            window.notices.tell(found or str(done.error), bad=True, topic="open")
+            self._ended(False)
+            return
+        window.notices.clear("open")
+        self._show(*found)
+        self._ended(True)
+
+    def _show(self, opened: Opened, first: Gaussians | None) -> None:
+        window = self._window
+        take = opened.take
+        window.player.adopt(opened, first)
+        window.workspace.open(take)
+        window.views.forget()
+        # the previous take's buffers have just been freed; on a thread, because it can take half a second
+        threading.Thread(target=give_back, name="v3studio memory", daemon=True).start()
+        window.exports.path.open(take.camera_path if take is not None else None, window.workspace.history)
+        window.marks = Marks(take.marks if take is not None else None)
+        window.marks_changed()
+        window.preferences.opened(str(opened.path))
+        window.preferences.save()
+        window.player.background = window.preferences.background
+        window.select("review" if opened.sources else "capture")
+        if opened.sources and window.preferences.play_on_opening:
+            window.player.transport.play()
+        window.laid_out()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._worker.close()

@@ -1,0 +1,58 @@
+"""Keeps the figures of quality up to date: the evaluation, and what the timeline plots of it."""
+
+from __future__ import annotations
+
+from gui.models.evaluation import Evaluation, EvaluationFile
+from gui.models.playback.timeline_plots import Waveform, plots_of
+from gui.shell import Shell
+
+QUALITY = ("psnr_trained", "psnr_decoded", "bytes", "flicker")
+"""What the timeline shows of every frame."""
+
+
+class QualityFigures:
+    """See the module.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: Shell) -> None:
+        self._window = window
+        self._file = EvaluationFile()
+        self._waveform: Waveform | None = None
+
+    @property
+    def camera(self) -> str:
+        """The camera whose figures are shown; "" for the mean, as over an edit, which has a view of its own."""
+        return self._window.player.camera if self._window.views.shows_player else ""
+
+    def update(self) -> None:
+        """Read the evaluation again if it has changed. Call before the window is drawn."""
+        window = self._window
+        take, frames = window.workspace.take, window.player.transport.frame_count
+        if self._file.changed(take, frames, self.camera, window.player.other):
+            window.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
+            self._plot(frames)
+        self._show_waveform()
+
+    def _plot(self, frames: int) -> None:
+        window, camera = self._window, self.camera
+        evaluation, other = window.evaluation, window.player.other
+        others = {name: other.series(name, camera) for name in QUALITY} if other is not None else None
+        camera = camera if camera in evaluation.cameras else ""
+        series = {name: evaluation.series(name, frames, camera) for name in QUALITY}
+        whose = evaluation.whose(camera), evaluation.whose_briefly(camera)
+        window.timeline.plots = plots_of(series, whose[0], others, whose[1])
+        self._waveform = None
+        against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""
+        window.timeline.explanation = evaluation.explanation + against
+
+    def _show_waveform(self) -> None:
+        """Add the sound's row to the timeline once its waveform is known, or remove it."""
+        audio, timeline = self._window.player.audio, self._window.timeline
+        waveform = audio.waveform if audio is not None else None
+        if waveform is not self._waveform:
+            plots = [plot for plot in timeline.plots if not isinstance(plot, Waveform)]
+            timeline.plots = (*plots, *((waveform,) if waveform is not None else ()))
+            self._waveform = waveform

@@ -1,0 +1,98 @@
+"""NewestImage: what the view shows while the chosen image is being rendered: the last one, dimmed, with a word."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from gui.drawing.palette import GROUND
+from gui.pages.stage_view import waiting
+
+LOADING = "loading"
+"""What the empty view says until its first picture is there."""
+
+DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
+"""Seconds after which a picture of something else, or of another frame, is dimmed: not at every quick change."""
+
+SLOW_TICK = 0.25
+"""Seconds between two ticks from which on the window is so slow that a wrong picture is dimmed at once: it would stay
+for another draw."""
+
+
+class NewestImage:
+    """See the module.
+
+    Args:
+        now: a monotonic clock in seconds.
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._shown: object = None
+        self._pixels: np.ndarray | None = None
+        self._missing_since: float | None = None
+        self._updated = now()
+        self._words = ""
+
+    @property
+    def loading(self) -> bool:
+        """Whether the view is empty and says so."""
+        return self._words == LOADING
+
+    def update(
+        self,
+        pixels: np.ndarray | None,
+        wanted: object,
+        right_frame: bool,
+        finished: bool,
+        message: str,
+        size: tuple[int, int],
+        em: float,
+    ) -> np.ndarray | None:
+        """The image to show, if it changes. Call at each tick.
+
+        Args:
+            pixels: (height, width, 3) uint8, a new image; None if there is none.
+            wanted: what the chosen image shows.
+            right_frame: whether the newest image shows the current frame.
+            finished: whether no image is being rendered.
+            message: message over the view; "" for none.
+            size: (width, height) of the view, pixels.
+            em: font size, pixels.
+        """
+        before, self._updated = self._updated, self._now()
+        if pixels is not None:
+            self._shown, self._pixels, self._missing_since, self._words = wanted, pixels, None, ""
+            return pixels
+        if self._pixels is None:
+            return self._empty(finished, message, size, em)
+        if wanted == self._shown and right_frame:
+            self._missing_since = None
+            return None
+        now = self._updated
+        if self._missing_since is None:
+            self._missing_since = before if now - before >= SLOW_TICK else now
+        if now - self._missing_since < (DIMMED_AFTER if wanted != self._shown else FRAME_DIMMED_AFTER):
+            return None
+        words = "not available" if finished else "drawing"
+        if words == self._words:
+            return None
+        self._words = words
+        return waiting(self._pixels, "" if message else words, em)
+
+    def _empty(self, finished: bool, message: str, size: tuple[int, int], em: float) -> np.ndarray | None:
+        """An empty image with a word while the very first one is being rendered; without it if there will be none."""
+        empty = np.full((size[1], size[0], 3), GROUND, np.uint8)
+        if finished or message:
+            self._missing_since = None
+            if self._words:
+                self._words = ""
+                return empty
+        elif self._missing_since is None:
+            self._missing_since = self._now()
+        elif not self._words and self._now() - self._missing_since >= DIMMED_AFTER:
+            self._words = LOADING
+            return waiting(empty, self._words, em)
+        return None

@@ -1,0 +1,170 @@
+"""Keys, mouse and menus of the window: what comes from the user, and what it does."""
+
+from __future__ import annotations
+
+from open3d.visualization import gui
+
+from gui.actions.commands import Actions
+from gui.models.loop import LOOP
+from gui.overlays import Overlays
+from gui.platform.closing import CloseRequests
+from gui.platform.menu_bar import MenuBar
+from gui.platform.presses import Chords
+from gui.platform.x_window import XDisplay
+from gui.shell import Shell
+from gui.widgets.picture import holds
+
+
+class UserInput:
+    """See the module.
+
+    Args:
+        window: the main window.
+        actions: what keys and menus do.
+        overlays: get their keys first.
+        x: tells of the mouse while its events do not pass through the window's input.
+        close_requests: told of presses of Escape.
+        menu_bar: follows the mouse.
+    """
+
+    def __init__(
+        self,
+        window: Shell,
+        actions: Actions,
+        overlays: Overlays,
+        x: XDisplay,
+        close_requests: CloseRequests,
+        menu_bar: MenuBar,
+    ) -> None:
+        self._window, self._actions, self._overlays = window, actions, overlays
+        self._x, self._close_requests, self._menu_bar = x, close_requests, menu_bar
+        self._chords = Chords()
+        self.buttons = 0
+        self._pointer: tuple[int, int] | None = None
+        window.input.wanted = self._pointed
+        window.hints.bar = self._free_bar
+
+    @property
+    def control_held(self) -> bool:
+        """Whether Ctrl or Shift is held."""
+        return self._chords.control or self._chords.shift
+
+    def tick(self) -> bool:
+        """Pass events on to the toolkit. Call at each tick; returns whether there were any."""
+        window = self._window
+        window.input.escapes.dialog = bool(window.dialogs.name)
+        came = window.input.poll(hold=window.dialogs.focusing, release=window.dialogs.expected)
+        if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
+            window.changed()
+        window.input.escapes.dialog = bool(window.dialogs.name)  # what came may have closed it
+        if window.input.escapes.kept():  # by a text field, which only restores its text
+            self._escape()
+        self._watch_mouse()
+        return bool(came)
+
+    def on_key(self, event: gui.KeyEvent) -> bool:
+        """Handle a key event of the toolkit; returns whether it is not to be handled further."""
+        window, dialogs = self._window, self._window.dialogs
+        LOOP.run()  # what is typed is for what a chosen item opens
+        modifier = self._chords.note(event)
+        if modifier and event.type == gui.KeyEvent.Type.UP:
+            self._actions.search.show_expected()
+        is_new = event.type != gui.KeyEvent.Type.DOWN or window.input.reports.is_new()
+        if event.key == gui.KeyName.ESCAPE:
+            self._close_requests.escape()
+            if event.type == gui.KeyEvent.Type.DOWN and window.input.escapes.heard(self._chords.again):
+                self._escape()
+            return True
+        if event.key == gui.KeyName.ENTER and (dialogs.name or dialogs.expected):
+            if event.type == gui.KeyEvent.Type.UP:
+                dialogs.enter()
+                window.changed()
+            return True
+        if not is_new:
+            return True
+        if dialogs.focusing and self._chords.again:
+            return True  # the key that opened the dialog, still held
+        if dialogs.key(event):
+            return True
+        if modifier or event.type != gui.KeyEvent.Type.DOWN or dialogs.name:
+            return False
+        return self._act(event)
+
+    def _act(self, event: gui.KeyEvent) -> bool:
+        """Do what a pressed key stands for; returns whether it stands for something."""
+        chords = self._chords
+        if not self._overlays.key(event, chords.control, chords.shift, chords.again):
+            if chords.control:
+                action = None if chords.again else self._actions.for_chord(event, chords.shift)
+            else:
+                action = self._actions.for_key(event, chords.again)
+            if action is None:
+                return False
+            action()
+        self._window.changed()
+        return True
+
+    def _escape(self) -> None:
+        window = self._window
+        if window.dialogs.name or window.dialogs.expected:
+            window.dialogs.escape()
+        elif self._menu_bar.opened:
+            window.input.click(*self._menu_bar.empty)  # the toolkit's menus know no keys
+        elif not (
+            self._overlays.escape()
+            or window.camera_menu.close()
+            or window.layout.close_log()
+            or window.views.leave_camera()
+            or window.views.leave()
+            or window.player.transport.clear_span()
+        ):
+            window.layout.leave_fullscreen()
+        window.changed()
+
+    def item_chosen(self, key: str) -> None:
+        """An item of a menu was chosen, which closes the menu. It acts before the next tick or key: the toolkit reports
+        it while it draws, and a dialog that opens then would come below its shade, which the next frame has first.
+        """
+        self._menu_bar.closed()
+        LOOP.post(self._actions.menu()[key])
+        self._window.changed()
+
+    def _watch_mouse(self) -> None:
+        """Redraw when a mouse button is pressed or released: the toolkit reports no clicks on its menus and lists, and
+        would show what they open only when the pointer moves."""
+        window = self._window
+        buttons = window.input.buttons if window.input.active else self._x.buttons
+        if buttons != self.buttons:
+            self.buttons = buttons
+            window.changed()
+        pointer, before = window.input.pointer, self._pointer
+        self._pointer = pointer
+        if pointer != before:
+            self._actions.edits.moved()
+            if pointer is not None and holds(window.stages.settings[window.stages.selected].widget, *pointer):
+                window.changed()  # a tooltip has the size of the one before it until the second draw
+
+    def _pointed(self, kind: str, button: int, x: int, y: int) -> bool:
+        """Whether the toolkit is to see that the pointer is moved or a button is pressed at a position."""
+        window = self._window
+        self._menu_bar.height = window.window.content_rect.y
+        if window.dialogs.name:
+            self._menu_bar.closed()
+            return kind != "press" or not self._actions.search.press(button, x, y)
+        if kind == "press" and button == 1:
+            settings = window.stages.settings[window.stages.selected]
+            window.hints.press(x, y, (*window.controls.lists, *settings.lists))
+            settings.press(x, y)
+        if kind == "move":
+            self._menu_bar.move(x, y)
+        return kind == "move" or button != 1 or self._menu_bar.press(x, y)
+
+    @property
+    def covered(self) -> bool:
+        """Whether a dialog or a menu is open, as far as is known."""
+        return bool(self._window.dialogs.name or self._window.camera_menu.camera or self._menu_bar.opened)
+
+    def _free_bar(self) -> tuple[int, int, int, int]:
+        """Left, top, width and height of the menu bar without its titles, pixels; no height while it is hidden."""
+        area, left = self._window.window.content_rect, self._menu_bar.empty[0]
+        return left, 0, area.x + area.width - left, area.y
