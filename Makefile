@@ -16,7 +16,7 @@ LOCK_ARGS ?=
 # Wheels for glibc 2.35, as Open3D's; the hashes are those of all platforms.
 LOCK = $(PY) -m uv pip compile pyproject.toml --quiet --generate-hashes --no-annotate --python-version 3.11 \
     --python-platform x86_64-manylinux_2_35 --custom-compile-command 'make lock' --no-emit-package pip $(LOCK_ARGS)
-WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
+WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/schema.mjs web/package-lock.json docs/stream.schema.json
 # All but `serve` and `share` work without the player, so a machine that cannot reach npm's registry is set up too.
 BUILD_WEB = $(MAKE) --no-print-directory web || \
     echo "The browser player could not be built, so \`v3studio serve\` and \`share\` have none. Run \`make web\` to try again." >&2
@@ -118,6 +118,7 @@ v3studio/player/index.html: $(WEB_SOURCES) web/node_modules/.stamp
 	@$(NODE) web/build.mjs
 
 web-lint: web/node_modules/.stamp
+	@$(NODE) web/schema.mjs
 	@cd web && $(NODE) node_modules/eslint/bin/eslint.js .
 	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit
 	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit -p tests

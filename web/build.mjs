@@ -5,6 +5,7 @@ import { mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
+import { schemaPlugin } from "./schema.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = process.argv[2] ?? join(here, "..", "v3studio", "player");
@@ -22,7 +23,7 @@ const common = {
   loader: { ".css": "text" },
 };
 
-const worker = await build({ ...common, entryPoints: ["src/worker/main.ts"], format: "iife", write: false });
+const worker = await build({ ...common, plugins: [schemaPlugin], entryPoints: ["src/worker/main.ts"], format: "iife", write: false });
 const workerText = worker.outputFiles[0].text;
 
 const player = await build({
@@ -31,6 +32,7 @@ const player = await build({
   format: "esm",
   write: false,
   plugins: [
+    schemaPlugin,
     {
       name: "worker-source",
       setup(builder) {

@@ -4,6 +4,7 @@ import { spawnSync } from "node:child_process";
 import { readdirSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
+import { schemaPlugin } from "./schema.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = join(here, "tests", "build");
@@ -16,6 +17,7 @@ await build({
   bundle: true,
   platform: "node",
   format: "esm",
+  plugins: [schemaPlugin],
   logLevel: "warning",
 });
 const files = tests.map((name) => join(out, name.replace(/\.ts$/, ".mjs")));

@@ -1,4 +1,4 @@
-"""Streams of version 3: renditions, pages of the index, checks of the decoder."""
+"""Renditions, pages of the index, checks of the decoder."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ def test_a_stream_with_renditions_and_pages_plays(site, baked, open_page):
     shutil.copytree(baked(ladder=(16, 34), lengths=(5, 4, 3), paged=True), site.stream)
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 2")
-    assert page.evaluate("() => document.querySelector('v3-player').engine.info.version") == 3
     # A busy machine may drop all frames of the last group, which lasts 0.12 s, in each loop.
     page.seek_frame(10)
     frames = {entry["frame"] for entry in page.seen("time")}

@@ -4,6 +4,12 @@ declare module "worker-source" {
   export default source;
 }
 
+/** Definitions of docs/stream.schema.json, inserted by schema.mjs. */
+declare module "stream-schema" {
+  const definitions: Readonly<Record<string, import("./stream/json_schema.ts").Schema>>;
+  export default definitions;
+}
+
 /** The text of a style sheet, inserted by build.mjs. */
 declare module "*.css" {
   const text: string;

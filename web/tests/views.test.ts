@@ -2,10 +2,9 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { OrbitCamera, type Pinhole } from "../src/render/camera.ts";
-import { FADE, visibility } from "../src/render/view_range.ts";
+import { FADE, OrbitCamera, type Pinhole, visibility } from "../src/render/camera.ts";
 import type { Player } from "../src/player/player.ts";
-import type { Camera, Vector } from "../src/stream/manifest.ts";
+import type { Camera, Vector } from "../src/stream/metadata.ts";
 import { clock, plural } from "../src/ui/format.ts";
 import { readPath, spline } from "../src/ui/intro.ts";
 import { parseView } from "../src/ui/link.ts";

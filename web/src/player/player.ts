@@ -3,11 +3,11 @@
  * due. The main thread only uploads and draws.
  */
 
-import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View } from "../render/camera.ts";
-import { visibility } from "../render/view_range.ts";
+import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View, visibility } from "../render/camera.ts";
 import { Renderer } from "../render/renderer.ts";
 import { messageOf } from "../stream/errors.ts";
-import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
+import { groupOfFrame } from "../stream/manifest.ts";
+import type { Camera, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";

@@ -1,6 +1,6 @@
 /** An orbit camera, and its pinhole camera for a given canvas size. */
 
-import type { Camera, Vector } from "../stream/manifest.ts";
+import type { Camera, Vector, ViewRange } from "../stream/metadata.ts";
 import type { DepthAxis } from "../worker/messages.ts";
 
 export type Vec3 = [number, number, number];
@@ -90,6 +90,20 @@ export function depthAxis({ rotation: r, translation: t }: Pinhole): DepthAxis {
 /** The camera center in world coordinates. */
 export function centerOf({ rotation: r, translation: t }: Pinhole): Vec3 {
   return [0, 1, 2].map((k) => -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2])) as Vec3;
+}
+
+/** Degrees beyond the range in which the image fades. */
+export const FADE = 20;
+
+/** Opacity of the image from an eye's place: 1 within the range, 0 from FADE degrees beyond. */
+export function visibility({ center, directions, angle }: ViewRange, eye: Vector): number {
+  const towards = [0, 1, 2].map((k) => eye[k] - center[k]);
+  const length = Math.hypot(...towards);
+  if (!(length > 0)) return 1;
+  let nearest = -1;
+  for (const one of directions) nearest = Math.max(nearest, (one[0] * towards[0] + one[1] * towards[1] + one[2] * towards[2]) / length);
+  const beyond = (Math.acos(Math.min(1, nearest)) * 180) / Math.PI - angle;
+  return Math.max(0, Math.min(1, 1 - beyond / FADE));
 }
 
 export class OrbitCamera {

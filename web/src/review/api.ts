@@ -1,6 +1,6 @@
 /** What the page and `v3studio serve --review` send each other; `pipelines/review/messages.py` has the same. */
 
-import type { Vector } from "../stream/manifest.ts";
+import type { Vector } from "../stream/metadata.ts";
 
 export const VERSION = 1;
 

@@ -1,6 +1,6 @@
 /** The controls of the comparison with footage, and views of marks: free ones and those that compare. */
 
-import type { Vector } from "../stream/manifest.ts";
+import type { Vector } from "../stream/metadata.ts";
 import { depthAxis, dot, pinholeOf } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 import type { V3PlayerElement } from "../ui/element.ts";

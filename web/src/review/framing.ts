@@ -1,6 +1,6 @@
 /** Which part of a camera's picture is shown, and where. */
 
-import type { Camera, Vector } from "../stream/manifest.ts";
+import type { Camera, Vector } from "../stream/metadata.ts";
 import type { ReviewCamera } from "./api.ts";
 
 /** A part of a picture, in its pixels. */

@@ -1,7 +1,7 @@
 /** Footage of a held-out camera over the player's picture from exactly that camera, divided by a line to drag. */
 
 import type { Player } from "../player/player.ts";
-import type { Vector } from "../stream/manifest.ts";
+import type { Vector } from "../stream/metadata.ts";
 import type { ReviewCamera, ReviewServer } from "./api.ts";
 import { make } from "./dom.ts";
 import { around, cameraOf, type Part, placed, whole, withRoom } from "./framing.ts";

@@ -1,19 +1,19 @@
 /** The groups of a stream: those in the manifest, and those in pages, which are read when they are needed. */
 
-import { type Group, type Manifest, type PageEntry, type Span } from "./manifest.ts";
+import type { GroupEntry, IndexPage, Manifest, Rendition, Span } from "./manifest.ts";
 
 export class GroupTable {
   spans: readonly Span[] = [];
-  private inline: readonly (readonly Group[])[] = [];
-  private pages: readonly PageEntry[] = [];
-  private readonly readPage: (page: PageEntry) => Promise<readonly (readonly Group[])[]>;
+  private inline: readonly GroupEntry[] = [];
+  private pages: readonly IndexPage[] = [];
+  private readonly readPage: (page: IndexPage) => Promise<readonly GroupEntry[]>;
   /** By path, so that the unchanged pages of a live stream are not read again. */
-  private readonly read = new Map<string, Promise<readonly (readonly Group[])[]>>();
+  private readonly read = new Map<string, Promise<readonly GroupEntry[]>>();
   private readonly sizes = new Map<number, number>();
   private estimate: (span: Span) => number = () => 0;
 
   /** @param readPage - fetches, verifies and parses a page */
-  constructor(manifest: Manifest, readPage: (page: PageEntry) => Promise<readonly (readonly Group[])[]>) {
+  constructor(manifest: Manifest, readPage: (page: IndexPage) => Promise<readonly GroupEntry[]>) {
     this.readPage = readPage;
     this.grow(manifest);
   }
@@ -23,9 +23,9 @@ export class GroupTable {
     this.spans = manifest.spans;
     this.inline = manifest.groups;
     this.pages = manifest.pages;
-    const rate = manifest.renditions[0]?.bandwidth ?? 0;
+    const rate = manifest.renditions[0].bandwidth;
     this.estimate = ({ frameCount }): number => (rate * frameCount) / manifest.fps / 8;
-    this.inline.forEach((renditions, index) => this.sizes.set(index, renditions[0].bytes));
+    this.inline.forEach(({ renditions }, index) => this.sizes.set(index, renditions[0].bytes));
   }
 
   get length(): number {
@@ -42,8 +42,8 @@ export class GroupTable {
    *
    * @throws StreamError - its page is missing or damaged
    */
-  async renditions(index: number): Promise<readonly Group[]> {
-    if (index < this.inline.length) return this.inline[index];
+  async renditions(index: number): Promise<readonly Rendition[]> {
+    if (index < this.inline.length) return this.inline[index].renditions;
     const page = this.pages.find(({ firstGroup, frames }) => index < firstGroup + frames.length)!;
     let reading = this.read.get(page.path);
     if (reading === undefined) {
@@ -51,11 +51,11 @@ export class GroupTable {
       this.read.set(page.path, reading);
       reading.then(
         (groups) => {
-          groups.forEach((renditions, i) => this.sizes.set(page.firstGroup + i, renditions[0].bytes));
+          groups.forEach(({ renditions }, i) => this.sizes.set(page.firstGroup + i, renditions[0].bytes));
         },
         () => this.read.delete(page.path),
       );
     }
-    return (await reading)[index - page.firstGroup];
+    return (await reading)[index - page.firstGroup].renditions;
   }
 }

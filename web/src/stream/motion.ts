@@ -1,6 +1,6 @@
 /** Decodes splats from a side file and a luma picture, for sorting and for the shaders. */
 
-import type { MotionGroup } from "./manifest.ts";
+import type { MotionRendition } from "./manifest.ts";
 import { tilePixels } from "./morton.ts";
 import type { SideFile } from "./side_file.ts";
 
@@ -25,7 +25,7 @@ interface Places {
 const places: Places[] = [];
 const MAX_PLACES = 4;
 
-function placesOf({ tile, columns, splats }: MotionGroup): Places {
+function placesOf({ tile, columns, splats }: MotionRendition): Places {
   const at = places.findIndex((one) => one.tile === tile && one.columns === columns && one.pixels.length >= splats);
   const found =
     at >= 0
@@ -39,7 +39,7 @@ function placesOf({ tile, columns, splats }: MotionGroup): Places {
 
 /** Data shared by all frames of a group. */
 export class MotionTables {
-  readonly group: MotionGroup;
+  readonly group: MotionRendition;
   readonly side: SideFile;
   /** (N) pixel of each splat within a tile: row * tile + column. */
   readonly pixels: Uint32Array<ArrayBuffer>;
@@ -48,7 +48,7 @@ export class MotionTables {
   private readonly offsets: Uint32Array;
   private forPositions: { readonly keyframe: Float32Array; readonly local: Float32Array } | null = null;
 
-  constructor(group: MotionGroup, side: SideFile) {
+  constructor(group: MotionRendition, side: SideFile) {
     this.group = group;
     this.side = side;
     const { splats, blocks } = group;
@@ -120,7 +120,7 @@ export class MotionTables {
 
   /** The block table of a frame of the group, (B, 20) float32; see BLOCK_FLOATS. */
   blocks(index: number): Float32Array<ArrayBuffer> {
-    const { count, step, rotationStep } = this.group.blocks;
+    const { count, step, rotation_step: rotationStep } = this.group.blocks;
     const { motions, turns } = this.side;
     const { centers } = this;
     const table = new Float32Array(BLOCK_FLOATS * count);

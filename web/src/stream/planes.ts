@@ -1,13 +1,13 @@
 /** The profile `planes`: its planes as tiles of one picture, so that both profiles are rendered in the same way. */
 
-import type { PlanesGroup } from "./manifest.ts";
+import { filesOf, type PlanesRendition } from "./manifest.ts";
 
 /** Tiles per row of the picture that contains a frame's planes. */
 const COLUMNS = 8;
 
 /** Layout of the planes: plane p is at column p % columns, row p / columns. */
-export function planesLayout(group: PlanesGroup): { tile: number; columns: number; rows: number } {
-  const planes = group.files.length;
+export function planesLayout(group: PlanesRendition): { tile: number; columns: number; rows: number } {
+  const planes = filesOf(group).length;
   const columns = Math.min(COLUMNS, planes);
   return { tile: group.side, columns, rows: Math.ceil(planes / columns) };
 }
@@ -16,7 +16,7 @@ export function planesLayout(group: PlanesGroup): { tile: number; columns: numbe
  * (planes, 2) float32 offset and step of each plane, in order, with value = offset + code * step. Of the two planes of a
  * position, the high one has the offset, and 256 times the step of the low one.
  */
-export function planeUnits(group: PlanesGroup): Float32Array<ArrayBuffer> {
+export function planeUnits(group: PlanesRendition): Float32Array<ArrayBuffer> {
   const units: number[] = [];
   for (const { min, max, planes } of group.components) {
     if (planes.length === 1) units.push(min, (max - min) / 255);
@@ -26,7 +26,7 @@ export function planeUnits(group: PlanesGroup): Float32Array<ArrayBuffer> {
 }
 
 /** Centers of all splats, (N, 3) float32 into `out`; `picture` is laid out as `planesLayout` says. */
-export function planePositions(group: PlanesGroup, picture: Uint8Array, out: Float32Array): void {
+export function planePositions(group: PlanesRendition, picture: Uint8Array, out: Float32Array): void {
   const { tile, columns } = planesLayout(group);
   const width = tile * columns;
   group.components.slice(0, 3).forEach((component, axis) => {

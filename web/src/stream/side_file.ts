@@ -1,7 +1,8 @@
 /** Decompresses and parses the side file of the profile `motion` (docs/STREAM.md, "The side file"). */
 
 import { messageOf, StreamError } from "./errors.ts";
-import { type MotionGroup, valueBounds } from "./manifest.ts";
+import { valueBounds } from "./layout.ts";
+import type { MotionRendition } from "./manifest.ts";
 
 const MAX_CLASS = 15;
 const MAX_MOVE = 1e9;
@@ -16,7 +17,7 @@ export interface SideFile {
   readonly classes: Uint8Array;
   /** (F - 1, 12, B) affine motions, in units of `blocks.step`. */
   readonly motions: Float64Array;
-  /** (F - 1, 3, B) rotations, in units of `blocks.rotationStep`. */
+  /** (F - 1, 3, B) rotations, in units of `blocks.rotation_step`. */
   readonly turns: Float64Array;
   /** Values outside the video's 256 codes, sorted by frame; `starts` (F + 1) is the index of each frame's first. */
   readonly escapes: {
@@ -184,11 +185,11 @@ function accumulate<T extends Uint16Array | Uint32Array>(differences: Int32Array
  *
  * @throws StreamError - the bytes do not match the manifest
  */
-export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
+export function parseSideFile(raw: Uint8Array, group: MotionRendition): SideFile {
   const cursor = new Cursor(raw);
   const { splats } = group;
   const blocks = group.blocks.count;
-  const moved = group.frameCount - 1;
+  const moved = group.frame_count - 1;
   const cells = readOctree(cursor, group.positions.bits, splats);
   const labels = accumulate(
     cursor.numbers(splats, 2),
@@ -202,7 +203,7 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   if (exceeds(motions, MAX_MOVE / group.blocks.step))
     throw new StreamError(`a block moves farther than ${MAX_MOVE}`);
   const turns = integrate(cursor.numbers(moved * 3 * blocks, 4), moved, 3 * blocks);
-  if (exceeds(turns, MAX_MOVE / group.blocks.rotationStep))
+  if (exceeds(turns, MAX_MOVE / group.blocks.rotation_step))
     throw new StreamError(`the rotation of a block exceeds ${MAX_MOVE}`);
   const count = cursor.numbers(1, 4)[0];
   if (count < 0 || count > cursor.left) throw new StreamError(`the number of escapes is ${count}`);
@@ -210,15 +211,15 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   const channel = cursor.take(count);
   if (exceeds(channel, group.channels.length - 1)) throw new StreamError(outside);
   const splat = accumulate(cursor.numbers(count, 4), new Uint32Array(count), splats, outside);
-  const frame = accumulate(cursor.numbers(count, 4), new Uint32Array(count), group.frameCount, outside);
+  const frame = accumulate(cursor.numbers(count, 4), new Uint32Array(count), group.frame_count, outside);
   const beyond = cursor.numbers(count, 4);
   if (cursor.left > 0) throw new StreamError(`${cursor.left} bytes are left over`);
   checkValues(group, channel, beyond);
-  return { cells, labels, classes, motions, turns, escapes: byFrame(channel, splat, frame, beyond, group.frameCount) };
+  return { cells, labels, classes, motions, turns, escapes: byFrame(channel, splat, frame, beyond, group.frame_count) };
 }
 
 /** Refuses escapes whose values are out of the bounds of their channel: they cannot be drawn. */
-function checkValues({ channels }: MotionGroup, channel: Uint8Array, beyond: Int32Array): void {
+function checkValues({ channels }: MotionRendition, channel: Uint8Array, beyond: Int32Array): void {
   for (let i = 0; i < channel.length; i++) {
     const { name, offset, step } = channels[channel[i]];
     const [low, high] = valueBounds(name);

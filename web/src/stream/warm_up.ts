@@ -3,7 +3,7 @@
  * arrives: before that, it takes several times as long.
  */
 
-import type { MotionGroup } from "./manifest.ts";
+import type { MotionRendition } from "./manifest.ts";
 import { crc32 } from "./crc32.ts";
 import { MotionTables } from "./motion.ts";
 import { parseSideFile } from "./side_file.ts";
@@ -19,26 +19,27 @@ const ESCAPES = 16;
 const TILE = 32;
 const COLUMNS = 4;
 
-const GROUP: MotionGroup = {
-  profile: "motion",
+const GROUP: MotionRendition = {
   index: 0,
-  firstFrame: 0,
-  frameCount: FRAMES,
+  first_frame: 0,
+  frame_count: FRAMES,
   splats: SPLATS,
   dilation: 0.3,
-  shDegree: 0,
+  sh_degree: 0,
   bytes: 0,
-  rendition: "",
+  id: "",
+  qp: 0,
+  pruning: "none",
+  psnr_to_trained: null,
   tile: TILE,
   columns: COLUMNS,
   rows: COLUMNS,
   positions: { bits: BITS, min: [-0.5, -0.5, -0.5], step: 1 / 4096 },
-  blocks: { count: BLOCKS, radius: 0.1, step: 1e-3, rotationStep: 1e-3 },
+  blocks: { count: BLOCKS, radius: 0.1, step: 1e-3, rotation_step: 1e-3 },
   channels: Array.from({ length: 13 }, () => ({ name: "", offset: 0.1, step: 0.013 })),
-  boundingBox: { min: [0, 0, 0], max: [0, 0, 0] },
-  video: { path: "", bytes: 0, sha256: "", checks: [] },
-  side: { path: "", bytes: 0, sha256: "", rawBytes: 0 },
-  files: [],
+  bounding_box: { min: [0, 0, 0], max: [0, 0, 0] },
+  video: { path: "", bytes: 0, sha256: "", qp: 0, checks: [] },
+  side: { path: "", bytes: 0, sha256: "", raw_bytes: 0 },
 };
 
 /** A side file of that group: a cell for each splat, no motion, a few escapes. */

@@ -97,7 +97,6 @@ export async function benchmark(player: Player, progress: (part: number) => void
       decoding: player.path ?? "none",
     },
     stream: {
-      version: info.version,
       profile: info.profile,
       codec: info.codec,
       frames: info.frameCount,

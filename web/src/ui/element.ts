@@ -5,7 +5,7 @@
 import type { PartialView, View } from "../render/camera.ts";
 import { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
-import type { Vector } from "../stream/manifest.ts";
+import type { Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath } from "../worker/messages.ts";
 import { acceptDrops } from "./drop.ts";

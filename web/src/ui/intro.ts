@@ -3,7 +3,7 @@
 import { pinholeOf, type View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 import { StreamError } from "../stream/errors.ts";
-import type { Vector } from "../stream/manifest.ts";
+import type { Vector } from "../stream/metadata.ts";
 
 const FORMAT = "v3studio-camera-path";
 /** Keys that a path may have at most. */

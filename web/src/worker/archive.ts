@@ -5,7 +5,7 @@
 
 import { StreamError } from "../stream/errors.ts";
 import { MANIFEST_NAME } from "../stream/manifest.ts";
-import type { Source } from "./http.ts";
+import type { Source } from "./source.ts";
 
 /** Bytes of a range, fewer at the end of the file, and the size of the file. */
 export type ReadRange = (start: number, count: number, signal: AbortSignal) => Promise<{ data: Uint8Array<ArrayBuffer>; size: number }>;

@@ -1,7 +1,7 @@
 /** Files that lie in the page itself as base64: a page that is opened from the disk may fetch nothing. */
 
 import { StreamError } from "../stream/errors.ts";
-import type { Source } from "./http.ts";
+import type { Source } from "./source.ts";
 
 /** Base64 by path. */
 export type EmbeddedFiles = Readonly<Record<string, string>>;

@@ -3,22 +3,13 @@
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { HASHED } from "../stream/manifest.ts";
 import type { EarlyFiles } from "./early_files.ts";
+import type { Source } from "./source.ts";
 
 const ATTEMPTS = 10;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 4000;
 /** Milliseconds without data after which a request is aborted. */
 const STALL = 15_000;
-
-/** A source of a stream's files. */
-export interface Source {
-  /** Fetches a file of exactly `bytes` bytes. */
-  read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
-  /** Fetches a file of unknown size, at most `limit` bytes. */
-  readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
-  /** Milliseconds that a file took which was on its way before it was read; 0 for others. */
-  early?(path: string): number;
-}
 
 /** Called with received bytes and milliseconds, to estimate the bandwidth. */
 export type Received = (bytes: number, milliseconds: number) => void;
@@ -220,13 +211,4 @@ async function consume(response: Response, take: (chunk: Uint8Array) => void): P
     reader.cancel().catch(() => undefined);
     throw error instanceof StreamError ? error : new StreamError(messageOf(error), true);
   }
-}
-
-/** SHA-256 as lowercase hexadecimal digits; null on insecure pages, where browsers do not provide it. */
-export async function sha256(data: Uint8Array<ArrayBuffer>): Promise<string | null> {
-  // In an insecure context `subtle` is undefined, despite its type.
-  const subtle = crypto.subtle as SubtleCrypto | undefined;
-  if (subtle === undefined) return null;
-  const digest = new Uint8Array(await subtle.digest("SHA-256", data));
-  return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }

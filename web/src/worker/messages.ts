@@ -1,7 +1,6 @@
 /** Messages between the page and the worker. */
 
-import type { ViewRange } from "../render/view_range.ts";
-import type { Camera, Vector } from "../stream/manifest.ts";
+import type { Metadata, Vector } from "../stream/metadata.ts";
 import type { EarlyPort } from "../player/early_files.ts";
 import type { EmbeddedFiles } from "./embedded.ts";
 
@@ -67,9 +66,8 @@ export type VideoRequest =
   | { readonly type: "video-close"; readonly source: number };
 
 /** What the player needs to know about a stream. */
-export interface StreamInfo {
+export interface StreamInfo extends Metadata {
   readonly url: string;
-  readonly version: number;
   readonly profile: "motion" | "planes";
   readonly codec: string;
   readonly fps: number;
@@ -80,11 +78,6 @@ export interface StreamInfo {
   readonly renditions: number;
   readonly groups: readonly { readonly firstFrame: number; readonly frameCount: number; readonly bytes: number; readonly splats: number }[];
   readonly box: { readonly min: Vector; readonly max: Vector };
-  readonly camera: Camera | null;
-  readonly up: Vector | null;
-  readonly background: Vector | null;
-  readonly viewRange: ViewRange | null;
-  readonly title: string | null;
   /** Whether groups are still being added. */
   readonly live: boolean;
   readonly hasSound: boolean;

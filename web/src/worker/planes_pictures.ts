@@ -4,7 +4,7 @@
  */
 
 import { StreamError } from "../stream/errors.ts";
-import type { PlanesGroup } from "../stream/manifest.ts";
+import { filesOf, type PlanesRendition } from "../stream/manifest.ts";
 import { planesLayout } from "../stream/planes.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
 import type { Pool } from "./pool.ts";
@@ -13,7 +13,7 @@ import type { Pool } from "./pool.ts";
 const MAX_GROUP_BYTES = 512 << 20;
 
 export class PlanesPictures implements PictureSource {
-  private readonly group: PlanesGroup;
+  private readonly group: PlanesRendition;
   private readonly pool: Pool;
   private readonly pictures: Promise<Uint8Array[]>;
   private decode = 0;
@@ -24,11 +24,11 @@ export class PlanesPictures implements PictureSource {
    * @param open - opens the video of plane p
    * @throws StreamError - the group does not fit in memory
    */
-  constructor(group: PlanesGroup, open: (plane: number) => Promise<PictureSource>, pool: Pool) {
+  constructor(group: PlanesRendition, open: (plane: number) => Promise<PictureSource>, pool: Pool) {
     this.group = group;
     this.pool = pool;
     const { tile, columns, rows } = planesLayout(group);
-    const bytes = tile * tile * columns * rows * group.frameCount;
+    const bytes = tile * tile * columns * rows * group.frame_count;
     if (bytes > MAX_GROUP_BYTES)
       throw new StreamError(
         `This stream cannot be played here: with its profile planes, a group takes ${Math.round(bytes / 2 ** 20)} MiB of memory; bake it with the profile motion.`,
@@ -41,7 +41,7 @@ export class PlanesPictures implements PictureSource {
     const picture = (await this.pictures)[index];
     const data = this.pool.take(picture.length);
     data.set(picture);
-    return { data, decode: this.decode / this.group.frameCount };
+    return { data, decode: this.decode / this.group.frame_count };
   }
 
   warm(): void {
@@ -56,8 +56,8 @@ export class PlanesPictures implements PictureSource {
   private async readAll(open: (plane: number) => Promise<PictureSource>): Promise<Uint8Array[]> {
     const { tile, columns, rows } = planesLayout(this.group);
     const width = tile * columns;
-    const pictures = Array.from({ length: this.group.frameCount }, () => new Uint8Array(width * tile * rows));
-    for (let plane = 0; plane < this.group.files.length; plane++) {
+    const pictures = Array.from({ length: this.group.frame_count }, () => new Uint8Array(width * tile * rows));
+    for (let plane = 0; plane < filesOf(this.group).length; plane++) {
       const source = (this.current = await open(plane));
       try {
         for (const [index, picture] of pictures.entries()) {

@@ -5,14 +5,16 @@ import type { EarlyPort } from "../player/early_files.ts";
 import { RateRule } from "../player/rate_rule.ts";
 import { GroupTable } from "../stream/group_table.ts";
 import {
-  type Group,
+  type GroupEntry,
   groupOfFrame,
+  type IndexPage,
+  isMotion,
   type Manifest,
   MANIFEST_NAME,
   MAX_MANIFEST_BYTES,
-  type PageEntry,
   parseManifest,
   parsePage,
+  type Rendition,
   type VideoEntry,
   whatChanged,
 } from "../stream/manifest.ts";
@@ -26,27 +28,18 @@ import { CheckedPictures } from "./checked_pictures.ts";
 import { demux } from "./demux.ts";
 import { EARLY_MANIFEST, EarlyFiles } from "./early_files.ts";
 import { type EmbeddedFiles, EmbeddedSource } from "./embedded.ts";
-import { HttpSource, sha256, type Source } from "./http.ts";
+import { HttpSource } from "./http.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo } from "./messages.ts";
 import { Closed, PathFailed, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
 import { Pool } from "./pool.ts";
 import { demuxSample } from "./sample_video.ts";
+import { readChecked, sha256, type Source } from "./source.ts";
 import { type Files, GroupStore } from "./store.ts";
 import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
 const NEEDS_WEBCODECS =
   "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
-const needsWebCodecs = ({ codec }: Manifest): string =>
-  `This stream's ${codec.toUpperCase()} videos need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.`;
-
-/**
- * Whether a <video> element can stand in for WebCodecs. It gives the luma of H.264 exactly, that of AV1 only nearly, and
- * splats need it exactly. Streams of version 3 have checksums that tell.
- */
-function videoMayBeExact({ profile, codec, version }: Manifest): boolean {
-  return profile === "motion" && (codec === "h264" || version >= 3);
-}
 
 /** Seconds between two reads of a live stream's manifest; in between, about the duration of a group. */
 const SHORTEST_PAUSE = 0.5;
@@ -55,7 +48,7 @@ const LONGEST_PAUSE = 5;
 const PREPARED = 3;
 
 interface Prepared {
-  readonly group: Group;
+  readonly group: Rendition;
   readonly tables: MotionTables | null;
   readonly pictures: PictureSource;
   readonly milliseconds: number;
@@ -136,10 +129,7 @@ export class Session {
     const { maxTexture } = this;
     this.closing.signal.throwIfAborted();
     checkDevice(manifest, maxTexture);
-    if (this.path === "video") {
-      if (manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
-      if (!videoMayBeExact(manifest)) throw new StreamError(needsWebCodecs(manifest));
-    }
+    if (this.path === "video" && manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
     this.manifest = manifest;
     const table = new GroupTable(manifest, (page) => this.sameBake(source, name, () => this.readPage(source, page, manifest)));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
@@ -150,7 +140,7 @@ export class Session {
       rates,
       ids: manifest.renditions.map(({ id }) => id),
       fps: manifest.fps,
-      fits: (group: Group): boolean => Math.max(...pictureSize(group)) <= maxTexture,
+      fits: (group: Rendition): boolean => Math.max(...pictureSize(group)) <= maxTexture,
     };
     this.store = new GroupStore(
       table,
@@ -188,29 +178,25 @@ export class Session {
     signal.throwIfAborted();
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
-    const blanked = new TextEncoder().encode(text.replaceAll(manifest.sha256, "0".repeat(64)));
+    const blanked = new TextEncoder().encode(text.replaceAll(manifest.manifest_sha256, "0".repeat(64)));
     const digest = await sha256(blanked);
-    if (digest !== null && digest !== manifest.sha256)
+    if (digest !== null && digest !== manifest.manifest_sha256)
       throw new StreamError("The stream's manifest is damaged: its content does not match its own SHA-256.");
     return { manifest, checked: digest !== null };
   }
 
   /**
-   * Runs what reads files of the stream. Damaged or missing files are told from those of another bake, which has replaced
-   * the stream since it was opened. Where the browser has no SHA-256, files of versions 1 and 2, which change under their
-   * names, are those of the manifest only if it has not changed by the time they are there.
+   * Runs what reads files of the stream. Distinguishes damaged or missing files from another bake that has replaced the
+   * stream since it was opened.
    */
   private async sameBake<T>(source: Source, name: string, reads: () => Promise<T>): Promise<T> {
-    let found: T;
     try {
-      found = await reads();
+      return await reads();
     } catch (error) {
-      if (error instanceof StreamError && !error.transient && (await this.replaced(source, name))) throw replacedError();
+      if (error instanceof StreamError && !error.transient && (await this.replaced(source, name)))
+        throw new StreamError("The stream was baked again since it was opened; reload the page.");
       throw error;
     }
-    const unchecked = !this.checked && this.manifest!.version < 3 && !(source instanceof EmbeddedSource);
-    if (unchecked && (await this.replaced(source, name))) throw replacedError();
-    return found;
   }
 
   /** Whether the stream has another manifest now, which does not only add groups. */
@@ -218,7 +204,7 @@ export class Session {
     const { manifest: old } = this;
     try {
       const { manifest } = await this.readManifest(source, name);
-      return manifest.sha256 !== old!.sha256 && !(old!.live && whatChanged(old!, manifest) === null);
+      return manifest.manifest_sha256 !== old!.manifest_sha256 && !(old!.live && whatChanged(old!, manifest) === null);
     } catch {
       return false; // nothing that could be opened instead
     }
@@ -227,7 +213,7 @@ export class Session {
   /** Reads the manifest of a live stream again until it is complete. */
   private async watch(source: Source, name: string): Promise<void> {
     for (;;) {
-      const { fps, frameCount, spans } = this.manifest!;
+      const { fps, frame_count: frameCount, spans } = this.manifest!;
       const pause = Math.min(Math.max(frameCount / fps / spans.length, SHORTEST_PAUSE), LONGEST_PAUSE);
       await new Promise((resolve) => setTimeout(resolve, 1000 * pause));
       if (this.closing.signal.aborted) return;
@@ -238,7 +224,7 @@ export class Session {
         continue; // the source has retried, and has told the viewer
       }
       const old = this.manifest!;
-      if (manifest.sha256 === old.sha256) continue;
+      if (manifest.manifest_sha256 === old.manifest_sha256) continue;
       const changed = whatChanged(old, manifest);
       if (changed !== null) {
         this.post({ type: "trouble", message: `The live stream was replaced by another one (${changed} differ); reload the page.` });
@@ -287,26 +273,21 @@ export class Session {
   private info(manifest: Manifest, table: GroupTable): StreamInfo {
     return {
       url: this.url,
-      version: manifest.version,
       profile: manifest.profile,
-      codec: manifest.codec,
+      codec: manifest.codec.name,
       fps: manifest.fps,
-      frameCount: manifest.frameCount,
-      shDegree: manifest.shDegree,
-      totalBytes: manifest.totalBytes,
-      renditions: Math.max(1, manifest.renditions.length),
+      frameCount: manifest.frame_count,
+      shDegree: manifest.renditions[0].sh_degree,
+      totalBytes: manifest.total_bytes,
+      renditions: manifest.renditions.length,
       groups: manifest.spans.map(({ firstFrame, frameCount }, index) => ({
         firstFrame,
         frameCount,
         bytes: table.bytes(index),
-        splats: manifest.groups[index]?.[0].splats ?? manifest.renditions[0].splats,
+        splats: manifest.groups[index]?.renditions[0].splats ?? manifest.renditions[0].splats,
       })),
-      box: manifest.boundingBox,
-      camera: manifest.camera,
-      up: manifest.up,
-      background: manifest.background,
-      viewRange: manifest.viewRange,
-      title: manifest.title,
+      box: manifest.bounding_box,
+      ...manifest.metadata,
       live: manifest.live,
       hasSound: manifest.audio !== null,
       checksums: this.checked,
@@ -384,7 +365,7 @@ export class Session {
 
   private async bring(frame: number, axis: DepthAxis): Promise<void> {
     const { manifest, store } = this;
-    if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
+    if (manifest === null || store === null || frame < 0 || frame >= manifest.frame_count) return;
     const index = groupOfFrame(manifest.spans, frame);
     if (index !== this.playing && this.outdated.delete(this.playing)) {
       this.drop(this.playing);
@@ -443,7 +424,7 @@ export class Session {
     const blocks = tables?.blocks(within) ?? null;
     const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
     const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
-    if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
+    if (isMotion(group)) tables!.positions(within, luma, blocks!, positions);
     else planePositions(group, luma, positions);
     const dequantize = performance.now() - began;
     const pixels = tables?.pixels ?? null;
@@ -477,11 +458,9 @@ export class Session {
     const { audio } = this.manifest!;
     if (audio === null) return;
     try {
-      const data = await this.source!.read(audio.path, audio.bytes, this.closing.signal);
-      const digest = await sha256(data);
-      if (digest !== null && digest !== audio.sha256) throw new StreamError(`${audio.path} is damaged.`);
+      const data = await readChecked(this.source!, audio, this.closing.signal);
       const file = new Blob([data], { type: "audio/mp4" });
-      this.post({ type: "sound", file, start: audio.start, length: audio.length });
+      this.post({ type: "sound", file, start: audio.start, length: audio.samples / audio.sample_rate });
     } catch (error) {
       if (!this.closing.signal.aborted) this.post({ type: "trouble", message: `The stream plays without sound: ${messageOf(error)}` });
     }
@@ -501,15 +480,15 @@ export class Session {
   private setup({ group, tables, milliseconds }: Prepared): GroupSetup {
     const common = {
       group: group.index,
-      rendition: group.rendition,
+      rendition: group.id,
       bytes: group.bytes,
-      frames: group.frameCount,
+      frames: group.frame_count,
       prepare: milliseconds,
       splats: group.splats,
-      shDegree: group.shDegree,
+      shDegree: group.sh_degree,
       dilation: group.dilation,
     };
-    if (group.profile === "planes")
+    if (!isMotion(group))
       return {
         ...common,
         ...planesLayout(group),
@@ -586,18 +565,19 @@ export class Session {
   private async read(index: number): Promise<Prepared> {
     const { group, files } = await this.store!.get(index).finally(() => (this.idle = false));
     const began = performance.now();
-    if (group.profile === "planes") {
+    if (!isMotion(group)) {
+      const videos = group.components.flatMap(({ planes }) => planes);
       const pictures = new PlanesPictures(
         group,
-        (plane) => this.openVideo(files, group.files[plane] as VideoEntry, [group.side, group.side], group.frameCount),
+        (plane) => this.openVideo(files, videos[plane], [group.side, group.side], group.frame_count),
         this.pool,
       );
       return { group, tables: null, pictures, milliseconds: performance.now() - began };
     }
     // While this thread reads the side file, others decompress and decode.
-    const inflating = inflate(files.get(group.side.path)!, group.side.rawBytes);
+    const inflating = inflate(files.get(group.side.path)!, group.side.raw_bytes);
     inflating.catch(() => undefined);
-    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frameCount);
+    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frame_count);
     if (this.path !== "video") pictures.warm();
     try {
       const tables = new MotionTables(group, parseSideFile(await inflating, group));
@@ -610,12 +590,12 @@ export class Session {
 
   private async openVideo(
     files: Files,
-    video: VideoEntry,
+    video: Pick<VideoEntry, "path" | "checks">,
     size: readonly [number, number],
     frames: number,
   ): Promise<PictureSource> {
     const pictures = await this.openPictures(files, video.path, size, frames);
-    return video.checks.length > 0 ? new CheckedPictures(pictures, video.checks, video.path, this.pool) : pictures;
+    return new CheckedPictures(pictures, video.checks, video.path, this.pool);
   }
 
   private async openPictures(
@@ -624,7 +604,7 @@ export class Session {
     size: readonly [number, number],
     frames: number,
   ): Promise<PictureSource> {
-    const codec = this.manifest!.codec;
+    const codec = this.manifest!.codec.name;
     const data = files.get(path)!;
     const demuxed = await demux(data, path, codec, size, frames);
     if (this.path === "video") {
@@ -642,7 +622,7 @@ export class Session {
   private changePath(): boolean {
     if (!this.mayChangePath) return false;
     if (this.path === "webcodecs") this.path = "webcodecs-software";
-    else if (this.path === "webcodecs-software" && videoMayBeExact(this.manifest!)) this.path = "video";
+    else if (this.path === "webcodecs-software" && this.manifest!.profile === "motion") this.path = "video";
     else return false;
     for (const index of [...this.prepared.keys()]) this.drop(index);
     this.post({ type: "path", path: this.path });
@@ -655,11 +635,8 @@ export class Session {
     this.post({ type: "left-out", group, message });
   }
 
-  private async readPage(source: Source, page: PageEntry, manifest: Manifest): Promise<Group[][]> {
-    const data = await source.read(page.path, page.bytes, this.closing.signal);
-    const digest = await sha256(data);
-    if (digest !== null && digest !== page.sha256)
-      throw new StreamError(`${page.path} is damaged: its SHA-256 does not match the manifest.`);
+  private async readPage(source: Source, page: IndexPage, manifest: Manifest): Promise<readonly GroupEntry[]> {
+    const data = await readChecked(source, page, this.closing.signal);
     return parsePage(new TextDecoder().decode(data), page, manifest);
   }
 
@@ -682,19 +659,15 @@ export class Session {
   }
 }
 
-function replacedError(): StreamError {
-  return new StreamError("The stream was baked again since it was opened; reload the page.");
-}
-
 /** Width and height of the picture that holds all of a group's numbers of one frame. */
-function pictureSize(group: Group): [number, number] {
-  const { tile, columns, rows } = group.profile === "motion" ? group : planesLayout(group);
+function pictureSize(group: Rendition): [number, number] {
+  const { tile, columns, rows } = isMotion(group) ? group : planesLayout(group);
   return [columns * tile, rows * tile];
 }
 
 /** @throws StreamError - all renditions of a group are too large for this device */
 function checkDevice(manifest: Manifest, maxTexture: number): void {
-  for (const renditions of manifest.groups) {
+  for (const { renditions } of manifest.groups) {
     const sizes = renditions.map(pictureSize);
     if (sizes.every((size) => Math.max(...size) > maxTexture))
       throw new StreamError(

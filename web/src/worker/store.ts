@@ -3,14 +3,14 @@
 import { StreamError } from "../stream/errors.ts";
 import type { RateRule } from "../player/rate_rule.ts";
 import type { GroupTable } from "../stream/group_table.ts";
-import type { Group } from "../stream/manifest.ts";
-import { type Source, sha256 } from "./http.ts";
+import { filesOf, type Rendition } from "../stream/manifest.ts";
+import { readChecked, type Source } from "./source.ts";
 
 export type Files = ReadonlyMap<string, Uint8Array<ArrayBuffer>>;
 
 /** A group in the rendition that was chosen for it, and its files. */
 export interface Fetched {
-  readonly group: Group;
+  readonly group: Rendition;
   readonly files: Files;
 }
 
@@ -22,7 +22,7 @@ export interface Choice {
   readonly ids: readonly string[];
   readonly fps: number;
   /** Whether this device can draw it. */
-  readonly fits: (group: Group) => boolean;
+  readonly fits: (group: Rendition) => boolean;
 }
 
 /** Runs what reads from the stream; may throw another error in place of its own. */
@@ -87,7 +87,7 @@ export class GroupStore {
 
   /** Frames of a group were shown, or dropped since decoding was late. */
   played(group: number, shown: number, dropped: number): void {
-    const rendition = this.choice.ids.indexOf(this.files.get(group)?.group.rendition ?? "");
+    const rendition = this.choice.ids.indexOf(this.files.get(group)?.group.id ?? "");
     if (rendition >= 0) this.choice.rule?.played(rendition, shown, dropped);
   }
 
@@ -136,7 +136,7 @@ export class GroupStore {
   }
 
   /** The rendition to fetch: what the rule chooses, or the best below it that this device can draw. */
-  private async choose(index: number, better: number | null): Promise<Group> {
+  private async choose(index: number, better: number | null): Promise<Rendition> {
     const renditions = await this.groups.renditions(index);
     const { rule, fps, fits } = this.choice;
     const { spans } = this.groups;
@@ -145,7 +145,7 @@ export class GroupStore {
     const found = fits(renditions[wanted])
       ? renditions[wanted]
       : renditions.filter(fits).sort((a, b) => b.bytes - a.bytes)[0];
-    if ((found as Group | undefined) === undefined)
+    if ((found as Rendition | undefined) === undefined)
       throw new StreamError(`Group ${index} has larger pictures than this device's GPU supports.`);
     return found;
   }
@@ -159,20 +159,14 @@ export class GroupStore {
     }
   }
 
-  private async fetchAs(index: number, group: Group): Promise<Fetched> {
+  private async fetchAs(index: number, group: Rendition): Promise<Fetched> {
     const began = performance.now();
-    const files = new Map<string, Uint8Array<ArrayBuffer>>();
+    const entries = filesOf(group);
     const contents = await this.checked(() =>
-      inTurns(group.files, 6, async (file) => {
-        const data = await this.source.read(file.path, file.bytes, this.stop.signal);
-        const digest = await sha256(data);
-        if (digest !== null && digest !== file.sha256)
-          throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);
-        return data;
-      }),
+      inTurns(entries, 6, (file) => readChecked(this.source, file, this.stop.signal)),
     );
-    group.files.forEach((file, i) => files.set(file.path, contents[i]));
-    const early = group.files.map(({ path }) => this.source.early?.(path) ?? 0);
+    const files = new Map(entries.map(({ path }, i) => [path, contents[i]] as const));
+    const early = entries.map(({ path }) => this.source.early?.(path) ?? 0);
     this.choice.rule?.fetched(group.bytes, Math.max(performance.now() - began, ...early) / 1000);
     const fetched = { group, files };
     this.bytes += group.bytes - (this.files.get(index)?.group.bytes ?? 0);
@@ -258,7 +252,7 @@ export class GroupStore {
     const { rule, rates, ids, fps } = this.choice;
     if (rule === null || savesData()) return null;
     const improvable = (index: number, wanted: number): boolean => {
-      const kept = ids.indexOf(this.files.get(index)?.group.rendition ?? "");
+      const kept = ids.indexOf(this.files.get(index)?.group.id ?? "");
       return kept >= 0 && rates[kept] < rates[wanted] && this.settled.get(index) !== wanted;
     };
     const best = rule.best();

@@ -1,7 +1,7 @@
 /** Where a stream stands in the room: a floor point, a turn about the vertical, and a scale. Pure functions and values. */
 
 import { add, cross, dot, type Pinhole, unit, type Vec3 } from "../render/camera.ts";
-import type { Vector } from "../stream/manifest.ts";
+import type { Vector } from "../stream/metadata.ts";
 
 /** Height in meters of what is placed in a room, where it is life-size, and on a table. */
 const PERSON = 1.7;

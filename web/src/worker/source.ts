@@ -1,0 +1,35 @@
+/** Where a stream's files come from, and verifying them. */
+
+import { StreamError } from "../stream/errors.ts";
+import type { FileEntry } from "../stream/manifest.ts";
+
+export interface Source {
+  /** Fetches a file of exactly `bytes` bytes. */
+  read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
+  /** Fetches a file of unknown size, at most `limit` bytes. */
+  readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
+  /** Milliseconds that a file took which was on its way before it was read; 0 for others. */
+  early?(path: string): number;
+}
+
+/** SHA-256 as lowercase hexadecimal digits; null on insecure pages, where browsers do not provide it. */
+export async function sha256(data: Uint8Array<ArrayBuffer>): Promise<string | null> {
+  // In an insecure context `subtle` is undefined, despite its type.
+  const subtle = crypto.subtle as SubtleCrypto | undefined;
+  if (subtle === undefined) return null;
+  const digest = new Uint8Array(await subtle.digest("SHA-256", data));
+  return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/**
+ * A file of the stream, verified where the browser provides SHA-256.
+ *
+ * @throws StreamError - it is missing or does not match the manifest
+ */
+export async function readChecked(source: Source, file: FileEntry, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
+  const data = await source.read(file.path, file.bytes, signal);
+  const digest = await sha256(data);
+  if (digest !== null && digest !== file.sha256)
+    throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);
+  return data;
+}
