@@ -16,7 +16,7 @@ READERS_AND_WRITERS = {
     "pipelines/config/renamed.py",  # old names in it
     "pipelines/estimate/estimate.py",  # v3studio estimate --json
     "pipelines/events/event_types.py",  # a line of JSON
-    "pipelines/share/results.py",  # v3studio share --json
+    "pipelines/share/sharing.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",
     "pipelines/takes/migration.py",  # files of an earlier format
     "pipelines/takes/records.py",

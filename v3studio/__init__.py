@@ -29,10 +29,10 @@ _EXPORTS = {
     "pipelines.events": ("Event", "Metrics", "Progress", "RunFinished", "StageFinished", "Warned"),
     "pipelines.runs.runner": ("run", "status"),
     "pipelines.runs.staleness": ("StageStatus",),
+    "pipelines.share.page": ("PageText",),
     "pipelines.share.publishing": ("publish",),
-    "pipelines.share.results": ("PageText", "Shared"),
     "pipelines.share.serving": ("Serving", "serve"),
-    "pipelines.share.sharing": ("share",),
+    "pipelines.share.sharing": ("Shared", "share"),
     "pipelines.takes.take": ("Take",),
     "pipelines.takes.videos": ("trained_video",),
     "studio.calibration": (

@@ -2,10 +2,10 @@ from pipelines.config import Config, load_config
 from pipelines.events import Event, Metrics, Progress, RunFinished, StageFinished, Warned
 from pipelines.runs.runner import run, status
 from pipelines.runs.staleness import StageStatus
+from pipelines.share.page import PageText
 from pipelines.share.publishing import publish
-from pipelines.share.results import PageText, Shared
 from pipelines.share.serving import Serving, serve
-from pipelines.share.sharing import share
+from pipelines.share.sharing import Shared, share
 from pipelines.takes.take import Take
 from pipelines.takes.videos import trained_video
 from studio.calibration import (

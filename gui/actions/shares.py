@@ -9,7 +9,7 @@ from gui.models.loop import later
 from gui.models.take.shares import ShareRequest, share_words, stale_words
 from gui.shell import Shell
 from gui.widgets.dialogs.share import ask_serve, ask_share, show_serving, show_stale
-from pipelines.share import ShareSize, share_size
+from pipelines.share.sharing import ShareSize, share_size
 from studio.errors import StudioError
 
 

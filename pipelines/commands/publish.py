@@ -36,7 +36,7 @@ def register(commands: Any) -> None:
 def _publish(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
     from pipelines.commands.working import working
-    from pipelines.share.beside import PAGE_NAME
+    from pipelines.share.page import PAGE_NAME
     from pipelines.share.publishing import publish
 
     with working("publish", arguments.output if arguments.json else None) as progress:

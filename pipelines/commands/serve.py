@@ -7,14 +7,10 @@ import contextlib
 import json
 import logging
 import os
-import secrets
-import socket
 import sys
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
-from urllib.parse import quote
 
 from studio.errors import StudioError
 
@@ -23,9 +19,7 @@ if TYPE_CHECKING:
 
     from pipelines.share.certificates import Certificate
     from pipelines.share.player_files import PlayerFiles
-    from pipelines.share.web_app import Reviews
-
-_SECRET_BYTES = 16  # of the random part of secret links
+    from pipelines.share.serving import Links
 
 HTTP_NOTE = (
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
@@ -110,55 +104,48 @@ def register(commands: Any) -> None:
 
 def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.events.cancellation import EXIT_CANCELLED
-    from pipelines.share.addresses import is_local, reachable_hosts
-    from pipelines.share.host_check import own_names
-    from pipelines.share.intro import read_intro
-    from pipelines.share.listening import listen
-    from pipelines.share.served_streams import find_reviews, find_streams, wait_for_first_group
-    from pipelines.share.web_app import Reviews, build_app
+    from pipelines.share.page import PageText, read_intro
+    from pipelines.share.served import wait_for_first_group
+    from pipelines.share.serving import prepare
 
     wait_for_first_group(arguments.folder)
-    streams = find_streams(arguments.folder)
-    if arguments.title is not None and len(streams) > 1:
-        raise StudioError(
-            "command.invalid_option",
-            f"--title is for one stream, but {arguments.folder} has {len(streams)}",
-            value=arguments.title,
-            fix="Serve one of them, or leave the option out.",
-            option="--title",
-        )
-    reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if arguments.review else None
-    local = is_local(arguments.host)
-    secret = secrets.token_urlsafe(_SECRET_BYTES) if (not local if arguments.token is None else arguments.token) else ""
-    hosts = reachable_hosts(arguments.host)
-    certificate = _certificate(arguments, hosts)
     player = _player()
-    intro = None if arguments.intro is None else read_intro(arguments.intro)
-    with listen(arguments.host, arguments.port) as sock:
-        from pipelines.share.server import BoundedLog, BoundedServer, server_config
-
-        names = (*own_names(), *arguments.allow_host)
-        app = build_app(streams, player, reviews, secret, names, arguments.allow_origin, intro, arguments.title)
-        config = server_config(app, certificate)
-        port = sock.getsockname()[1]
-        roots = [f"http{'s' * (certificate is not None)}://{host}:{port}" for host in hosts]
-        links = Links(streams, roots, secret, reviews, local, certificate)
+    serving = prepare(
+        arguments.folder,
+        arguments.host,
+        arguments.port,
+        player,
+        https=arguments.https,
+        certificate=_certificate(arguments),
+        token=arguments.token,
+        review=arguments.review,
+        allow_hosts=arguments.allow_host,
+        allow_origins=arguments.allow_origin,
+        text=PageText(title=arguments.title, intro=None if arguments.intro is None else read_intro(arguments.intro)),
+    )
+    server = serving.server
+    with contextlib.closing(serving):
         if arguments.json:
-            _print_json(arguments.output, links)
+            _print_json(arguments.output, serving.links)
         else:
-            _print(links, player is not None, arguments.qr)
-        server = BoundedServer(config)
-        bounded = BoundedLog()
-        for name in ("uvicorn.error", "asyncio"):
-            logging.getLogger(name).addFilter(bounded)
-        # connections closed by Ctrl-C need no traceback
-        logging.getLogger("uvicorn.error").addFilter(lambda record: not server.should_exit)
+            _print(serving.links, player is not None, arguments.qr)
+        _bound_logs(server)
         if arguments.end_with_stdin:
             threading.Thread(target=_end_with_stdin, args=(server,), name="v3studio stdin", daemon=True).start()
         # uvicorn raises its signal again on exit, but not always before `run` returns
         with contextlib.suppress(KeyboardInterrupt):
-            server.run(sockets=[sock])
+            serving.run()
         return EXIT_CANCELLED if server.should_exit else 0
+
+
+def _bound_logs(server: uvicorn.Server) -> None:
+    """Of a flood of messages, print only some; none of connections that Ctrl-C closed."""
+    from pipelines.share.server import BoundedLog
+
+    bounded = BoundedLog()
+    for name in ("uvicorn.error", "asyncio"):
+        logging.getLogger(name).addFilter(bounded)
+    logging.getLogger("uvicorn.error").addFilter(lambda record: not server.should_exit)
 
 
 def _end_with_stdin(server: uvicorn.Server) -> None:
@@ -169,8 +156,9 @@ def _end_with_stdin(server: uvicorn.Server) -> None:
     server.should_exit = True
 
 
-def _certificate(arguments: argparse.Namespace, hosts: list[str]) -> Certificate | None:
-    from pipelines.share.certificates import load_certificate, make_certificate
+def _certificate(arguments: argparse.Namespace) -> Certificate | None:
+    """The given one, or None."""
+    from pipelines.share.certificates import load_certificate
 
     if arguments.certificate is not None:
         return load_certificate(arguments.certificate, arguments.key)
@@ -182,9 +170,7 @@ def _certificate(arguments: argparse.Namespace, hosts: list[str]) -> Certificate
             fix="Specify the certificate that belongs to the key.",
             option="--key",
         )
-    if not arguments.https:
-        return None
-    return make_certificate(sorted({*hosts, socket.gethostname(), "localhost", "127.0.0.1", "::1"}))
+    return None
 
 
 def _player() -> PlayerFiles | None:
@@ -196,45 +182,6 @@ def _player() -> PlayerFiles | None:
     except StudioError as error:
         print(f"warning: {error} Streams are served without it.", file=sys.stderr)
         return None
-
-
-@dataclass(frozen=True)
-class Links:
-    """Where everything is served.
-
-    Attributes:
-        streams: folders by path on the server.
-        roots: addresses of the server, the one to try first at the beginning.
-        secret: part of the path of all streams; "" for none.
-        reviews: what can be reviewed; None for nothing.
-        local: whether only this machine can reach it.
-        certificate: None over http.
-    """
-
-    streams: dict[str, Path]
-    roots: list[str]
-    secret: str
-    reviews: Reviews | None
-    local: bool
-    certificate: Certificate | None
-
-    @property
-    def bases(self) -> list[str]:
-        """Addresses below which the paths are."""
-        return [f"{root}/{self.secret}".rstrip("/") for root in self.roots]
-
-    @property
-    def to_play(self) -> dict[str, str]:
-        """Addresses by path."""
-        return {path: f"{self.bases[0]}{quote(path)}" for path in self.streams}
-
-    @property
-    def to_review(self) -> dict[str, str]:
-        """Secret addresses by path: a trailing slash is part of them."""
-        if self.reviews is None:
-            return {}
-        base = f"{self.roots[0]}/{self.reviews.secret}"
-        return {path: f"{base}{quote(path.rstrip('/'))}/" for path in self.reviews.takes}
 
 
 def _print(links: Links, player: bool, qr: bool | None) -> None:
@@ -262,7 +209,7 @@ def _print(links: Links, player: bool, qr: bool | None) -> None:
         lines.append("The link is secret: without all of it nothing is served; --no-token serves to everybody.")
     print("\n".join(lines), flush=True)
     if qr if qr is not None else player and not links.local and sys.stdout.isatty():
-        from pipelines.share.qr_code import qr_text
+        from pipelines.share.addresses import qr_text
 
         address = first if len(links.streams) == 1 else f"{bases[0]}/"
         address = next(iter(links.to_review.values()), address)
@@ -279,7 +226,7 @@ def _print_json(output: TextIO, links: Links) -> None:
         "reviews": [
             {"folder": str(links.streams[path].parent), "address": address} for path, address in links.to_review.items()
         ],
-        "bases": links.bases,
+        "bases": list(links.bases),
         "local": links.local,
         "https": links.certificate is not None,
         "fingerprint": None if links.certificate is None else links.certificate.fingerprint,

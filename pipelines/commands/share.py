@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from pipelines.share import PageText
+    from pipelines.share.page import PageText
 
 
 def register(commands: Any) -> None:
@@ -61,8 +61,7 @@ def page_text(arguments: argparse.Namespace) -> PageText:
         StudioError: an address that is none, or an intro that cannot be read.
     """
     _check_address(arguments.address)
-    from pipelines.share import PageText
-    from pipelines.share.intro import read_intro
+    from pipelines.share.page import PageText, read_intro
 
     intro = None if arguments.intro is None else read_intro(arguments.intro)
     return PageText(
@@ -73,11 +72,10 @@ def page_text(arguments: argparse.Namespace) -> PageText:
 def _share(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
     from pipelines.commands.working import working
-    from pipelines.share import share_folder, share_single_file
+    from pipelines.share.sharing import share
 
-    write = share_single_file if arguments.single_file else share_folder
     with working("share", arguments.output if arguments.json else None) as progress:
-        shared = write(arguments.source, arguments.out, text, progress)
+        shared = share(arguments.source, arguments.out, text, single_file=arguments.single_file, progress=progress)
     if arguments.json:
         print(json.dumps({"kind": "shared", **shared.to_dict()}), file=arguments.output, flush=True)
         return 0

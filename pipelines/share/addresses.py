@@ -1,10 +1,12 @@
-"""Under which addresses other machines reach this one."""
+"""Under which addresses other machines reach this one, and QR codes of them."""
 
 from __future__ import annotations
 
+import io
 import ipaddress
 import socket
 
+import numpy as np
 import psutil
 
 ANY = ("", "0.0.0.0", "::")
@@ -58,3 +60,37 @@ def _route_address(family: socket.AddressFamily) -> str | None:
 
 def _bracketed(host: str) -> str:
     return f"[{host}]" if ":" in host else host
+
+
+# QR codes
+
+_QUIET = 4  # light modules around the code, which readers need
+_ERROR_CORRECTION = "m"
+
+
+def qr_text(address: str) -> str:
+    """The code in half blocks for a terminal, white on black whatever colors the terminal has."""
+    import segno
+
+    out = io.StringIO()
+    segno.make(address, error=_ERROR_CORRECTION, micro=False).terminal(out, border=_QUIET, compact=True)
+    lines = out.getvalue().rstrip("\n").split("\n")
+    return "\n".join(f"\x1b[97;40m{line}\x1b[0m" for line in lines)
+
+
+def qr_pixels(address: str, size: int) -> np.ndarray:
+    """The code as an image.
+
+    Args:
+        address: what it says.
+        size: largest width and height in pixels; modules have whole pixels, at least one.
+
+    Returns:
+        (H, W, 3) uint8, black on white, with its margin.
+    """
+    import segno
+
+    code = segno.make(address, error=_ERROR_CORRECTION, micro=False)
+    scale = max(size // code.symbol_size(border=_QUIET)[0], 1)
+    dark = np.array([list(row) for row in code.matrix_iter(scale=scale, border=_QUIET)], bool)
+    return np.repeat(np.where(dark, 0, 255).astype(np.uint8)[:, :, None], 3, axis=2)

@@ -1,19 +1,29 @@
-"""The player's page for one stream: title, link preview, credits, and where its files are."""
+"""The player's page for one stream: its text, link preview, intro, and where its files are."""
 
 from __future__ import annotations
 
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from html import escape
+from pathlib import Path
 
-from pipelines.share.results import PageText
 from pipelines.version import program_version
 from studio.bounded_text import parse_json
 from studio.errors import StudioError
+from studio.formats.camera_path import FORMAT, VERSION, CameraPath, read_path_keys
 
 GENERATOR = "V3 Studio share 1"
 """Marks pages that `v3studio share` has written, with the version of what they consist of."""
+
+PAGE_NAME = "index.html"
+
+INTRO_SECONDS = 8.0
+"""Duration of an intro through the cameras of a rig file, which has no times."""
+
+MAX_INTRO_KEYS = 1000
+"""As many as the player reads."""
 
 _INTRO = "v3-intro"
 _SCRIPT = '<script type="module" src="v3-player.js"></script>'
@@ -21,6 +31,34 @@ _TITLE = "<title>V3 Player</title>"
 _HEAD = "<!-- v3:head -->"
 _HASHED = re.compile(r"files/[0-9a-f]{32}\.[a-z0-9]{1,8}")
 _PLAYER = re.compile(r"<!-- v3:player -->.*?<!-- /v3:player -->", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class PageText:
+    """Text of a shared page, plain text without markup.
+
+    Attributes:
+        title: None for the stream's own, else the take's name.
+        credits: whom to name, for example "Jane Doe, Studio X"; None for the stream's own, "" for none.
+        license: of the footage, for example "CC BY 4.0"; None for the stream's own, "" for none.
+        address: where the page will be, for example "https://example.org/walk/". Link previews need it: their
+            images are only found by absolute addresses. None if it is not known.
+        description: what the stream shows, for screen readers and link previews; None for the stream's own, "" for
+            none.
+        intro: a camera path from `read_intro`, with which the page begins; None for none.
+    """
+
+    title: str | None = None
+    credits: str | None = None
+    license: str | None = None
+    address: str | None = None
+    description: str | None = None
+    intro: str | None = None
+
+    def encodable(self) -> PageText:
+        """The same with "?" for lone surrogates, which UTF-8 cannot hold: JSON escapes and file names can."""
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        return replace(self, **{name: value.encode("utf-8", "replace").decode() for name, value in given.items()})
 
 
 def player_page(
@@ -40,7 +78,7 @@ def player_page(
         script: element that starts the player, HTML.
         stream: address of the stream's manifest relative to the page, or "#id" of the element that holds its files.
         text: title, credits, license, description and intro; they are escaped here.
-        poster: address of the picture to show until the first frame is drawn.
+        poster: address of the image to show until the first frame is rendered.
         head: further elements of the page's head, HTML.
         link: address relative to the page that links to it begin with; None for its own.
         first: files of the stream with which playback begins (`first_files`).
@@ -73,7 +111,7 @@ def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> l
 
     Args:
         text: escaped here.
-        poster: the picture's name relative to the page; None for no picture.
+        poster: the image's name relative to the page; None for no image.
         size: its width and height, pixels.
     """
     base = None if text.address is None else text.address.rstrip("/") + "/"
@@ -113,6 +151,45 @@ def first_files(manifest: bytes) -> list[str]:
     except (ValueError, KeyError, IndexError, TypeError, RecursionError):
         return []
     return paths if all(isinstance(path, str) and _HASHED.fullmatch(path) for path in paths) else []
+
+
+def read_intro(path: Path) -> str:
+    """The text that a page holds of a camera path: times, sizes and poses, without names, frames and distortion.
+
+    Args:
+        path: a camera path file (`studio.formats.camera_path`) or a rig file.
+
+    Raises:
+        StudioError: the file is missing or no camera path (`camera_path.*`), or has more than `MAX_INTRO_KEYS` keys
+            (`camera_path.too_many_keys`).
+    """
+    keys = read_path_keys(path, INTRO_SECONDS)
+    if len(keys) > MAX_INTRO_KEYS:
+        raise StudioError(
+            "camera_path.too_many_keys",
+            f"the camera path has {len(keys)} keys; an intro has at most {MAX_INTRO_KEYS}",
+            file=path,
+            value=len(keys),
+            fix="Remove some of the keys.",
+            expected=MAX_INTRO_KEYS,
+        )
+    first = keys[0].camera
+    CameraPath(keys, first.width, first.height)  # raises what is wrong with the times and the sizes
+    entries = []
+    for key in keys:
+        camera = key.camera.undistorted()
+        entries.append(
+            {
+                "time": round(key.time - keys[0].time, 4),
+                "camera": {
+                    "width": camera.width,
+                    "height": camera.height,
+                    "K": camera.K.round(3).tolist(),
+                    "world_to_camera": camera.world_to_camera.round(6).tolist(),
+                },
+            }
+        )
+    return json.dumps({"format": FORMAT, "version": VERSION, "keys": entries}, separators=(",", ":"))
 
 
 def _early_files(stream: str, first: Sequence[str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.share.results import PageText
+from pipelines.share.page import PageText
 from studio.progress import ProgressFn, no_progress
 
 if TYPE_CHECKING:
@@ -39,13 +39,13 @@ def publish(
             (`publish.missing_package`, `publish.no_credentials`, `publish.no_bucket`, `publish.denied`,
             `publish.failed`).
     """
-    from pipelines.share.beside import page_files
     from pipelines.share.player_files import read_player
-    from pipelines.share.stream_files import stream_to_share
+    from pipelines.share.stream_to_share import stream_to_share
     from studio.stream.manifest import MANIFEST_NAME
     from studio.stream.publish import publish as copy
 
     with stream_to_share(str(source)) as stream:
-        words = stream.text(text or PageText())
-        beside = page_files(stream, words, read_player(), MANIFEST_NAME) if page else {}
+        beside: dict[str, bytes] = {}
+        if page:
+            beside = stream.page_files(stream.text(text or PageText()), read_player(), MANIFEST_NAME)
         return copy(stream.reader, str(target), progress, beside)

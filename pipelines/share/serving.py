@@ -1,4 +1,4 @@
-"""Serves streams and the browser player from a script, as `v3studio serve` does from the command line."""
+"""Serving streams and the browser player: `serve` for scripts, and what the command `v3studio serve` runs."""
 
 from __future__ import annotations
 
@@ -6,54 +6,101 @@ import secrets
 import socket
 import threading
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
+
+from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from pipelines.share.certificates import Certificate
+    from pipelines.share.page import PageText
+    from pipelines.share.player_files import PlayerFiles
     from pipelines.share.server import BoundedServer
+    from pipelines.share.web_app import Reviews
 
 _SECRET_BYTES = 16  # of the random part of secret links
 
 
-class Serving:
-    """A running server in a thread of this process; also a context manager that closes it. `serve` makes it.
+@dataclass(frozen=True)
+class Links:
+    """Where everything is served.
 
     Attributes:
+        streams: folders by path on the server.
+        roots: addresses of the server, the one to try first at the beginning.
+        secret: part of the path of all streams; "" for none.
+        reviews: what can be reviewed; None for nothing.
+        local: whether only this machine can reach it.
+        certificate: None over http.
+    """
+
+    streams: dict[str, Path]
+    roots: tuple[str, ...]
+    secret: str
+    reviews: Reviews | None
+    local: bool
+    certificate: Certificate | None
+
+    @property
+    def bases(self) -> tuple[str, ...]:
+        """Addresses below which the paths are."""
+        return tuple(f"{root}/{self.secret}".rstrip("/") for root in self.roots)
+
+    @property
+    def to_play(self) -> dict[str, str]:
+        """Addresses by path."""
+        return {path: f"{self.bases[0]}{quote(path)}" for path in self.streams}
+
+    @property
+    def to_review(self) -> dict[str, str]:
+        """Secret addresses by path: a trailing slash is part of them."""
+        if self.reviews is None:
+            return {}
+        base = f"{self.roots[0]}/{self.reviews.secret}"
+        return {path: f"{base}{quote(path.rstrip('/'))}/" for path in self.reviews.takes}
+
+
+class Serving:
+    """A server that listens, in a thread of this process once it is started; also a context manager that closes it.
+
+    Attributes:
+        links: where everything is served.
         streams: folders of the streams by the address of their page, which ends in "/". The manifest is `manifest.json`
             below it; `StreamReader.open` and `v3studio play` take the address itself.
         bases: addresses of the server, the one to try first at the beginning; with the secret part, if there is one.
         fingerprint: SHA-256 of the certificate as browsers show it, "AB:CD:..."; None over http.
     """
 
-    def __init__(
-        self,
-        server: BoundedServer,
-        sock: socket.socket,
-        streams: dict[str, Path],
-        bases: tuple[str, ...],
-        fingerprint: str | None,
-    ) -> None:
-        self.streams = streams
-        self.bases = bases
-        self.fingerprint = fingerprint
-        self._server, self._sock = server, sock
-        self._thread = threading.Thread(
-            target=server.run, kwargs={"sockets": [sock]}, name="v3studio serve", daemon=True
-        )
-        self._thread.start()
+    def __init__(self, server: BoundedServer, sock: socket.socket, links: Links) -> None:
+        self.links = links
+        self.streams = {f"{address.rstrip('/')}/": links.streams[path] for path, address in links.to_play.items()}
+        self.bases = links.bases
+        self.fingerprint = None if links.certificate is None else links.certificate.fingerprint
+        self.server, self._sock = server, sock
+        self._thread = threading.Thread(target=self.run, name="v3studio serve", daemon=True)
 
     @property
     def address(self) -> str:
         """Address of the first stream's page."""
         return next(iter(self.streams))
 
+    def run(self) -> None:
+        """Serve in this thread until the server is told to exit."""
+        self.server.run(sockets=[self._sock])
+
+    def start(self) -> Serving:
+        """Serve in another thread; returns itself."""
+        self._thread.start()
+        return self
+
     def close(self) -> None:
         """Stop serving and free the port; may be called again."""
-        self._server.should_exit = True
-        self._thread.join()
+        self.server.should_exit = True
+        if self._thread.is_alive():
+            self._thread.join()
         self._sock.close()
 
     def __enter__(self) -> Serving:
@@ -63,6 +110,69 @@ class Serving:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def prepare(
+    folder: str,
+    host: str,
+    port: int,
+    player: PlayerFiles | None,
+    *,
+    https: bool = False,
+    certificate: Certificate | None = None,
+    token: bool | None = None,
+    review: bool = False,
+    allow_hosts: Sequence[str] = (),
+    allow_origins: Sequence[str] = (),
+    text: PageText | None = None,
+    **options: Any,
+) -> Serving:
+    """Listen for `serve` or for the command, which run the server in a thread or in the main thread.
+
+    Args:
+        folder, host, port, https, token, allow_hosts, allow_origins: as for `serve`.
+        player: None to serve the streams alone.
+        certificate: given; None to make one if `https`.
+        review: whether to serve reviews below another secret path, too.
+        text: title and intro of the pages; a title is for a single stream.
+        options: of `uvicorn.Config`.
+
+    Raises:
+        StudioError: as `serve`, and for nothing to review (`serve.nothing_to_review`).
+    """
+    from pipelines.share.addresses import is_local, reachable_hosts
+    from pipelines.share.certificates import make_certificate
+    from pipelines.share.host_check import own_names
+    from pipelines.share.served import find_reviews, find_streams
+    from pipelines.share.server import BoundedServer, listen, server_config
+    from pipelines.share.web_app import Reviews, build_app
+
+    streams = find_streams(folder)
+    if text is not None and text.title is not None and len(streams) > 1:
+        raise StudioError(
+            "command.invalid_option",
+            f"--title is for one stream, but {folder} has {len(streams)}",
+            value=text.title,
+            fix="Serve one of them, or leave the option out.",
+            option="--title",
+        )
+    reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if review else None
+    local = is_local(host)
+    secret = secrets.token_urlsafe(_SECRET_BYTES) if (not local if token is None else token) else ""
+    hosts = reachable_hosts(host)
+    if https and certificate is None:
+        certificate = make_certificate(sorted({*hosts, socket.gethostname(), "localhost", "127.0.0.1", "::1"}))
+    sock = listen(host, port)
+    try:
+        scheme = "http" if certificate is None else "https"
+        roots = tuple(f"{scheme}://{name}:{sock.getsockname()[1]}" for name in hosts)
+        names = (*own_names(), *allow_hosts)
+        app = build_app(streams, player, reviews, secret, names, allow_origins, text)
+        links = Links(streams, roots, secret, reviews, local, certificate)
+        return Serving(BoundedServer(server_config(app, certificate, **options)), sock, links)
+    except BaseException:
+        sock.close()
+        raise
 
 
 def serve(
@@ -100,35 +210,16 @@ def serve(
             host that cannot be used (`command.invalid_option`, `serve.port_in_use`, `serve.unknown_host`,
             `serve.cannot_bind`), or a source checkout without the built player (`share.no_player`).
     """
-    from pipelines.share.addresses import is_local, reachable_hosts
-    from pipelines.share.host_check import own_names
-    from pipelines.share.listening import listen
     from pipelines.share.player_files import read_player
-    from pipelines.share.served_streams import find_streams
-    from pipelines.share.server import BoundedServer, server_config
-    from pipelines.share.web_app import build_app
 
-    streams = find_streams(str(folder))
-    player = read_player()
-    secret = secrets.token_urlsafe(_SECRET_BYTES) if (not is_local(host) if token is None else token) else ""
-    hosts = reachable_hosts(host)
-    certificate = _certificate(hosts) if https else None
-    sock = listen(host, port)
-    try:
-        root = [f"http{'s' * https}://{name}:{sock.getsockname()[1]}" for name in hosts]
-        bases = tuple(f"{address}/{secret}".rstrip("/") for address in root)
-        app = build_app(streams, player, None, secret, (*own_names(), *allow_hosts), allow_origins)
-        # the script's own logging stays as it is
-        config = server_config(app, certificate, log_config=None)
-        pages = {f"{bases[0]}{quote(path.rstrip('/'))}/": stream for path, stream in streams.items()}
-        fingerprint = None if certificate is None else certificate.fingerprint
-        return Serving(BoundedServer(config), sock, pages, bases, fingerprint)
-    except BaseException:
-        sock.close()
-        raise
-
-
-def _certificate(hosts: Sequence[str]) -> Certificate:
-    from pipelines.share.certificates import make_certificate
-
-    return make_certificate(sorted({*hosts, socket.gethostname(), "localhost", "127.0.0.1", "::1"}))
+    return prepare(
+        str(folder),
+        host,
+        port,
+        read_player(),
+        https=https,
+        token=token,
+        allow_hosts=allow_hosts,
+        allow_origins=allow_origins,
+        log_config=None,  # the script's own logging stays as it is
+    ).start()

@@ -1,13 +1,110 @@
-"""Sharing from a script, as `v3studio share` does from the command line."""
+"""`share`: the player with a stream as a folder for any web server, or as one HTML file that opens from the disk.
+
+Nothing is loaded from elsewhere.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import re
+from base64 import b64encode
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from html import escape
 from pathlib import Path
+from typing import Literal
 
-from pipelines.share.folder import share_folder
-from pipelines.share.results import PageText, Shared
-from pipelines.share.single_file import share_single_file
+from pipelines.share.page import GENERATOR, PAGE_NAME, PageText, player_page, preview_tags
+from pipelines.share.player_files import PlayerFiles, read_player
+from pipelines.share.stream_to_share import StreamToShare, stream_to_share
+from pipelines.takes.atomic_files import atomic_path, disk_errors, remove
+from pipelines.version import program_version
+from studio.atomic_files import leftovers, remove_leftovers, temporary_path
+from studio.bounded_text import parse_json
+from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
+from studio.stream.manifest import MANIFEST_NAME
+
+MAX_SINGLE_FILE_BYTES = 32_000_000
+"""Largest stream that is put into one file: a browser holds the whole page in memory several times."""
+
+RECORD_NAME = "share.json"
+"""Lists what a shared folder consists of, so that it can be replaced, and nothing else."""
+
+RECORD_FORMAT, RECORD_VERSION = "v3studio-share", 1
+
+_MARK = f'<meta name="generator" content="{GENERATOR}'.encode()
+_HOLDER = "v3-stream"  # id of the element that holds the stream's files
+_ENDS_SCRIPT = re.compile(r"<(?=/script|!--)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class ShareSize:
+    """What sharing a stream would take, without the poster (some 50 to 150 kB).
+
+    Attributes:
+        stream_bytes: of all files of the stream.
+        player_bytes: of the player's files.
+        single_file_bytes: of the single HTML file: base64 makes everything a third larger.
+        single_file_possible: whether the stream is small enough for one.
+        frames, seconds: of the stream.
+    """
+
+    stream_bytes: int
+    player_bytes: int
+    single_file_bytes: int
+    single_file_possible: bool
+    frames: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What was written.
+
+    Attributes:
+        form: a folder or a single HTML file.
+        path: the folder or the file.
+        title: of the page.
+        files: how many were written.
+        total_bytes: of all of them.
+        stream_bytes, player_bytes, poster_bytes: parts of it; in a single file before they became base64.
+    """
+
+    form: Literal["folder", "single-file"]
+    path: Path
+    title: str
+    files: int
+    total_bytes: int
+    stream_bytes: int
+    player_bytes: int
+    poster_bytes: int
+
+    def to_dict(self) -> JsonObject:
+        """JSON-ready."""
+        return {**asdict(self), "path": str(self.path)}
+
+
+def share_size(source: str) -> ShareSize:
+    """Sizes of a take's or a stream's share.
+
+    Raises:
+        StudioError: no stream there, or the player is not built.
+    """
+    player = read_player().size
+    with stream_to_share(source) as stream:
+        total = stream.total_bytes
+        return ShareSize(
+            stream_bytes=total,
+            player_bytes=player,
+            single_file_bytes=player + (total + 2) // 3 * 4,
+            single_file_possible=total <= MAX_SINGLE_FILE_BYTES,
+            frames=stream.reader.manifest.frame_count,
+            seconds=stream.reader.manifest.duration,
+        )
 
 
 def share(
@@ -20,7 +117,8 @@ def share(
 ) -> Shared:
     """Write the player with a stream: a folder for any web server, or one HTML file that opens from the disk.
 
-    An earlier share in its place is replaced when the new one is complete; anything else is not.
+    All names in the folder are relative, so that it works below any path. An earlier share in its place is replaced
+    when the new one is complete; anything else is not.
 
     Example:
         v3studio.share("my-take", "site", v3studio.PageText(title="Walk", license="CC BY 4.0"))
@@ -36,5 +134,204 @@ def share(
         StudioError: `share.out_exists`, `share.not_html`, `share.too_large`, `share.no_player`, no stream in `source`,
             a damaged stream, or a disk that is full or not writable.
     """
-    write = share_single_file if single_file else share_folder
-    return write(str(source), Path(out), text, progress)
+    player = read_player()
+    out = Path(out).expanduser().absolute()
+    (_check_file if single_file else _check_folder)(out)
+    with stream_to_share(str(source)) as stream, disk_errors(out):
+        if single_file and stream.total_bytes > MAX_SINGLE_FILE_BYTES:
+            raise StudioError(
+                "share.too_large",
+                f"the stream has {stream.total_bytes / 1e6:.1f} MB; a single file holds at most "
+                f"{MAX_SINGLE_FILE_BYTES / 1e6:.0f} MB",
+                file=str(source),
+                value=stream.total_bytes,
+                fix="Share it as a folder, or bake fewer frames or a higher QP.",
+                expected=MAX_SINGLE_FILE_BYTES,
+            )
+        write = _write_file if single_file else _write_folder
+        return write(stream, out, stream.text(text or PageText()), player, progress)
+
+
+# A folder
+
+
+def _write_folder(
+    stream: StreamToShare, out: Path, text: PageText, player: PlayerFiles, progress: ProgressFn
+) -> Shared:
+    """index.html, the player and the poster, the stream below `stream/`, and a record of them."""
+    files = stream.reader.files
+    written: dict[str, int] = {}
+    with _replaced(out) as folder:
+
+        def write(name: str, data: bytes) -> None:
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+            written[name] = len(data)
+
+        progress(0, len(files) + 1)
+        beside = stream.page_files(text, player, f"stream/{MANIFEST_NAME}")
+        for done, file in enumerate(files, start=1):
+            progress(done, len(files) + 1)
+            write(f"stream/{file.path}", stream.reader.checked(file))
+        write(f"stream/{MANIFEST_NAME}", stream.reader.manifest_bytes)
+        for name, data in beside.items():
+            write(name, data)
+        record = {
+            "format": RECORD_FORMAT,
+            "version": RECORD_VERSION,
+            "program": f"v3studio {program_version()}",
+            "title": text.title,
+            "files": [{"path": name, "bytes": size} for name, size in sorted(written.items())],
+        }
+        write(RECORD_NAME, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+        progress(len(files) + 1, len(files) + 1)
+    return Shared(
+        form="folder",
+        path=out,
+        title=text.title or "",
+        files=len(written),
+        total_bytes=sum(written.values()),
+        stream_bytes=sum(size for name, size in written.items() if name.startswith("stream/")),
+        player_bytes=written[PAGE_NAME] + sum(len(data) for data in player.hashed.values()),
+        poster_bytes=len(next(iter(beside.values()))),
+    )
+
+
+def _check_folder(out: Path) -> None:
+    """Raises StudioError (`share.out_exists`) unless `out` is missing, empty, or an earlier share and nothing else."""
+    if not os.path.lexists(out):
+        return
+    fix = "Choose another folder, or delete it."
+    if not out.is_dir() or out.is_symlink():
+        raise StudioError("share.out_exists", "exists and is not a folder", file=out, fix=fix)
+    present = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir() or path.is_symlink()}
+    if not present and not any(out.iterdir()):
+        return
+    listed = _recorded(out / RECORD_NAME)
+    if listed is None:
+        raise StudioError("share.out_exists", "exists and is not an earlier share", file=out, fix=fix)
+    strange = sorted(present - listed - {RECORD_NAME})
+    if strange:
+        raise StudioError(
+            "share.out_exists",
+            f"is an earlier share, but holds files that are not part of it, {strange[0]} first",
+            file=out,
+            value=strange[0],
+            fix="Move them away, or choose another folder.",
+        )
+
+
+def _recorded(path: Path) -> set[str] | None:
+    """Files that a share's record lists; None if it is not one."""
+    try:
+        record = parse_json(path.read_bytes())
+        if record["format"] != RECORD_FORMAT:
+            return None
+        return {str(file["path"]) for file in record["files"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+@contextmanager
+def _replaced(out: Path) -> Iterator[Path]:
+    """A temporary folder beside `out` that takes its place when the block succeeds, and is deleted otherwise."""
+    new, old = temporary_path(out), temporary_path(out, ".old")
+    for path in leftovers(out.parent, out, ".old"):
+        if os.path.lexists(out):
+            remove(path)
+        else:  # killed between the renames: it is the earlier share
+            os.rename(path, out)
+    remove_leftovers(out.parent, out)
+    remove(new)
+    new.mkdir(parents=True)
+    try:
+        yield new
+        _check_folder(out)  # it took a while: somebody may have written there meanwhile
+        if os.path.lexists(out):
+            os.rename(out, old)
+        try:
+            os.rename(new, out)
+        except OSError:
+            if old.exists():
+                os.rename(old, out)
+            raise
+    finally:
+        remove(new)
+    remove(old)
+
+
+# One HTML file
+
+
+def _write_file(stream: StreamToShare, out: Path, text: PageText, player: PlayerFiles, progress: ProgressFn) -> Shared:
+    """The player, the stream and the poster in one page."""
+    steps = len(stream.reader.files) + 1
+    progress(0, steps)
+    poster = stream.poster()
+    script = "\n".join(
+        [
+            f'<div id="{_HOLDER}" hidden>',
+            *_embedded(stream, progress),
+            "</div>",
+            f'<script type="text/plain" id="third-party-licenses">{_in_script(player.licenses.decode())}</script>',
+            f'<script type="module">{_in_script(player.script.decode())}</script>',
+        ]
+    )
+    image = f"data:image/jpeg;base64,{b64encode(poster.data).decode()}"
+    tags = preview_tags(text, None, poster.size)
+    page = player_page(player.page, script, f"#{_HOLDER}", text, image, tags).encode()
+    remove_leftovers(out.parent, out)
+    with atomic_path(out) as temporary:
+        temporary.write_bytes(page)
+    progress(steps, steps)
+    return Shared(
+        form="single-file",
+        path=out,
+        title=text.title or "",
+        files=1,
+        total_bytes=len(page),
+        stream_bytes=stream.total_bytes,
+        player_bytes=player.size,
+        poster_bytes=len(poster.data),
+    )
+
+
+def _embedded(stream: StreamToShare, progress: ProgressFn) -> Iterator[str]:
+    """The stream's files as elements that no browser runs or loads."""
+
+    def element(path: str, data: bytes) -> str:
+        kind = "application/octet-stream;base64"
+        return f'<script type="{kind}" data-v3-file="{escape(path)}">{b64encode(data).decode()}</script>'
+
+    yield element(MANIFEST_NAME, stream.reader.manifest_bytes)
+    files = stream.reader.files
+    for done, file in enumerate(files, start=1):
+        progress(done, len(files) + 1)
+        yield element(file.path, stream.reader.checked(file))
+
+
+def _in_script(text: str) -> str:
+    """JavaScript in which nothing ends or changes the script element around it. What is escaped can only stand in
+    string literals and regular expressions of a minified script, where `\\x3C` means the same."""
+    return _ENDS_SCRIPT.sub(lambda _: r"\x3C", text)
+
+
+def _check_file(out: Path) -> None:
+    """Raises StudioError (`share.not_html`, `share.out_exists`) unless `out` can be written."""
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise StudioError(
+            "share.not_html", "a single file must end in .html", file=out, fix=f"Example: {out.name or 'take'}.html."
+        )
+    if not os.path.lexists(out):
+        return
+    if out.is_file():
+        with out.open("rb") as file:
+            if _MARK in file.read(4096):
+                return
+    raise StudioError(
+        "share.out_exists",
+        "exists and is not an earlier share",
+        file=out,
+        fix="Choose another name, or delete it.",
+    )

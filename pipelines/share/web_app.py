@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from pipelines.share.results import PageText
+from pipelines.share.page import PageText, first_files, player_page
 from studio.bounded_text import parse_json
 from studio.stream.manifest import MANIFEST_NAME
 
@@ -57,8 +57,7 @@ def build_app(
     secret: str = "",
     names: Sequence[str] = (),
     origins: Sequence[str] = (),
-    intro: str | None = None,
-    title: str | None = None,
+    text: PageText | None = None,
 ) -> Starlette:
     """The web application: GET and HEAD of stream files, with ranges and revalidation, and the player.
 
@@ -75,8 +74,7 @@ def build_app(
         secret: part of the path that requests must begin with; "" for none.
         names: of this server, besides addresses and localhost; requests to others are refused.
         origins: pages of these may read ("https://example.org", or "*").
-        intro: a camera path from `read_intro`, with which the pages begin; None for none.
-        title: of the pages; None for each stream's own, else its name.
+        text: of the pages; without a title, it is each stream's own, else its name.
     """
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
@@ -94,7 +92,7 @@ def build_app(
         max_age=86400,
     )
     shared = "cross-origin" if origins else "same-origin"
-    text = PageText(title=title, intro=intro)
+    text = text or PageText()
     routes = _routes(streams, player, {}, shared, text, None)
     if secret:
         routes = [Mount(f"/{secret}", routes=routes)]
@@ -113,10 +111,13 @@ def _routes(
     text: PageText,
     watching: str | None,
 ) -> list[BaseRoute]:
-    """Routes of the streams, the player and the reviews; `shared` is the Cross-Origin-Resource-Policy.
+    """Routes of the streams, the player and the reviews.
 
-    `watching` is where the same is served without reviews, relative to "/": what pages copy when they are asked for a
-    link. None: links are to the pages themselves.
+    Args:
+        streams, player, reviews, text: as for `build_app`.
+        shared: the Cross-Origin-Resource-Policy.
+        watching: where the same is served without reviews, relative to "/", which pages copy as a link. None: links
+            are to the pages themselves.
     """
     from starlette.exceptions import HTTPException
     from starlette.requests import Request
@@ -251,8 +252,7 @@ def usable_range(header: bytes) -> bool:
 
 def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, text: PageText, link: str | None) -> str:
     """The player's page for a stream beside it, with what a review adds to it."""
-    from pipelines.share.page import first_files, player_page
-    from pipelines.share.stream_files import name_of
+    from pipelines.share.stream_to_share import name_of
 
     title = text.title or name_of(stream)
     first: list[str] = []

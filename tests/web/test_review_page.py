@@ -16,7 +16,7 @@ import pytest
 from driver import PATIENCE, Page
 
 from pipelines.share.player_files import read_player
-from pipelines.share.served_streams import find_reviews, find_streams
+from pipelines.share.served import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
 from pipelines.takes.marks import Mark, change_mark, read_marks
 from pipelines.takes.take import Take

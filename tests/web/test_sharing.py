@@ -16,12 +16,12 @@ import support
 import uvicorn
 from driver import Page, psnr
 
-from pipelines.share import PageText, share_folder, share_single_file
 from pipelines.share.certificates import make_certificate
-from pipelines.share.listening import listen
-from pipelines.share.page import first_files
+from pipelines.share.page import PageText, first_files
 from pipelines.share.player_files import read_player
-from pipelines.share.served_streams import find_streams
+from pipelines.share.served import find_streams
+from pipelines.share.server import listen
+from pipelines.share.sharing import share
 from pipelines.share.web_app import build_app
 
 pytestmark = pytest.mark.web
@@ -147,7 +147,7 @@ def test_of_several_streams_one_is_chosen_and_plays_over_https(baked, open_addre
 
 def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_address, tmp_path):
     place = tmp_path / "some" / "where é"
-    share_folder(str(baked()), place, TEXT)
+    share(baked(), place, TEXT)
     requests: list[str] = []
     with plain_server(tmp_path) as address:
         page = open_address(f"{address}/some/where%20é/", requests)
@@ -165,7 +165,7 @@ def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_addr
 
 def test_a_single_file_plays_from_the_disk(baked, open_address, tmp_path):
     file = tmp_path / "take é.html"
-    share_single_file(str(baked()), file, TEXT)
+    share(baked(), file, TEXT, single_file=True)
     requests: list[str] = []
     page = open_address(file.as_uri(), requests)
     plays_right(page, baked())

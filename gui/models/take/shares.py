@@ -10,7 +10,7 @@ from typing import ClassVar
 from gui.models.take.target import NamedTarget
 from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
-from pipelines.share import MAX_SINGLE_FILE_BYTES, ShareSize
+from pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, ShareSize
 from studio.counts import counted
 
 FORMS: dict[str, tuple[str, str]] = {
@@ -49,7 +49,7 @@ class ShareRequest(NamedTarget):
         folder: where to write to at first.
         stale: why the stream is not up to date, or not known to be, see `stale_words`; "" if it is, None if it is of
             no take.
-        title, credits, license, address: as in `pipelines.share.PageText`; empty ones are the stream's own.
+        title, credits, license, address: as in `pipelines.share.page.PageText`; empty ones are the stream's own.
     """
 
     does: ClassVar[str] = "Share"

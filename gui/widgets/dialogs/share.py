@@ -14,7 +14,7 @@ from gui.widgets.dialogs.base import Answer, Dialogs, broken, filled
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.dialogs.options import Form, refusal
 from gui.widgets.picture import PictureWidget, color
-from pipelines.share.qr_code import qr_pixels
+from pipelines.share.addresses import qr_pixels
 from studio.errors import StudioError
 
 STALE_LINES = 4

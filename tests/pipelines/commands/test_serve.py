@@ -20,7 +20,8 @@ from urllib.parse import quote
 
 import pytest
 
-from pipelines.share.served_streams import find_streams
+from pipelines.share.page import PageText
+from pipelines.share.served import find_streams
 from pipelines.share.web_app import build_app
 from studio.playback import play_headless
 from studio.stream import BakeSettings
@@ -223,7 +224,7 @@ def test_a_title_that_utf_8_cannot_hold(tmp_path):
 
 
 def test_a_title_for_one_stream(stream, tmp_path, here):
-    with running(build_app(find_streams(str(stream)), PLAYER, title="Walk <1>")) as port:
+    with running(build_app(find_streams(str(stream)), PLAYER, text=PageText(title="Walk <1>"))) as port:
         page = ask(port, "/", Accept=BROWSER)[2].decode()
         assert "<title>Walk &lt;1&gt;</title>" in page
         assert 'data-title="Walk &lt;1&gt;"' in page
@@ -241,7 +242,7 @@ def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
         shutil.copytree(stream, tmp_path / name, symlinks=True)
     (tmp_path / "a" / ".player").mkdir()
     for folder, page, script in ((stream, "/", ".player/"), (tmp_path, "/a/", "../.player/")):
-        with running(build_app(find_streams(str(folder)), PLAYER, intro='{"keys": []}')) as port:
+        with running(build_app(find_streams(str(folder)), PLAYER, text=PageText(intro='{"keys": []}'))) as port:
             status, headers, body = ask(port, page, Accept=BROWSER)
             assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
             assert headers["cache-control"] == "no-cache"

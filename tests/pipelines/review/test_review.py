@@ -16,7 +16,7 @@ import pytest
 
 from pipelines.config import dump_config, load_config
 from pipelines.review import TakeReview
-from pipelines.share.served_streams import find_reviews, find_streams
+from pipelines.share.served import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
 from pipelines.takes.atomic_files import Result, read_model, write_model
 from pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks

@@ -15,9 +15,8 @@ import pytest
 import trustme
 
 from pipelines.share import addresses
-from pipelines.share.addresses import is_local, reachable_hosts
+from pipelines.share.addresses import is_local, qr_pixels, qr_text, reachable_hosts
 from pipelines.share.certificates import Certificate, load_certificate, make_certificate
-from pipelines.share.qr_code import qr_pixels, qr_text
 from tests.support.errors import refuses
 
 ADDRESS = "https://192.168.178.23:8000/prise%20%C3%A9/?t=3.2&view=30,10,2.5,0,0,0"

@@ -11,15 +11,16 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 import torch
 
-from pipelines.share import PageText, share_folder, share_single_file, share_size, single_file
-from pipelines.share.intro import read_intro
-from pipelines.share.page import first_files
+from pipelines.share import sharing
+from pipelines.share.page import PageText, first_files, read_intro
+from pipelines.share.sharing import Shared, share, share_size
 from studio.cameras import Camera
 from studio.errors import Cancelled
 from studio.formats.camera_path import Key, write_path_keys
@@ -30,6 +31,10 @@ from tests.support.errors import refuses
 from tests.support.streams import bake_numbered
 
 TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
+
+
+def share_page(source: str, out: Path, text: PageText | None = None, **options: Any) -> Shared:
+    return share(source, out, text, single_file=True, **options)
 
 
 def camera() -> Camera:
@@ -99,8 +104,8 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_path):
     steps = []
-    shared = share_folder(
-        str(stream), tmp_path / "deep" / "site", TEXT, lambda done, total, **_: steps.append((done, total))
+    shared = share(
+        str(stream), tmp_path / "deep" / "site", TEXT, progress=lambda done, total, **_: steps.append((done, total))
     )
     files = content(shared.path)
     assert {name: data for name, data in files.items() if name.startswith("stream/")} == {
@@ -133,7 +138,7 @@ def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_
 
 
 def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_path):
-    shared = share_folder(str(stream), tmp_path / "site")
+    shared = share(str(stream), tmp_path / "site")
     (poster,) = shared.path.glob("poster.*.jpg")
     image = cv2.imread(str(poster))[:, :, ::-1].astype(float)
     with StreamReader.open(stream) as reader:
@@ -144,43 +149,43 @@ def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_pat
 
 
 def test_without_text_the_streams_own_is_used_and_its_folders_name(stream, tmp_path):
-    assert share_folder(str(stream), tmp_path / "plain").title == "walk"
+    assert share(str(stream), tmp_path / "plain").title == "walk"
     named = bake(tmp_path / "named", title=" Own title ", credits="Own credits", license=7)
-    site = share_folder(str(named), tmp_path / "site", PageText(license="MIT")).path
+    site = share(str(named), tmp_path / "site", PageText(license="MIT")).path
     (player,) = Page(site / "index.html").named("v3-player")
     assert (player["data-title"], player["data-credits"], player["data-license"]) == ("Own title", "Own credits", "MIT")
     assert player["poster"] is not None, "a stream that suggests no camera is drawn from the front"
-    site = share_folder(str(named), tmp_path / "other", PageText(title="Giv\udcffn", credits="")).path
+    site = share(str(named), tmp_path / "other", PageText(title="Giv\udcffn", credits="")).path
     (player,) = Page(site / "index.html").named("v3-player")
     assert (player["data-title"], player.get("data-credits")) == ("Giv?n", None)
     take = tmp_path / "my take"
     shutil.copytree(stream, take / "stream")
     (take / "take.json").write_text(json.dumps({"format": 1}))
-    assert share_folder(str(take), tmp_path / "of take").title == "my take"
+    assert share(str(take), tmp_path / "of take").title == "my take"
 
 
 def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
     out = tmp_path / "site"
     out.mkdir()
-    first = share_folder(str(stream), out, PageText(title="One")).path
+    first = share(str(stream), out, PageText(title="One")).path
     old = content(first)
-    second = share_folder(str(stream), out, PageText(title="Two")).path
+    second = share(str(stream), out, PageText(title="Two")).path
     assert content(second).keys() == old.keys()
     assert b"Two" in (second / "index.html").read_bytes()
     (out / "stream" / "notes.txt").write_text("mine")
     with refuses("share.out_exists", file=out, value="stream/notes.txt"):
-        share_folder(str(stream), out)
+        share(str(stream), out)
     (out / "stream" / "notes.txt").unlink()
     (out / "share.json").write_text("{}")
     with refuses("share.out_exists", file=out):
-        share_folder(str(stream), out)
+        share(str(stream), out)
     with refuses("share.out_exists", file=stream):
-        share_folder(str(stream), stream)
+        share(str(stream), stream)
     (tmp_path / "file").write_text("mine")
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     for name in ("file", "link"):
         with refuses("share.out_exists", file=tmp_path / name):
-            share_folder(str(stream), tmp_path / name)
+            share(str(stream), tmp_path / name)
     assert b"Two" in (out / "index.html").read_bytes()
 
 
@@ -190,8 +195,8 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
     killed.wait()
     (tmp_path / "out" / f".site.{killed.pid}.partial").mkdir(parents=True)
     (tmp_path / "out" / f".a.{killed.pid}.partial.html").write_text("half")
-    share_folder(str(copy), out)
-    share_single_file(str(copy), page)
+    share(str(copy), out)
+    share_page(str(copy), page)
     before = content(out.parent)
     out.rename(out.with_name(f".site.{killed.pid}.old.partial"))  # as if killed while it was replaced
 
@@ -200,14 +205,14 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        share_folder(str(copy), out, progress=stop)
+        share(str(copy), out, progress=stop)
     with pytest.raises(Cancelled):
-        share_single_file(str(copy), page, progress=stop)
+        share_page(str(copy), page, progress=stop)
     last = sorted(copy.rglob("*.mp4"))[-1]
     data = bytearray(last.read_bytes())
     data[-1] ^= 1
     last.write_bytes(data)
-    for attempt in (lambda: share_folder(str(copy), out), lambda: share_single_file(str(copy), page)):
+    for attempt in (lambda: share(str(copy), out), lambda: share_page(str(copy), page)):
         with refuses("stream.wrong_checksum", file=str(last)):
             attempt()
     assert content(out.parent) == before
@@ -215,7 +220,7 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
 
 
 def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
-    shared = share_single_file(str(stream), tmp_path / "take.html", TEXT)
+    shared = share_page(str(stream), tmp_path / "take.html", TEXT)
     page = Page(shared.path)
     held = {
         str(attributes["data-v3-file"]): base64.b64decode(text)
@@ -231,7 +236,7 @@ def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
     assert shared.total_bytes == shared.path.stat().st_size
     assert shared.files == 1
     assert shared.stream_bytes == sum(map(len, held.values()))
-    share_single_file(str(stream), shared.path, PageText(title="Two"))
+    share_page(str(stream), shared.path, PageText(title="Two"))
     assert b"<title>Two</title>" in shared.path.read_bytes()
 
 
@@ -239,22 +244,22 @@ def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, t
     mine = tmp_path / "mine.html"
     mine.write_text("<p>mine")
     with refuses("share.out_exists", file=mine):
-        share_single_file(str(stream), mine)
+        share_page(str(stream), mine)
     with refuses("share.not_html", file=tmp_path / "site"):
-        share_single_file(str(stream), tmp_path / "site")
+        share_page(str(stream), tmp_path / "site")
     size = sum(map(len, content(stream).values()))
-    monkeypatch.setattr(single_file, "MAX_SINGLE_FILE_BYTES", size)
-    share_single_file(str(stream), tmp_path / "just.html")
-    monkeypatch.setattr(single_file, "MAX_SINGLE_FILE_BYTES", size - 1)
+    monkeypatch.setattr(sharing, "MAX_SINGLE_FILE_BYTES", size)
+    share_page(str(stream), tmp_path / "just.html")
+    monkeypatch.setattr(sharing, "MAX_SINGLE_FILE_BYTES", size - 1)
     with refuses("share.too_large", value=size, file=str(stream)):
-        share_single_file(str(stream), tmp_path / "more.html")
+        share_page(str(stream), tmp_path / "more.html")
     assert not (tmp_path / "more.html").exists()
     assert mine.read_text() == "<p>mine"
 
 
 def test_script_text_cannot_end_its_element() -> None:
     dangerous = 'a = "</script><!-- </SCRIPT>"; b = /<\\/script/;'
-    safe = single_file._in_script(dangerous)
+    safe = sharing._in_script(dangerous)
     assert "</script" not in safe.lower()
     assert "<!--" not in safe
     assert safe.replace("\\x3C", "<") == dangerous
@@ -262,10 +267,10 @@ def test_script_text_cannot_end_its_element() -> None:
 
 def test_sizes_are_told_before(stream, tmp_path):
     size = share_size(str(stream))
-    folder = share_folder(str(stream), tmp_path / "site")
+    folder = share(str(stream), tmp_path / "site")
     assert size.stream_bytes == folder.stream_bytes
     assert size.player_bytes + size.stream_bytes == pytest.approx(folder.total_bytes - folder.poster_bytes, rel=0.02)
-    single = share_single_file(str(stream), tmp_path / "take.html")
+    single = share_page(str(stream), tmp_path / "take.html")
     assert size.single_file_bytes == pytest.approx(single.total_bytes - 4 / 3 * single.poster_bytes, rel=0.02)
     assert (size.frames, size.seconds, size.single_file_possible) == (6, 0.5, True)
 
@@ -284,9 +289,9 @@ def test_an_intro_must_be_a_camera_path(tmp_path):
 
 def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
     with refuses("stream.not_found", file=str(tmp_path / "none")):
-        share_folder(str(tmp_path / "none"), tmp_path / "site")
+        share(str(tmp_path / "none"), tmp_path / "site")
     with refuses("source.file_missing", file=tmp_path / "manifest.json"):
-        share_single_file(str(tmp_path), tmp_path / "take.html")
+        share_page(str(tmp_path), tmp_path / "take.html")
     (tmp_path / "take").mkdir()
     (tmp_path / "take" / "take.json").write_text(json.dumps({"format": 1}))
     with refuses("take.no_stream", file=str(tmp_path / "take")):
@@ -297,7 +302,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
 
     monkeypatch.setattr("pipelines.share.player_files.player_folder", missing)
     with refuses("share.no_player"):
-        share_folder(str(stream), tmp_path / "site")
+        share(str(stream), tmp_path / "site")
     assert not (tmp_path / "site").exists()
 
 
@@ -348,9 +353,9 @@ def test_files_with_which_playback_begins(tmp_path):
 def test_a_stream_is_shared_with_all_its_renditions(tmp_path: Path) -> None:
     settings = BakeSettings(preset="ultrafast", ladder=(Rung(qp=10), Rung(qp=40)))
     source = bake_numbered(tmp_path / "ladder", (2, 3), 12.0, settings=settings)
-    share_folder(str(source), tmp_path / "site")
+    share(str(source), tmp_path / "site")
     assert content(tmp_path / "site" / "stream") == content(source)
-    single = share_single_file(str(source), tmp_path / "one.html")
+    single = share_page(str(source), tmp_path / "one.html")
     embedded = {script["data-v3-file"] for script in Page(single.path).named("script") if "data-v3-file" in script}
     assert embedded == set(content(source))
     early, _ = Page(tmp_path / "site" / "index.html").texts[1:]

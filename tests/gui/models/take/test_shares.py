@@ -26,7 +26,7 @@ from gui.models.take.workspace import Workspace
 from gui.widgets.dialogs.share import stale_parts
 from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
-from pipelines.share import ShareSize, share_size
+from pipelines.share.sharing import ShareSize, share_size
 from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim

@@ -1,0 +1,138 @@
+"""An opened stream to share or publish: the text and the poster of its page, and the files beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import unquote, urlsplit
+
+from pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags
+from pipelines.share.player_files import PlayerFiles, hashed_name
+from pipelines.takes.locate_stream import stream_place
+
+if TYPE_CHECKING:
+    from studio.stream import StreamReader
+
+POSTER_WIDTH = 1200
+"""Largest width in pixels: what link previews show at most."""
+
+_QUALITY = 82  # of JPEG
+_POSTER_SIZE = (1200, 900)  # where the stream suggests no camera
+
+
+@dataclass(frozen=True)
+class Poster:
+    """A JPEG image.
+
+    Attributes:
+        data: the file's bytes.
+        size: width and height, pixels.
+    """
+
+    data: bytes
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class StreamToShare:
+    """An opened stream.
+
+    Attributes:
+        reader: of its frames, in the best rendition.
+        name: of the take or the stream, the title of last resort.
+    """
+
+    reader: StreamReader
+    name: str
+
+    @property
+    def total_bytes(self) -> int:
+        """Bytes of all files and the manifest."""
+        return len(self.reader.manifest_bytes) + sum(file.bytes for file in self.reader.files)
+
+    def text(self, given: PageText) -> PageText:
+        """`given`, completed by what the stream says of itself, and the name for a missing title."""
+        metadata = self.reader.manifest.metadata
+        own = {
+            key: value.strip()
+            for key in ("title", "credits", "license", "description")
+            if isinstance(value := metadata.get(key), str)
+        }
+        return replace(
+            given,
+            title=given.title or own.get("title") or self.name,
+            credits=own.get("credits") if given.credits is None else given.credits,
+            license=own.get("license") if given.license is None else given.license,
+            description=own.get("description") if given.description is None else given.description,
+        ).encodable()
+
+    def poster(self) -> Poster:
+        """The first frame from the suggested camera, or from the front, over the stream's background.
+
+        Raises:
+            StudioError: the first group is missing or damaged.
+        """
+        from pipelines.reports.pictures import draw, encode
+        from pipelines.takes.videos import decoded_video
+        from studio.formats.camera_path import turntable
+
+        video = decoded_video(self.reader)
+        camera = video.view or turntable(video, *_POSTER_SIZE)(0.0)
+        image = draw(video.read(0), camera, video.background, width=POSTER_WIDTH)
+        return Poster(encode(image, ".jpg", _QUALITY), (image.shape[1], image.shape[0]))
+
+    def page_files(self, text: PageText, player: PlayerFiles, manifest: str) -> dict[str, bytes]:
+        """The files that play the stream from a web server, by name: the poster first, the page last.
+
+        All but the page are named by their content, and all addresses are relative to the page.
+
+        Args:
+            text: of the page, completed by `text`.
+            player: `read_player()`.
+            manifest: address of the stream's manifest relative to the page.
+
+        Raises:
+            StudioError: the stream's first group is damaged, or the player is of another version.
+        """
+        poster = self.poster()
+        name = hashed_name("poster.jpg", poster.data)
+        script = f'<script type="module" src="{player.script_name}"></script>'
+        first = first_files(self.reader.manifest_bytes)
+        tags = preview_tags(text, name, poster.size)
+        page = player_page(player.page, script, manifest, text, name, tags, first=first)
+        return {name: poster.data, **player.hashed, PAGE_NAME: page.encode()}
+
+
+@contextmanager
+def stream_to_share(text: str) -> Iterator[StreamToShare]:
+    """Open what a user names: the folder of a take or of a stream, or a URL.
+
+    Raises:
+        StudioError: no such folder (`stream.not_found`), a take without a stream (`take.no_stream`), no or a bad
+            manifest.
+    """
+    from studio.stream import StreamReader
+
+    place = stream_place(text)
+    with StreamReader.open(place) as reader:
+        yield StreamToShare(reader, _name(place))
+
+
+def name_of(folder: Path) -> str:
+    """Name of a stream's folder, or of its file without the extension; of a take's stream, the take's."""
+    folder = folder.absolute()
+    if folder.is_file():
+        return folder.stem
+    in_take = folder.name == "stream" and (folder.parent / "take.json").is_file()
+    return folder.parent.name if in_take else folder.name
+
+
+def _name(place: Path | str) -> str:
+    if isinstance(place, Path):
+        return name_of(place)
+    address = urlsplit(place)
+    parts = [unquote(part) for part in address.path.split("/") if part]
+    return (parts[-1] if parts else "") or address.netloc
