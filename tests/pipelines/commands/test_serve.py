@@ -26,7 +26,7 @@ from pipelines.share.web_app import build_app
 from studio.playback import play_headless
 from studio.stream import BakeSettings
 from tests.support.errors import refuses
-from tests.support.streams import bake_numbered, group_files
+from tests.support.streams import bake_numbered, best_of, edit_manifest, group_files
 from tests.support.web_servers import PLAYER, ask, running
 
 LENGTHS = (5,) * 8
@@ -374,18 +374,19 @@ def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(sta
 
 
 def test_the_command_line_plays_an_address(here, start, tmp_path):
-    folder = bake(tmp_path / "stream")  # in version 3 these groups share their files
-    (folder / "group_002" / "opacity.mp4").write_bytes(b"?")
+    folder = bake(tmp_path / "stream")
+    missing = {"path": f"files/{'1' * 32}.mp4", "sha256": "1" * 64}  # these groups share their files
+    edit_manifest(folder, lambda values: best_of(values["groups"][0])["components"][0]["planes"][0].update(missing))
     _, address = served(start, folder)
     done = here("play", "--headless", "--json", address)
     report = json.loads(done.stdout)
-    assert [row["frame"] for row in report["frames"]] == [*range(10), *range(15, 40)]
+    assert [row["frame"] for row in report["frames"]] == [*range(5, 40)]
     assert all(row["fetch_ms"] > 0 for row in report["frames"])
     assert report["skipped"][0]["frame_count"] == 5
     assert done.returncode == 1
-    assert done.stderr.startswith("warning: Group 2, frames 10 to 14, was skipped: http://127.0.0.1:")
+    assert done.stderr.startswith("warning: Group 0, frames 0 to 4, was skipped: http://127.0.0.1:")
     done = here("check", address)
-    assert (done.returncode, done.stdout.splitlines()[0].partition(":")[0]) == (1, "group_002/opacity.mp4 (group 2)")
+    assert (done.returncode, done.stdout.splitlines()[0].partition(":")[0]) == (1, f"{missing['path']} (group 0)")
     done = here("play", "--headless", address + "nowhere")
     assert done.returncode == 1
     assert "404" in done.stderr
@@ -401,4 +402,4 @@ def test_json_is_compressed_for_clients_that_take_it(port, stream):
         assert ask(port, "/manifest.json", Accept_Encoding="gzip", If_None_Match=tag)[0] == 304
     status, headers, body = ask(port, "/manifest.json", Accept_Encoding="gzip", Range="bytes=0-9")
     assert (status, body) == (206, data[:10])
-    assert "content-encoding" not in ask(port, "/group_003/opacity.mp4", Accept_Encoding="gzip")[1]
+    assert "content-encoding" not in ask(port, f"/files/{group_files(stream, 3)[0].name}", Accept_Encoding="gzip")[1]
