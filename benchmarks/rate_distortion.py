@@ -311,7 +311,7 @@ def variant_rows(groups: list[TakeGroup], views: Views, work: Path, names: Seque
         values = VARIANTS[name]
         curves[name] = []
         for qp in VARIANT_QPS:
-            settings = BakeSettings(qp=qp, **values)
+            settings = BakeSettings(quality=qp, **values)
             curves[name].append(measure_ours(groups, views, settings, name, work))
             console.print(curves[name][-1])
     lines = [
@@ -564,7 +564,7 @@ def main() -> int:
             points = []
             for codec, qps in CODEC_QPS.items():
                 for qp in qps:
-                    settings = BakeSettings(profile="motion", qp=qp, codec=codec)
+                    settings = BakeSettings(profile="motion", quality=qp, codec=codec)
                     points.append(measure_ours(groups, views, settings, codec, work))
                     console.print(points[-1])
             lines += table(points)
@@ -587,7 +587,7 @@ def main() -> int:
             for profile, qps in (("planes", PLANES_QPS), ("motion", MOTION_QPS)):
                 curves[profile] = []
                 for qp in qps:
-                    settings = BakeSettings(profile=profile, qp=qp)
+                    settings = BakeSettings(profile=profile, quality=qp)
                     curves[profile].append(measure_ours(groups, views, settings, profile, work))
                     console.print(curves[profile][-1])
             lines += table([point for points in curves.values() for point in points])

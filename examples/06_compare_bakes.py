@@ -20,7 +20,7 @@ def main() -> None:
     folder = Path(tempfile.mkdtemp())
     found = []
     for qp in arguments.qps:
-        manifest = v3.bake_video(video, folder / f"qp{qp}", v3.BakeSettings(qp=qp))
+        manifest = v3.bake_video(video, folder / f"qp{qp}", v3.BakeSettings(quality=qp))
         with v3.StreamReader.open(folder / f"qp{qp}") as reader, torch.no_grad():
             psnrs = [
                 float(v3.psnr(v3.rasterize(decoded, camera).image, v3.rasterize(frame, camera).image))

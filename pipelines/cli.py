@@ -35,7 +35,7 @@ GROUPS = {
 
 _EXAMPLES = """Examples:
     v3studio run sample_configs/quickstart.yaml --take takes/first
-    v3studio run takes/first --bake.qp 24
+    v3studio run takes/first --bake.quality 24
     v3studio status takes/first
     v3studio export takes/first --format ply --out plys
 

@@ -186,7 +186,7 @@ def main() -> None:
     coarse = options.work / "coarse"
     if not coarse.exists():
         shutil.copytree(options.take, coarse)
-    run(coarse, "--bake.qp", "44")
+    run(coarse, "--bake.quality", "44")
     options.out.mkdir(parents=True, exist_ok=True)
     for name, pixels in pictures(options.take, options.work):
         save(options.out / f"{name}.jpg", pixels)

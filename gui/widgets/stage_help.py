@@ -85,7 +85,7 @@ HELP: Mapping[str, StageHelp] = {
         ),
         "QP 24: no visible loss.",
         "QP 44: smaller, but noisy, with spikes at edges.",
-        ("bake.qp", "bake.target_kb_per_frame", "bake.attribute_qps"),
+        ("bake.quality", "bake.attribute_qps"),
     ),
     "review": StageHelp(
         (
@@ -95,7 +95,7 @@ HELP: Mapping[str, StageHelp] = {
         ),
         "Differences only where the axe is fast.",
         "A third of the cameras are four frames late: limbs are blurred and differ as areas.",
-        ("capture.offsets", "train.group_size", "bake.qp"),
+        ("capture.offsets", "train.group_size", "bake.quality"),
     ),
 }
 """By key of `TITLES`."""

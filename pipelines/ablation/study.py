@@ -91,8 +91,7 @@ def _measure(
         return points
     run(take, config, emit(f"{variant.title}: training"), stages=("calibrate", "initialize", "train"))
     for qp in missing:
-        settings = {"qp": qp, "target_kb_per_frame": None, "target_psnr": None, "max_loss": None}
-        baked = config.model_copy(update={"bake": config.bake.model_copy(update=settings)})
+        baked = config.model_copy(update={"bake": config.bake.replace(quality=qp)})
         run(take, baked, emit(f"{variant.title}: QP {qp}"), stages=("bake", "evaluate"))
         summary = read_evaluation(take.evaluation).summary
         measures = {name: value for name, value in summary.measures.items() if name in _KEPT}

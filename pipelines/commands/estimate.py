@@ -80,8 +80,8 @@ def _rehearsed(inputs: Inputs, title: str) -> Estimate:
     from pipelines.estimate.work import Work
 
     bake = inputs.config.bake
-    known = bake.profile == "motion" and not bake.ladder and bake.max_loss is None
-    qp = bake.qp if known and bake.target_kb_per_frame is None and bake.target_psnr is None else None
+    known = bake.profile == "motion" and not bake.ladder and isinstance(bake.quality, int)
+    qp = bake.qp if known else None
     work = Work.of(inputs)
     with working(title, None) as progress:
         return estimate(work, rehearse(inputs, work, progress), qp)

@@ -19,7 +19,7 @@ def register(commands: Any) -> None:
         "layout into a stream. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json "
         "with its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the "
         "previous frame.",
-        epilog="--set bake.qp=22 or --bake.qp 22 overrides a setting; `v3studio config` lists all settings.",
+        epilog="--set bake.quality=22 or --bake.quality 22 overrides a setting; `v3studio config` lists all settings.",
         allow_abbrev=False,
     )
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")

@@ -36,34 +36,12 @@ def register(commands: Any) -> None:
         name, stage = each.name, _stage_parser(commands, each.name, each.help)
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
         if name == "bake":
-            _add_targets(stage)
             _add_stream_options(stage)
             stage.add_argument("--keep", metavar="NAME", help="keep the bake under this name too; see `v3studio bakes`")
         if name == "train":
             _add_live(stage)
         _add_detach(stage)
         stage.set_defaults(command=_run, stage=name, until=None)
-
-
-class _Target(argparse.Action):
-    """Sets one bake target and clears what contradicts it and may be set in the take; the last option wins."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
-        """Called by argparse."""
-        others = ("target_kb_per_frame", "target_psnr", "max_loss")
-        cleared = [f"bake.{name}=null" for name in others if name != self.const]
-        namespace.set = [*namespace.set, *cleared, f"bake.{self.const}={values}"]
-
-
-def _add_targets(stage: argparse.ArgumentParser) -> None:
-    """Bake targets as options."""
-    for name, metavar, text in (
-        ("target_kb_per_frame", "KB", "choose each group's QP to stay within this many kilobytes per frame"),
-        ("target_psnr", "DB", "choose each group's QP so that decoded renders reach this PSNR against trained ones"),
-    ):
-        stage.add_argument(f"--{name.replace('_', '-')}", action=_Target, const=name, metavar=metavar, help=text)
 
 
 class _Ladder(argparse.Action):
@@ -77,8 +55,7 @@ class _Ladder(argparse.Action):
 
         cut = {"finetune_iterations": 0} if self.const == "cut" else {}
         rungs = json.dumps([{**rung.model_dump(mode="json"), **cut} for rung in DEFAULT_LADDER])
-        targets = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr")]
-        namespace.set = [*namespace.set, *targets, f"bake.ladder={rungs}"]
+        namespace.set = [*namespace.set, f"bake.ladder={rungs}"]
 
 
 def _add_stream_options(stage: argparse.ArgumentParser) -> None:

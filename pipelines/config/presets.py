@@ -30,7 +30,7 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 32,
         "train.finetune_iterations": 80,
         "train.finetune_means": True,
-        "bake.qp": 28,
+        "bake.quality": 28,
     },
     "standard": {
         "initialize.points": 36_000,
@@ -53,7 +53,7 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 32,
         "train.finetune_iterations": 250,
         "train.finetune_means": True,
-        "bake.qp": 22,
+        "bake.quality": 22,
     },
     "final": {
         "initialize.points": 50_000,
@@ -76,7 +76,7 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 64,
         "train.finetune_iterations": 2000,
         "train.finetune_means": False,
-        "bake.qp": 20,
+        "bake.quality": 20,
     },
 }
 """Values by dotted name. preview: a quick look. standard: the schedule of sample_configs/quickstart.yaml, for CPUs.

@@ -58,7 +58,6 @@ ADDED: JsonObject = {
     "train.full_size_details": False,
     "bake.ladder": [],
     "bake.first_group_size": None,
-    "bake.splats": 1.0,
     "bake.b_frames": None,
     "bake.smooth_paths": None,
     "bake.view_range": "auto",  # written with the next bake; nothing is baked again for it

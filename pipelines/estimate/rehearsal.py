@@ -290,7 +290,7 @@ def _bake(inputs: Inputs, splats: Gaussians) -> float:
     from studio.stream import BakeSettings, bake_group
 
     frames, bake = 4, inputs.config.bake
-    settings = BakeSettings(profile=bake.profile, qp=bake.qp, codec=bake.codec, preset=bake.preset)
+    settings = BakeSettings(profile=bake.profile, quality=bake.qp, codec=bake.codec, preset=bake.preset)
     still = splats.detach().to("cpu")
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()

@@ -20,7 +20,7 @@ class Running:
         command: as recorded in the lock, for example "v3studio run".
         host: name of its machine; None for this one.
         stage: the stage that is running; None before the first, and for commands without stages.
-        reason: why the stage runs, for example "bake.qp changed from 22 to 30".
+        reason: why the stage runs, for example "bake.quality changed from 22 to 30".
         progress: the last progress event of the stage; None if there is none yet.
     """
 

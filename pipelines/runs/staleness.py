@@ -53,7 +53,7 @@ class StageStatus:
         stage: its name.
         state: done, partial (some units are finished and valid), stale (settings or inputs have changed), failed (the
             last attempt), missing (never run).
-        reason: why it is not done ("never run", "not finished", "bake.qp changed from 22 to 30", "last attempt: ...");
+        reason: why it is not done ("never run", "bake.quality changed from 22 to 30", "last attempt: ...");
             "" if done.
         units_done, units, unit: finished units, all units, and their name ("frames"); 0, 0, "" if it has none.
         seconds: duration of the finished run.

@@ -39,7 +39,7 @@ def set_settings(path: Path, values: Mapping[str, Any], *, defaults: str = "") -
 
     Args:
         path: the file.
-        values: JSON-ready values by dotted name, "bake.qp" or "calibrate.board.columns".
+        values: JSON-ready values by dotted name, "bake.quality" or "calibrate.board.columns".
         defaults: YAML to start from if there is no such file.
 
     Raises:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self, get_args
+import re
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from studio.json_types import JsonObject
 from studio.settings import Affects, Conflict, Heading, Settings
@@ -14,6 +15,29 @@ QP_KNEE = 22
 """Above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")."""
 
 QP = Annotated[int, Field(ge=0, le=QP_MAX)]
+LOSS_QP = 28
+"""QP of frames that lose no more than the limit of a quality such as "0.4 dB loss"."""
+
+_QUALITY = re.compile(r"(\d+(?:\.\d+)?) ?(KB|dB|dB loss)")
+_MOST = {"KB": 1e6, "dB": 100.0, "dB loss": 10.0}
+
+
+def _quality(value: Any) -> int | str:
+    """A quality as it is stored: a QP, or text such as "42 dB"."""
+    if isinstance(value, str) and value.strip().isdecimal():
+        value = int(value)
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= QP_MAX:
+        return value
+    found = _QUALITY.fullmatch(value.strip()) if isinstance(value, str) else None
+    if found is None or not 0 < float(found[1]) <= _MOST[found[2]]:
+        raise Conflict(
+            f"must be a QP from 0 to {QP_MAX}, a PSNR such as 42 dB, a size such as 40 KB, or a limit such as 0.4 dB "
+            "loss"
+        )
+    return f"{float(found[1]):g} {found[2]}"
+
+
+Quality = Annotated[int | str, BeforeValidator(_quality)]
 QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
 
@@ -89,29 +113,19 @@ class BakeSettings(Settings):
     """motion: block motion and one small residual video (docs/STREAM.md). planes: the paper's, one video per attribute
     component."""
 
-    qp: QP = 20
-    """Quantization parameter. 0 is lossless; higher values are smaller and coarser. Profile planes: above 22, color,
-    scale and rotation stay at 22, as in the paper; the high bytes of the means are always lossless."""
-
-    target_kb_per_frame: Annotated[float, Field(gt=0)] | None = None
-    """Instead of qp: choose, per group, the lowest QP whose files take at most this many kilobytes (1000 bytes) per
-    frame."""
-
-    target_psnr: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Instead of qp: choose, per group, the highest QP whose decoded frames, rendered from a few cameras, reach this
-    PSNR in dB against the trained frames."""
-
-    max_loss: Annotated[float, Field(gt=0, le=10)] | None = None
-    """The most PSNR in dB that encoding may cost any frame, measured as in the evaluation: against the footage of the
-    held-out cameras, or of training cameras if there are none. Frames that lose more get a lower QP. Applies to the
-    ladder's first rung if that keeps all splats, and requires codec h264. null: no limit."""
+    quality: Quality = 20
+    """One of four ways to choose between size and quality. A number from 0 to 51: the quantization parameter (QP); 0
+    is lossless, higher values are smaller and coarser. 42 dB: per group, the highest QP whose decoded frames, rendered
+    from a few cameras, reach this PSNR against the trained frames. 40 KB: per group, the lowest QP whose files take at
+    most this many kilobytes (1000 bytes) per frame. 0.4 dB loss: QP 28, and a lower one for frames in which encoding
+    costs more PSNR than this, measured as in the evaluation (codec h264 only)."""
 
     codec: Annotated[Literal["h264", "hevc", "av1"], Heading("Encoding")] = "h264"
     """h264 plays on every device. hevc and av1 require profile motion."""
 
     attribute_qps: dict[QpAttribute, QP] = Field(default={})
-    """QPs of single attributes, overriding qp; example: {opacities: 26}. means_low is the low bytes of the means in
-    planes, their residuals in motion."""
+    """QPs of single attributes, overriding quality; example: {opacities: 26}. means_low is the low bytes of the means
+    in planes, their residuals in motion."""
 
     preset: Preset = "medium"
     """Encoder effort: slower presets produce smaller files."""
@@ -122,8 +136,8 @@ class BakeSettings(Settings):
 
     smooth_paths: bool | None = None
     """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
-    its own path shows jitter (docs/STREAM.md). null: yes, but not with qp 0 or target_psnr, which ask for the
-    trained frames as they are."""
+    its own path shows jitter (docs/STREAM.md). null: yes, but not with a quality of 0 or a PSNR, which ask for
+    the trained frames as they are."""
 
     mirror_low_bytes: bool = True
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
@@ -133,10 +147,6 @@ class BakeSettings(Settings):
     """Renditions of the stream, the best first, each with qp, splats (share of the splats that are kept),
     sh_degree and finetune_iterations; players choose one at each group. Example: [{qp: 20}, {qp: 28}, {qp: 28, splats:
     0.5, sh_degree: 0}]. Empty: one rendition, by the settings above."""
-
-    splats: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Share of the splats that are kept without a ladder: those that contribute most to what
-    the training cameras see. They are not trained further (docs/measurements/stream.md)."""
 
     first_group_size: Annotated[int, Field(ge=1)] | None = None
     """Frames of the stream's first group, so that playing starts after a small download; the rest of the trained group
@@ -150,10 +160,10 @@ class BakeSettings(Settings):
     def _combinations(self) -> Self:
         if self.ladder and (self.target_kb_per_frame is not None or self.target_psnr is not None):
             raise Conflict(
-                "ladder and a target are both set",
-                "Remove the target: each rung has its own qp.",
+                f"each rung of the ladder has its own qp, but quality is {self.quality}",
+                "Set quality to a QP.",
                 "ladder",
-                "target_kb_per_frame" if self.target_kb_per_frame is not None else "target_psnr",
+                "quality",
             )
         if len({rung.id for rung in self.ladder}) < len(self.ladder):
             raise Conflict("two rungs of the ladder are the same", "Remove one of them.", "ladder")
@@ -161,25 +171,13 @@ class BakeSettings(Settings):
             raise Conflict(
                 "qp 0 (lossless) is not available with codec av1", "Raise the rung's qp to 1.", "codec", "ladder"
             )
-        if self.target_kb_per_frame is not None and self.target_psnr is not None:
-            raise Conflict(
-                "target_kb_per_frame and target_psnr are both set",
-                "Set one of them to null.",
-                "target_kb_per_frame",
-                "target_psnr",
-            )
-        for target in ("target_kb_per_frame", "target_psnr"):
-            if self.max_loss is not None and getattr(self, target) is not None:
-                raise Conflict(f"max_loss and {target} are both set", "Set one of them to null.", "max_loss", target)
         if self.max_loss is not None and self.codec != "h264":
             raise Conflict(
-                "max_loss requires codec h264: the other encoders do not take the QP of single frames",
-                "Set max_loss to null, or codec to h264.",
-                "max_loss",
+                f"quality {self.quality} requires codec h264: the other encoders do not take the QP of single frames",
+                "Set another quality, or codec to h264.",
+                "quality",
                 "codec",
             )
-        if self.splats < 1 and self.ladder:
-            raise Conflict("splats and ladder are both set", "Set splats in the rungs.", "splats", "ladder")
         if self.b_frames and (self.profile == "planes" or self.codec == "av1"):
             raise Conflict(
                 "b_frames require profile motion with codec h264 or hevc",
@@ -200,12 +198,40 @@ class BakeSettings(Settings):
             )
         if self.codec == "av1" and self.qp == 0:
             raise Conflict(
-                "qp 0 (lossless) is not available with codec av1",
-                "Set qp to 1, or codec to h264 or hevc.",
+                "quality 0 (lossless) is not available with codec av1",
+                "Set quality to 1, or codec to h264 or hevc.",
                 "codec",
-                "qp",
+                "quality",
             )
         return self
+
+    @property
+    def qp(self) -> int:
+        """The QP of `quality`, or the one from which encoding starts."""
+        if isinstance(self.quality, int):
+            return self.quality
+        return LOSS_QP if self.max_loss is not None else type(self)().qp
+
+    @property
+    def target_kb_per_frame(self) -> float | None:
+        """Most kilobytes per frame, if `quality` is a size."""
+        return self._goal("KB")
+
+    @property
+    def target_psnr(self) -> float | None:
+        """Least PSNR against the trained frames, dB, if `quality` is a PSNR."""
+        return self._goal("dB")
+
+    @property
+    def max_loss(self) -> float | None:
+        """The most PSNR that encoding may cost any frame, dB, if `quality` is a limit."""
+        return self._goal("dB loss")
+
+    def _goal(self, unit: str) -> float | None:
+        if isinstance(self.quality, int):
+            return None
+        value, _, own = self.quality.partition(" ")
+        return float(value) if own == unit else None
 
     @property
     def qp_overrides(self) -> dict[str, int]:
@@ -223,7 +249,7 @@ class BakeSettings(Settings):
     @property
     def rungs(self) -> tuple[Rung, ...]:
         """The ladder; without one, a single rung by `qp`."""
-        return self.ladder or (Rung(qp=self.qp, splats=self.splats, finetune_iterations=0),)
+        return self.ladder or (Rung(qp=self.qp, finetune_iterations=0),)
 
     @property
     def b_frame_count(self) -> int:
@@ -240,8 +266,9 @@ class BakeSettings(Settings):
         return self.qp > 0 and self.target_psnr is None
 
     def at_qp(self, qp: int) -> BakeSettings:
-        """The same with another QP."""
-        return self.replace(qp=qp)
+        """The same with a QP as the quality."""
+        smooth = {"smooth_paths": self.smooths_paths} if self.profile == "motion" else {}
+        return self.replace(quality=qp, **smooth)
 
     def to_dict(self) -> JsonObject:
         """JSON-ready, for the manifest. The order of keys is part of the stream's bytes."""
@@ -260,6 +287,5 @@ class BakeSettings(Settings):
             "preset": self.preset,
             "mirror_low_bytes": self.mirror_low_bytes,
             **coding,
-            **({"splats": self.splats} if self.splats < 1 else {}),
             **ladder,
         }

@@ -96,7 +96,7 @@ def test_every_command_is_on_the_page(generator: Load) -> None:
     page = generator("commands").commands_page()
     for command in ("run", "calibrate", "status", "export", "import", "config"):
         assert f"## {command} {{ #{command} }}" in page
-    assert "--target-psnr DB" in page
+    assert "--keep NAME" in page
     assert "v3studio-gui" in page
 
 

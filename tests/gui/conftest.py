@@ -51,7 +51,7 @@ def body(frame: int, splats: int = 600) -> Gaussians:
 def stream_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A baked stream of 12 frames in two groups."""
     folder = tmp_path_factory.mktemp("gui") / "walking stream"
-    settings = BakeSettings(qp=10, preset="ultrafast")
+    settings = BakeSettings(quality=10, preset="ultrafast")
     groups = [
         bake_group([body(frame) for frame in range(first, first + count)], folder, index, first, settings)
         for index, (first, count) in enumerate(GROUPS)

@@ -245,17 +245,17 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     workspace.open(Take.open(take_copy))
     wait(workspace, "assessed", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
     assert workspace.row("capture").words == "6 cameras, 5 frames"
-    refusal = workspace.change_setting("bake.qp", 99)
+    refusal = workspace.change_setting("bake.quality", 99)
     assert refusal is not None
     assert "must be" in refusal.problem
-    assert workspace.change_setting("bake.qp", 33) is None
+    assert workspace.change_setting("bake.quality", 33) is None
     wait(workspace, "stale", lambda: states(workspace)["bake"] == "stale")
     assert states(workspace)["train"] == "done"
-    assert "bake.qp changed from 20 to 33" in workspace.row("bake").detail
+    assert "bake.quality changed from 20 to 33" in workspace.row("bake").detail
     ended = heard(workspace.run_ended)
     assert workspace.start("review")
     assert not workspace.start("all"), "one run at a time"
-    refusal = workspace.change_setting("bake.qp", 34)
+    refusal = workspace.change_setting("bake.quality", 34)
     assert refusal is not None
     assert refusal.code == "settings.run_active"
     wait(workspace, "over", lambda: not workspace.busy)

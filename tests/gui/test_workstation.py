@@ -38,11 +38,11 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
 
     # a setting that is refused, and one that is accepted; letters typed into a field are not shortcuts
     window.stage("bake")
-    window.retype("setting bake.qp", "77w")
+    window.retype("setting bake.quality", "77w")
     window.key("Return")
-    state = window.wait_for("a refusal", lambda s: "bake.qp" in s["error"])
+    state = window.wait_for("a refusal", lambda s: "bake.quality" in s["error"])
     assert state["compare"] == "single"
-    window.retype("setting bake.qp", "24")
+    window.retype("setting bake.quality", "24")
     window.key("Return")
     window.wait_for("no refusal", lambda s: s["error"] == "")
     assert "qp: 24" in (tmp_path / "take" / "config.yaml").read_text()

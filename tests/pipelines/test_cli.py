@@ -52,8 +52,8 @@ def test_config_prints_every_setting_with_its_documentation(cli):
 
 
 def test_overrides_in_both_spellings(cli, project):
-    text = cli("config", project / "ball.yaml", "--set", "bake.qp=30", "--train.max-splats", "77").stdout
-    assert "\n  qp: 30\n" in text
+    text = cli("config", project / "ball.yaml", "--set", "bake.quality=30", "--train.max-splats", "77").stdout
+    assert "\n  quality: 30\n" in text
     assert "\n  max_splats: 77\n" in text
     assert "\n  group_size: 3\n" in text
 
@@ -62,7 +62,12 @@ def test_wrong_usage_is_2_and_a_wrong_setting_1(cli, tmp_path):
     assert cli("fly").returncode == 2
     assert cli("config", "--bogus").returncode == 2
     assert cli("config", "--train.max-splats").returncode == 2
-    for arguments in (("play", "x", "--bogus"), ("bake", "--bake.qp"), ("export", "x"), ("train", "a.yaml", "b.yaml")):
+    for arguments in (
+        ("play", "x", "--bogus"),
+        ("bake", "--bake.quality"),
+        ("export", "x"),
+        ("train", "a.yaml", "b.yaml"),
+    ):
         done = cli(*arguments)
         assert done.returncode == 2
         assert done.stderr.startswith(f"usage: v3studio {arguments[0]} "), "its own usage, not that of all commands"
@@ -204,10 +209,10 @@ def test_bake_to_a_target(cli, finished, tmp_path):
         with StreamReader.open(take / "stream") as reader:
             return reader.groups
 
-    high, low = (baked("--target-psnr", goal) for goal in ("45", "32"))
+    high, low = (baked("--bake.quality", goal) for goal in ("45 dB", "32 dB"))
     assert sum(group.bytes for group in low) < sum(group.bytes for group in high)
     assert [group.video.qp for group in low] > [group.video.qp for group in high]
     target = high[0].bytes / high[0].frame_count / 1000 * 0.9
-    small = baked("--target-kb-per-frame", f"{target:.3f}")
+    small = baked("--bake.quality", f"{target:.3f} KB")
     for group in small:
         assert group.bytes <= 1000 * target * group.frame_count

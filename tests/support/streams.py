@@ -27,7 +27,7 @@ def bake_numbered(
 ) -> Path:
     """A stream with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame. With `sound`,
     (samples, channels) at 48 kHz."""
-    settings = settings or BakeSettings(profile="planes", qp=0)
+    settings = settings or BakeSettings(profile="planes", quality=0)
     entries, first = [], 0
     for group, length in enumerate(lengths):
         frames = []

@@ -103,7 +103,7 @@ def bake(
     """Bake a stream of the figure into a folder; `ladder`: QPs of its renditions, `paged`: all groups but one in a
     page, `clicks`: sound with clicks at these times, `dilations`: of each group, `options`: further settings."""
     rungs = tuple(Rung(qp=one) for one in ladder)
-    settings = BakeSettings(profile=profile, qp=qp, preset="ultrafast", ladder=rungs, **options)  # type: ignore[arg-type]
+    settings = BakeSettings(profile=profile, quality=qp, preset="ultrafast", ladder=rungs, **options)  # type: ignore[arg-type]
     entries, first = [], 0
     for index, frames in enumerate(lengths):
         figure = body(frames, splats + 40 * index, degree, index)

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 EMPTY: Mapping[str, str] = {
-    "bake.attribute_qps": "as qp",
+    "bake.attribute_qps": "as quality",
     "bake.b_frames": "automatic",
     "bake.first_group_size": "automatic",
     "bake.ladder": "none",
-    "bake.max_loss": "no limit",
     "bake.smooth_paths": "automatic",
-    "bake.target_kb_per_frame": "no target",
-    "bake.target_psnr": "no target",
     "calibrate.board_images": "none",
     "calibrate.board_origin": "automatic",
     "calibrate.frame": "automatic",
@@ -45,8 +42,6 @@ EMPTY: Mapping[str, str] = {
 """What is shown instead of null, an empty list, an empty mapping or an empty text."""
 
 UNITS: Mapping[str, str] = {
-    "bake.max_loss": "dB",
-    "bake.target_psnr": "dB",
     "calibrate.board.marker": "m",
     "calibrate.board.square": "m",
     "calibrate.scale_distance": "m",
@@ -72,7 +67,7 @@ TEMPLATES = frozenset({"capture.clean_plates", "capture.images", "capture.mask_f
 
 BASIC = frozenset(
     {
-        "bake.codec", "bake.ladder", "bake.qp", "bake.splats", "bake.target_kb_per_frame", "bake.target_psnr",
+        "bake.codec", "bake.ladder", "bake.quality",
         "calibrate.board.columns", "calibrate.board.kind", "calibrate.board.rows", "calibrate.board.square",
         "calibrate.board_images", "calibrate.camera_model", "calibrate.floor", "calibrate.frames",
         "calibrate.scale_distance", "calibrate.tie_points", "capture.audio", "capture.cameras", "capture.clean_plates",

@@ -29,7 +29,6 @@ TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 MEASURED_FRAMES = 3
 """Frames of the group whose error is measured: the keyframe, one in the middle, the last."""
 
-NO_TARGET: dict[str, None] = {"target_kb_per_frame": None, "target_psnr": None, "max_loss": None}
 """Overrides that disable what would choose another QP."""
 
 HIGHEST_PSNR = 100.0
@@ -43,7 +42,7 @@ class Trial:
     Attributes:
         bytes_per_frame: bytes of the group divided by its frames.
         psnr: dB, of the decoded splats' pictures against those of the trained ones, measured as for
-            `bake.target_psnr`; mean over the measured frames.
+            a target PSNR; mean over the measured frames.
     """
 
     bytes_per_frame: float
@@ -92,7 +91,7 @@ class QpTrial:
         of = (
             tuple(files),
             files[part.indices[-1]].stat().st_mtime_ns,
-            context.config.bake.model_copy(update={"qp": 0}).model_dump_json(),
+            context.config.bake.model_copy(update={"quality": 0}).model_dump_json(),
             context.edits.model_dump_json(),
         )
         if of == self._of:
@@ -124,7 +123,7 @@ class QpTrial:
             for qp in qps:
                 if stop.is_set():
                     return
-                settings = context.config.bake.replace(qp=qp, ladder=(), **NO_TARGET)
+                settings = context.config.bake.replace(quality=qp, ladder=())
                 results[qp] = measure(context, part, settings)
                 self.changes += 1
         except StudioError as error:

@@ -204,7 +204,7 @@ class BakeView(StageView):
         qp, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))
         if math.hypot(left - x, top - y) > 1.5 * self.em:
             return
-        refusal = self.workspace.change_setting("bake.qp", qp)
+        refusal = self.workspace.change_setting("bake.quality", qp)
         self._told = f"QP {qp} is set. Run Bake to use it." if refusal is None else str(refusal)
 
     @property

@@ -109,7 +109,7 @@ def _report_losses(part: Part, losses: Mapping[int, float], limit: float, report
             "bake.loss_above_limit",
             f"group {part.index}: {counted(over, 'frame')} above the limit of {limit:g} dB: {text}",
             value=round(losses[worst], 3),
-            fix="Lower bake.qp, or raise bake.max_loss.",
-            fields={"setting": "bake.max_loss", "group": part.index},
+            fix="Set bake.quality to a lower QP or a larger loss.",
+            fields={"setting": "bake.quality", "group": part.index},
         )
     )

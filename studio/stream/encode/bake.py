@@ -77,12 +77,12 @@ def bake_group(
         settings: profile, QPs, targets and so on.
         progress: called with (frames encoded, frames), over all rungs.
         threads: CPU threads; 0: one per core. Does not change the bytes.
-        quality: error of a decoded frame against the trained one; required for `target_psnr`. The renditions'
+        quality: error of a decoded frame against the trained one; required for a target PSNR. The renditions'
             `psnr_to_trained` is measured with it.
         fps: frames per second of the stream, which the level of its videos is chosen for; None: 30.
         contribution: what each splat adds to the images; required for rungs that keep fewer splats as they are.
         finetuned: frames of rungs that keep fewer splats and are trained further; required for these.
-        error: errors of a decoded and of the trained frame against the footage; required for `max_loss`.
+        error: errors of a decoded and of the trained frame against the footage; required for a limit to the loss.
 
     Returns:
         The group's entry for the manifest.
@@ -129,12 +129,12 @@ def bake_group(
                 part = _Reduced(frames, ranking, same[0].splats, same[0].sh_degree)
             prepared = (PlanesBake if settings.profile == "planes" else MotionBake)(part, progress)
             for rung in same:
-                own = settings.replace(ladder=(), qp=rung.qp)
-                if rung != rungs[0] or rung.pruned:  # the others are for lower rates
-                    own = own.replace(max_loss=None)
+                own = settings.replace(ladder=())
+                if settings.ladder and (settings.max_loss is None or rung != rungs[0] or rung.pruned):
+                    own = own.replace(quality=rung.qp)  # the limit is for the first rung; others are for lower rates
                 steps = _Steps(progress, len(made), len(rungs))
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
-                job = _Job(prepared, partial, values, own, steps, threads, fps or NOMINAL_FPS, quality, error)
+                job = _Job(prepared, partial, values, own, rung.qp, steps, threads, fps or NOMINAL_FPS, quality, error)
                 made[rung.id] = _stored(job.encode(), partial, directory, quality, own)
             del prepared
         return GroupEntry(
@@ -184,6 +184,7 @@ class _Job:
         prepared: the group, analyzed.
         folder: for the files, replaced by each encoding.
         identity: values of the rendition that the encoder does not know.
+        qp: of the rung, from which encoding starts.
         settings, progress, threads, fps, quality, error: as for `bake_group`.
     """
 
@@ -191,6 +192,7 @@ class _Job:
     folder: Path
     identity: Mapping[str, Any]
     settings: BakeSettings
+    qp: int
     progress: ProgressFn
     threads: int
     fps: float
@@ -212,15 +214,15 @@ class _Job:
             written[qp] = self._write(qp, offsets)
             return written[qp]
 
-        qp = settings.qp
+        qp = self.qp
         if settings.max_loss is not None and qp > 0:
             error = self.error
             if error is None:
                 raise StudioError(
                     "bake.no_footage",
-                    "max_loss requires a function that compares decoded frames with the footage (error)",
-                    fix="Bake a take, pass error, or set max_loss to null.",
-                    setting="bake.max_loss",
+                    f"quality {settings.quality} requires a function that compares frames with the footage (error)",
+                    fix="Bake a take, pass error, or set quality to a QP.",
+                    setting="bake.quality",
                 )
 
             def filmed(offsets: Sequence[int]) -> list[tuple[float, float]]:
@@ -235,9 +237,9 @@ class _Job:
             if quality is None:
                 raise StudioError(
                     "bake.no_renderer",
-                    "target_psnr requires a function that renders decoded frames (quality)",
-                    fix="Pass quality, or set qp instead.",
-                    setting="bake.target_psnr",
+                    f"quality {settings.quality} requires a function that renders decoded frames (quality)",
+                    fix="Pass quality, or set a QP instead.",
+                    setting="bake.quality",
                 )
 
             def psnr(qp: int) -> float:

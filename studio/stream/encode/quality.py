@@ -52,7 +52,7 @@ def search_qp(measure: Callable[[int], float], target: float, what: str, unit: s
             f"{what} has {extreme:.4g} {unit} at QP {end}, which misses the target of {target:.4g}",
             value=extreme,
             fix=f"{'Raise' if at_most else 'Lower'} the target, or train fewer splats.",
-            setting="bake.target_kb_per_frame" if at_most else "bake.target_psnr",
+            setting="bake.quality",
             qp=end,
             expected=target,
         )

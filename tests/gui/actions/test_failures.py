@@ -42,7 +42,7 @@ def test_settings(notices: Notices) -> None:
     stages = SimpleNamespace(show_setting=lambda _: None)
     window: Any = SimpleNamespace(notices=notices, workspace=workspace, stages=stages)
     help_actions = HelpActions(window)
-    fix: Any = SimpleNamespace(sets=True, done=False, setting="bake.qp", value=30)
+    fix: Any = SimpleNamespace(sets=True, done=False, setting="bake.quality", value=30)
     assert {"sets", "done", "setting", "value"} <= set(dir(Fix)) | set(Fix.__dataclass_fields__)
     help_actions.apply_fix(fix)
     assert failure(notices) == "settings are locked during a run"
@@ -50,10 +50,10 @@ def test_settings(notices: Notices) -> None:
     help_actions.apply_fix(fix)
     assert failure(notices) == ""
     workspace.config = None
-    help_actions._show("bake.qp")
+    help_actions._show("bake.quality")
     assert failure(notices).startswith("Only a take has settings.")
     workspace.config = object()
-    help_actions._show("bake.qp")
+    help_actions._show("bake.quality")
     assert failure(notices) == ""
 
 

@@ -30,8 +30,8 @@ def notices(clock: Clock) -> Notices:
 
 def test_a_passing_notice_is_shown_for_a_while(notices: Notices, clock: Clock) -> None:
     assert (notices.text, notices.line, notices.card) == ("", "", None)
-    notices.tell("Undone:\nbake.qp 30 to 22")
-    assert (notices.text, notices.line, notices.card) == ("Undone: bake.qp 30 to 22",) * 2 + (None,)
+    notices.tell("Undone:\nbake.quality 30 to 22")
+    assert (notices.text, notices.line, notices.card) == ("Undone: bake.quality 30 to 22",) * 2 + (None,)
     clock.now = SHOWN_SECONDS - 1
     assert notices.line
     clock.now = SHOWN_SECONDS + 1

@@ -677,10 +677,10 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     assert [float(line[3]) for line in copied] == pytest.approx([one.psnr for one in trials], abs=0.0051)
     x, y = bake.points[30]
     views.click(x + 2, y - 2)
-    assert load_config(take_copy / "config.yaml").bake.qp == 30
-    wait_in_loop("the new setting", lambda: views.workspace.config.bake.qp == 30)
+    assert load_config(take_copy / "config.yaml").bake.quality == 30
+    wait_in_loop("the new setting", lambda: views.workspace.config.bake.quality == 30)
     views.click(1.0, 1.0)
-    assert load_config(take_copy / "config.yaml").bake.qp == 30, "not a point"
+    assert load_config(take_copy / "config.yaml").bake.quality == 30, "not a point"
 
 
 def test_without_settings_the_capture_says_why(views: StageViews) -> None:
@@ -693,10 +693,10 @@ def test_a_change_of_settings_is_named_when_it_is_undone(take_copy: Path) -> Non
     workspace = Workspace()
     workspace.open(Take.open(take_copy))
     assert workspace.context is not None
-    before = workspace.context.config.bake.qp
-    assert workspace.change_settings({"bake.qp": before + 6}) is None
-    assert workspace.history.undo() == f"Undone: bake.qp {before} to {before + 6}."
-    assert workspace.context.config.bake.qp == before
-    assert workspace.change_settings({"bake.qp": before + 8}, "QP from the curve") is None
+    before = workspace.context.config.bake.quality
+    assert workspace.change_settings({"bake.quality": before + 6}) is None
+    assert workspace.history.undo() == f"Undone: bake.quality {before} to {before + 6}."
+    assert workspace.context.config.bake.quality == before
+    assert workspace.change_settings({"bake.quality": before + 8}, "QP from the curve") is None
     assert workspace.history.undo() == "Undone: QP from the curve."
     assert workspace.close()

@@ -46,10 +46,10 @@ def test_takes_are_kept_in_order_and_numbers_are_never_given_twice(queue: QueueF
     queue.move(3, 99)
     assert numbers(queue) == [1, 2, 3]
     queue.remove(3)
-    assert queue.add(tmp_path / "d", tmp_path / "d.yaml", ("bake.qp=30",)).number == 4
+    assert queue.add(tmp_path / "d", tmp_path / "d.yaml", ("bake.quality=30",)).number == 4
     assert numbers(QueueFile(queue.path)) == [1, 2, 4]
     entry = queue.read().takes[-1]
-    assert (entry.config, entry.overrides, entry.state) == (tmp_path / "d.yaml", ("bake.qp=30",), "waiting")
+    assert (entry.config, entry.overrides, entry.state) == (tmp_path / "d.yaml", ("bake.quality=30",), "waiting")
 
 
 def test_what_cannot_be_is_refused(queue: QueueFile, tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     take.config.write_text("capture: {fps: 12.5, background: [0.0, 0.0, 1.0]}\n")
     take.rig.parent.mkdir()
     write_rig_json(RIG, take.rig)
-    settings = BakeSettings(qp=0)
+    settings = BakeSettings(quality=0)
     entries = []
     for group, (first, count, splats) in enumerate(((0, 3, 60), (3, 2, 75))):
         frames = [body(index, splats) for index in range(first, first + count)]
@@ -106,7 +106,7 @@ def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
     [((0.1, 0.1), "with 0.1 and look bolder"), ((0.3, 0.6), "with 0.6 and look thinner"), ((0.3, 0.3), "")],
 )
 def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dilations, words):
-    settings = BakeSettings(qp=0)
+    settings = BakeSettings(quality=0)
     groups = [
         bake_group([replace(body(number, 60), dilation=one)], tmp_path / "s", number, number, settings)
         for number, one in enumerate(dilations)
@@ -124,7 +124,7 @@ def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dila
 
 
 def test_harmonics_can_be_cut(here, tmp_path):
-    settings = BakeSettings(qp=0)
+    settings = BakeSettings(quality=0)
     colored = body(0, 60).with_sh_degree(2)
     write_manifest(tmp_path / "s", [bake_group([colored], tmp_path / "s", 0, 0, settings)], 10.0, settings)
     for degree in (0, 1):
@@ -165,7 +165,7 @@ def test_videogs_there_and_back(here, take, tmp_path):
     done = here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs")
     assert done.returncode == 0, done.stderr
     done = here(
-        "import", tmp_path / "vgs", "--out", tmp_path / "back", "--fps", "12.5", "--bake.qp", "0", "--up", "0,0,2"
+        "import", tmp_path / "vgs", "--out", tmp_path / "back", "--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2"
     )
     assert done.returncode == 0, done.stderr
     assert "back: 5 frames in 2 groups, " in done.stdout

@@ -34,7 +34,7 @@ LENGTHS = (5,) * 8
 
 def bake(folder: Path, **options: Any) -> Path:
     """40 frames at 20 fps in groups of 5."""
-    settings = BakeSettings(profile="planes", qp=0, preset="ultrafast", **options)
+    settings = BakeSettings(profile="planes", quality=0, preset="ultrafast", **options)
     return bake_numbered(folder, LENGTHS, 20.0, 30, settings)
 
 

@@ -31,7 +31,7 @@ def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     folder = tmp_path_factory.mktemp("two")
     for name in ("fine", "coarse"):
         shutil.copytree(finished / "take", folder / name)
-    config = load_config(finished / "ball.yaml", [parse_override("bake.qp=44")])
+    config = load_config(finished / "ball.yaml", [parse_override("bake.quality=44")])
     run(Take.open(folder / "coarse"), config, lambda event: None, stages=("bake",))
     return folder / "fine", folder / "coarse"
 

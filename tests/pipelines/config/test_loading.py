@@ -132,7 +132,13 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
 @pytest.mark.parametrize(
     ("text", "setting", "value", "sentence"),
     [
-        ("bake: {qp: 80}", "bake.qp", 80, "bake.qp = 80 must be at most 51. The default is 20."),
+        (
+            "bake: {quality: 80}",
+            "bake.quality",
+            80,
+            "bake.quality = 80 must be a QP from 0 to 51, a PSNR such as 42 dB, a size such as 40 KB, or a limit such "
+            "as 0.4 dB loss.",
+        ),
         (
             "train: {max_splats: many}",
             "train.max_splats",
@@ -182,9 +188,8 @@ def test_nan_is_no_value(tmp_path):
 @pytest.mark.parametrize(
     ("text", "settings"),
     [
-        ("bake: {target_psnr: 40, target_kb_per_frame: 30}", ["bake.target_kb_per_frame", "bake.target_psnr"]),
         ("bake: {profile: planes, codec: av1}", ["bake.codec", "bake.profile"]),
-        ("bake: {codec: av1, qp: 0}", ["bake.codec", "bake.qp"]),
+        ("bake: {codec: av1, quality: 0}", ["bake.codec", "bake.quality"]),
         ("capture: {start: 5, stop: 5}", ["capture.stop", "capture.start"]),
         ("capture: {held_out: [a, a]}", ["capture.held_out"]),
         ("capture: {held_out: [every 1]}", ["capture.held_out"]),
@@ -210,15 +215,15 @@ def test_files_that_are_not_settings(tmp_path, text, line):
 
 def test_two_mistakes_are_two_lines(tmp_path):
     with refuses("settings.invalid") as caught:
-        load(tmp_path, "bake: {qp: 80}\ntrain: {nonsense_zzz: 1}")
+        load(tmp_path, "bake: {quality: 80}\ntrain: {nonsense_zzz: 1}")
     assert len(str(caught.value).splitlines()) == 2
     codes = [mistake["code"] for mistake in caught.value.fields["mistakes"]]
     assert sorted(codes) == ["settings.invalid", "settings.unknown"]
 
 
 def test_a_mistake_on_the_command_line_is_not_blamed_on_the_file(tmp_path):
-    with refuses("settings.invalid", file="command line", value=80, setting="bake.qp"):
-        load(tmp_path, "", "bake.qp=80")
+    with refuses("settings.invalid", file="command line", value=80, setting="bake.quality"):
+        load(tmp_path, "", "bake.quality=80")
 
 
 def test_missing_file_and_folder(tmp_path):

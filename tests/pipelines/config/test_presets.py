@@ -37,7 +37,7 @@ def test_the_demo_differs_from_the_quickstart_in_its_schedule_only() -> None:
     quick, demo = (values_of(load_config(ROOT / "sample_configs" / f"{name}.yaml")) for name in ("quickstart", "demo"))
     assert {name for name, value in demo.items() if quick[name] != value} == {
         "train.keyframe_iterations", "train.densify_until", "train.prune_finetune_iterations", "train.prune_ratio",
-        "train.motion_views", "train.motion_acceleration", "train.finetune_iterations", "bake.qp",
+        "train.motion_views", "train.motion_acceleration", "train.finetune_iterations", "bake.quality",
     }  # fmt: skip
 
 
@@ -47,4 +47,4 @@ def test_what_differs_has_the_values_of_the_preset() -> None:
     assert differing(config, "standard") == {"train.max_splats": 36_000, "train.rates.opacity": 0.05}
     assert with_values(config, differing(config, "standard")).train == with_values(Config(), PRESETS["standard"]).train
     with pytest.raises(ValidationError):
-        with_values(Config(), {"bake.qp": 77})
+        with_values(Config(), {"bake.quality": 77})

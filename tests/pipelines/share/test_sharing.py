@@ -46,7 +46,7 @@ def camera() -> Camera:
 def bake(folder: Path, **metadata: object) -> Path:
     """6 frames in two groups, of the profile `planes`, whose groups have the most files."""
     generator = torch.Generator().manual_seed(3)
-    settings = BakeSettings(profile="planes", qp=0, preset="ultrafast")
+    settings = BakeSettings(profile="planes", quality=0, preset="ultrafast")
     entries = []
     for group in range(2):
         frames = [

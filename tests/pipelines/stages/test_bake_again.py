@@ -16,7 +16,7 @@ from studio.stream.manifest import MANIFEST_NAME
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered
 
-SETTINGS = BakeSettings(qp=20, preset="ultrafast")
+SETTINGS = BakeSettings(quality=20, preset="ultrafast")
 
 
 class Rebaked:

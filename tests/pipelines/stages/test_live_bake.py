@@ -97,7 +97,7 @@ def test_after_an_interruption_it_does_not_shrink(take, published):
 def test_other_settings_start_a_new_stream(take, published):
     with live(take, {0: 3, 1: 2}):
         pass
-    interrupted(live(take, {0: 3, 1: 0}, qp=34), lambda: groups_of(take) == ([3], True))
+    interrupted(live(take, {0: 3, 1: 0}, quality=34), lambda: groups_of(take) == ([3], True))
     with StreamReader.open(take.stream) as reader:
         reader.verify()
         assert reader.renditions[0].qp == 34

@@ -138,7 +138,7 @@ def test_weights_that_are_not_there_are_told_before_training(take: Take, monkeyp
     with refuses("lpips.download_failed"):
         measured(take, "evaluate.lpips=alex", "train.finetune_iterations=30")
     assert {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")} == frames
-    measured(take, "evaluate.lpips=alex", "bake.qp=21", stages=("bake",))  # not needed if nothing is measured
+    measured(take, "evaluate.lpips=alex", "bake.quality=21", stages=("bake",))  # not needed if nothing is measured
 
 
 def test_only_known_networks_can_be_set() -> None:

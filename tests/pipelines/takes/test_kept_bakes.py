@@ -46,13 +46,13 @@ def test_two_bakes_are_kept_and_either_is_chosen(finished: Path, take: Take, her
     assert here("bakes", "keep", take.root, "fine").returncode == 0
     links = [os.stat(path).st_nlink for path in (take.bakes / "fine" / "stream").rglob("*") if path.is_file()]
     assert set(links) == {2}, "hard links take no space"
-    baked = here("bake", take.root, "--bake.qp", "40", "--keep", "coarse")
+    baked = here("bake", take.root, "--bake.quality", "40", "--keep", "coarse")
     assert baked.returncode == 0, baked.stderr
     second = contents(take.stream)
     assert second != first
     assert contents(kept_bake(take, "fine").take.stream) == first, "baking again leaves what is kept"
     listed = {row["name"]: row for row in json.loads(here("bakes", "list", take.root, "--json").stdout)}
-    assert {name: (row["settings"]["bake.qp"], row["chosen"]) for name, row in listed.items()} == {
+    assert {name: (row["settings"]["bake.quality"], row["chosen"]) for name, row in listed.items()} == {
         "fine": (20, False),
         "coarse": (40, True),
     }
@@ -62,7 +62,7 @@ def test_two_bakes_are_kept_and_either_is_chosen(finished: Path, take: Take, her
     measured = json.loads((finished / "take" / "evaluation.json").read_text())["summary"]["psnr_decoded"]
     assert (listed["fine"]["psnr_decoded"], listed["coarse"]["psnr_decoded"]) == (measured, None)
     kept = [take.bakes / name for name in ("fine", "coarse")]
-    assert [load_config(folder / "config.yaml").bake.qp for folder in kept] == [20, 40]
+    assert [load_config(folder / "config.yaml").bake.quality for folder in kept] == [20, 40]
     compared = here("compare", *kept, "--every", 5, "--pictures", 0, "--out", tmp_path / "compared", "--json")
     assert compared.returncode == 0, compared.stderr
     fine, coarse = json.loads(compared.stdout)["takes"]
@@ -70,7 +70,7 @@ def test_two_bakes_are_kept_and_either_is_chosen(finished: Path, take: Take, her
 
     assert here("bakes", "choose", take.root, "fine").returncode == 0
     assert contents(take.stream) == first
-    assert load_config(take.config).bake.qp == 20
+    assert load_config(take.config).bake.quality == 20
     assert set(states(here, take.root).values()) == {"done"}, "also the evaluation"
     assert check_take(take, STAGE_NAMES).damage == ()
     assert here("bakes", "choose", take.root, "coarse").returncode == 0

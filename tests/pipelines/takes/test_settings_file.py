@@ -16,7 +16,7 @@ train:
   group_size: 15 # two groups
   max_splats: 36000
 
-bake: {qp: 24} # a little lossy
+bake: {quality: 24} # a little lossy
 capture:
   root: /footage
   held_out: [cam05, cam12]  # never trained on
@@ -39,7 +39,7 @@ def test_only_the_changed_value_changes(file: Path) -> None:
 
 
 def test_a_new_setting_is_added_and_an_equal_one_not_rewritten(file: Path) -> None:
-    set_settings(file, {"bake.qp": 24, "capture.held_out": ["cam05", "cam12"]})
+    set_settings(file, {"bake.quality": 24, "capture.held_out": ["cam05", "cam12"]})
     assert file.read_text() == TEXT
     set_settings(file, {"run.seed": 7, "bake.preset": "fast"})
     config = load_config(file)
@@ -49,7 +49,7 @@ def test_a_new_setting_is_added_and_an_equal_one_not_rewritten(file: Path) -> No
 
 
 def test_all_settings_of_a_run_keep_the_comments(file: Path) -> None:
-    config = load_config(file, [("bake.qp", 30), ("capture.offsets", {"cam05": 2})])
+    config = load_config(file, [("bake.quality", 30), ("capture.offsets", {"cam05": 2})])
     save_config(file, config)
     assert load_config(file) == config
     for comment in ("# my capture", "# two groups", "# a little lossy", "# never trained on"):
@@ -79,6 +79,6 @@ BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for 
 def test_hostile_files_are_refused_and_stay(file: Path, hostile: str) -> None:
     file.write_text(hostile)
     with refuses("settings.not_yaml", file=file):
-        set_settings(file, {"bake.qp": 3})
+        set_settings(file, {"bake.quality": 3})
     assert file.read_text() == hostile
     assert list(file.parent.iterdir()) == [file]

@@ -110,7 +110,7 @@ def test_open_sog_data_sets(folder):
 def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
     for frame in range(3):
         shutil.copy(SPLATS / name, folder / f"f{frame}{name[name.index('.') :]}")
-    manifest = bake_video(open_import(folder), tmp_path / "stream", BakeSettings(qp=0))
+    manifest = bake_video(open_import(folder), tmp_path / "stream", BakeSettings(quality=0))
     assert [group.frame_count for group in manifest.groups] == [3]
     assert manifest.sh_degree == int(name[6])
     assert manifest.metadata["up"] == ([0, 1, 0] if name.endswith(".spz") else [0, -1, 0])
@@ -151,7 +151,7 @@ def test_baked_and_played(folder, tmp_path):
     frames = [body(index, degree=1) for index in range(5)] + [body(5, splats=70)]
     for index, frame in enumerate(frames):
         write_splats(folder / f"f{index:02d}.ply", frame)
-    manifest = bake_video(open_import(folder, fps=10), tmp_path / "stream", BakeSettings(qp=0), group_size=3)
+    manifest = bake_video(open_import(folder, fps=10), tmp_path / "stream", BakeSettings(quality=0), group_size=3)
     assert [group.frame_count for group in manifest.groups] == [3, 2, 1]
     assert manifest.sh_degree == 1
     assert manifest.fps == 10

@@ -101,7 +101,7 @@ def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
 def test_independent_reader_agrees_with_our_decoder(tmp_path, make_video):
     """For a losslessly exported stream, the players' decoder, our import and our stream decoder agree."""
     video = make_video((4, 3))
-    settings = BakeSettings(qp=12)
+    settings = BakeSettings(quality=12)
     entries = [
         bake_group([video.read(index) for index in group], tmp_path / "stream", number, group[0], settings)
         for number, group in enumerate(video.groups)

@@ -95,7 +95,7 @@ def test_a_missing_or_lost_device_leaves_the_frames_to_the_clock(output):
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory):
-    settings = BakeSettings(profile="planes", qp=0)
+    settings = BakeSettings(profile="planes", quality=0)
     folder = tmp_path_factory.mktemp("sounding") / "stream"
     return bake_numbered(folder, (6, 4), FPS, settings=settings, sound=clicks(SECONDS, [0.2]))
 

@@ -69,7 +69,7 @@ def make_stream(tmp_path: Path) -> Callable[..., tuple[Path, list[list[Gaussians
     def make(
         lengths: tuple[int, ...] = (4, 3), splats: int = 200, degree: int = 0, settings: BakeSettings | None = None
     ) -> tuple[Path, list[list[Gaussians]]]:
-        settings = settings or BakeSettings(profile="planes", qp=0)
+        settings = settings or BakeSettings(profile="planes", quality=0)
         folder = tmp_path / "stream"
         groups = [clouds(length, splats + 5 * g, degree, seed=g) for g, length in enumerate(lengths)]
         entries, first = [], 0

@@ -91,7 +91,7 @@ def picture_types(folder):
     ],
 )
 def test_how_many_there_are(tmp_path, turning_bodies, settings, types):
-    chosen = BakeSettings(preset="veryfast", qp=24, **settings)
+    chosen = BakeSettings(preset="veryfast", quality=24, **settings)
     entry = bake_group(turning_bodies(7, splats=60), tmp_path, 0, 0, chosen)
     write_manifest(tmp_path, [entry], 30, chosen)
     assert picture_types(tmp_path) == types
@@ -101,7 +101,7 @@ def test_how_many_there_are(tmp_path, turning_bodies, settings, types):
 @pytest.mark.parametrize("codec", ["h264", "hevc"])
 def test_short_groups(tmp_path, turning_bodies, frames, codec):
     """Shorter than the run of B-frames."""
-    settings = BakeSettings(preset="veryfast", qp=24, codec=codec)
+    settings = BakeSettings(preset="veryfast", quality=24, codec=codec)
     entry = bake_group(turning_bodies(frames, splats=60), tmp_path, 0, 0, settings)
     write_manifest(tmp_path, [entry], 30, settings)
     assert picture_types(tmp_path) == [[1], [1, 2], [1, 3, 2]][frames - 1]
@@ -112,8 +112,6 @@ def test_settings_that_cannot_have_them():
         BakeSettings(b_frames=2, codec="av1")
     with refuses_setting("b_frames", "profile"):
         BakeSettings(b_frames=2, profile="planes")
-    with refuses_setting("splats", "ladder"):
-        BakeSettings(splats=0.9, ladder=[{"qp": 20}])
     with refuses_setting("smooth_paths", "profile"):
         BakeSettings(smooth_paths=True, profile="planes")
 
@@ -128,7 +126,7 @@ def test_smoothed_paths_decode_closer_to_the_truth(tmp_path, turning_bodies):
         jittered.append(type(frame)(moved, frame.quats, frame.log_scales, frame.logit_opacities, frame.sh))
 
     def read(smooth):
-        settings = BakeSettings(qp=10, preset="veryfast", smooth_paths=smooth)
+        settings = BakeSettings(quality=10, preset="veryfast", smooth_paths=smooth)
         folder = tmp_path / str(smooth)
         entry = bake_group(jittered, folder, 0, 0, settings)
         write_manifest(folder, [entry], 30, settings)

@@ -29,9 +29,9 @@ def bake(folder, frames, threads=0, **settings):
 
 def test_same_input_gives_the_same_bytes(tmp_path, make_frames):
     frames = make_frames(5, 500)
-    bake(tmp_path / "a", frames, qp=20, threads=1)
-    bake(tmp_path / "b", frames, qp=20, threads=4)
-    bake(tmp_path / "b", frames, qp=20)  # over what is there
+    bake(tmp_path / "a", frames, quality=20, threads=1)
+    bake(tmp_path / "b", frames, quality=20, threads=4)
+    bake(tmp_path / "b", frames, quality=20)  # over what is there
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
     assert 10 < len(contents(tmp_path / "a")) <= 18  # equal planes share a file
 
@@ -54,7 +54,7 @@ def test_order_of_the_input_does_not_matter(tmp_path, make_frames):
 def test_videos_are_i_then_p_full_range_and_free_of_dates(tmp_path, make_frames):
     import av
 
-    manifest = bake(tmp_path, make_frames(6, 100), qp=20)
+    manifest = bake(tmp_path, make_frames(6, 100), quality=20)
     for plane in manifest.groups[0].best.videos:
         path = tmp_path / plane.path
         with av.open(str(path)) as container:
@@ -73,7 +73,7 @@ def test_opencv_reads_the_planes_as_we_do(tmp_path, make_frames):
     import cv2
 
     frames = make_frames(4, 300)
-    manifest = bake(tmp_path, frames, qp=20, mirror_low_bytes=False)
+    manifest = bake(tmp_path, frames, quality=20, mirror_low_bytes=False)
     group = manifest.groups[0].best
 
     def pictures(path):
@@ -105,7 +105,7 @@ def test_plane_holds_splats_row_by_row(tmp_path, make_frames):
     import cv2
 
     frames = make_frames(1, 70)
-    bake(tmp_path, frames, qp=0)
+    bake(tmp_path, frames, quality=0)
     opacities = frames[0].opacities[torch.from_numpy(morton_order(frames[0].means.numpy()))].numpy()
     _, picture = cv2.VideoCapture(str(tmp_path / "group_000/opacity.mp4")).read()
     plane = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)

@@ -86,7 +86,7 @@ def test_damaged_files_leave_the_other_group(copy_of, tmp_path, kind, name):
 def test_videos_that_are_not_those_of_the_manifest(copy_of, tmp_path, turning_bodies, kind):
     stream = copy_of(kind)
     name, degree = ("video", 1) if kind == "motion" else ("opacity", 0)
-    chosen = BakeSettings(profile=kind, qp=24 if kind == "motion" else 0, preset="ultrafast")
+    chosen = BakeSettings(profile=kind, quality=24 if kind == "motion" else 0, preset="ultrafast")
 
     def other(frames, splats):
         folder = tmp_path / f"{frames}-{splats}"

@@ -30,7 +30,7 @@ def with_odd_colors(frames: list[Gaussians]) -> list[Gaussians]:
 
 @pytest.mark.parametrize("degree", [0, 3])
 def test_kernel_and_definition_agree(tmp_path: Path, turning_bodies: Callable, degree: int) -> None:
-    settings = BakeSettings(profile="motion", preset="veryfast", qp=20)
+    settings = BakeSettings(profile="motion", preset="veryfast", quality=20)
     entry = bake_group(with_odd_colors(turning_bodies(4, SPLATS, degree)), tmp_path, 0, 0, settings)
     write_manifest(tmp_path, [entry], 30, settings)
     with StreamReader.open(tmp_path) as reader:

@@ -5,6 +5,7 @@ import pytest
 
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.encode.quality import ROUNDS, limited_offsets, loss
+from studio.stream.settings import LOSS_QP
 from studio.stream.video import PlaneDecoder, PlaneEncoder
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
@@ -107,34 +108,28 @@ def test_a_group_gives_the_bytes_to_the_frames_that_need_them(tmp_path, turning_
     def measured(index, decoded):
         return float(np.mean((np.sort(decoded.opacities.numpy()) - wanted[index]) ** 2))
 
-    def baked(name, error, **values):
-        settings = BakeSettings(qp=34, preset="veryfast", smooth_paths=False, **values)
+    def baked(name, error, quality):
+        settings = BakeSettings(quality=quality, preset="veryfast", smooth_paths=False)
         entry = bake_group(frames, tmp_path / name, 0, 0, settings, error=error)
         manifest = write_manifest(tmp_path / name, [entry], 25, settings)
         with StreamReader.open(tmp_path / name) as reader:
             return manifest, [measured(index, reader.gaussians(index)) for index in range(6)]
 
-    plain, errors = baked("plain", None)
+    plain, errors = baked("plain", None, LOSS_QP)
 
     def error(index, decoded):
         return 1.0, 1.0 + (measured(index, decoded) / errors[3] if index == 3 else 0)  # 3 dB as encoded above
 
-    limited, fewer = baked("limited", error, max_loss=1.0)
+    limited, fewer = baked("limited", error, "1 dB loss")
     assert loss(1.0, 1.0 + fewer[3] / errors[3]) <= 1.0
     assert plain.total_bytes < limited.total_bytes < 1.6 * plain.total_bytes
     assert fewer[0] == pytest.approx(errors[0], rel=0.3)
     assert "max_loss" not in plain.settings
     assert limited.settings["max_loss"] == 1.0
-    with refuses("bake.no_footage", setting="bake.max_loss"):
-        bake_group(frames, tmp_path / "none", 0, 0, BakeSettings(max_loss=0.4))
+    with refuses("bake.no_footage", setting="bake.quality"):
+        bake_group(frames, tmp_path / "none", 0, 0, BakeSettings(quality="0.4 dB loss"))
 
 
-def test_what_it_does_not_go_with():
-    with refuses_setting("max_loss", "codec"):
-        BakeSettings(max_loss=0.4, codec="hevc")
-    with refuses_setting("max_loss", "target_psnr"):
-        BakeSettings(max_loss=0.4, target_psnr=40)
-    with refuses_setting("max_loss", "target_kb_per_frame"):
-        BakeSettings(max_loss=0.4, target_kb_per_frame=30)
-    with refuses_setting("max_loss"):
-        BakeSettings(max_loss=0)
+def test_it_requires_h264():
+    with refuses_setting("quality", "codec"):
+        BakeSettings(quality="0.4 dB loss", codec="hevc")

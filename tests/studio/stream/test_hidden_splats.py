@@ -45,7 +45,7 @@ def test_a_stream_does_not_show_splats_that_have_strayed_unseen(tmp_path: Path) 
             moved[:9] += 3.0 * frame
             opacities[:9] = 0.0025
         frames.append(Gaussians.from_activated(moved, quats, scales, opacities, torch.zeros(400, 1, 3)))
-    settings = BakeSettings(qp=30, preset="ultrafast")
+    settings = BakeSettings(quality=30, preset="ultrafast")
     entry = bake_group(frames, tmp_path, 0, 0, settings, fps=10.0)
     write_manifest(tmp_path, [entry], 10.0, settings)
     with StreamReader.open(tmp_path, threads=1) as reader:

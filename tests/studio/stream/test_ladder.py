@@ -60,7 +60,7 @@ def test_every_rendition_has_all_frames(make_ladder, profile):
 def test_the_most_visible_splats_are_kept(tmp_path, turning_bodies):
     frames = turning_bodies(2, 80)
     keep = torch.randperm(80, generator=torch.Generator().manual_seed(2)).numpy()
-    settings = BakeSettings(qp=10, ladder=(Rung(qp=10, splats=0.25, finetune_iterations=0),))
+    settings = BakeSettings(quality=10, ladder=(Rung(qp=10, splats=0.25, finetune_iterations=0),))
     entry = bake_group(frames, tmp_path, 0, 0, settings, contribution=lambda: keep.astype(float))
     write_manifest(tmp_path, [entry], 30, settings)
     with StreamReader.open(tmp_path) as reader:
@@ -141,7 +141,7 @@ def test_baking_again_changes_only_what_changed(make_ladder):
 
 
 def test_equal_groups_share_files(tmp_path, turning_bodies):
-    settings = BakeSettings(qp=24)
+    settings = BakeSettings(quality=24)
     frames = turning_bodies(3, 80)
     entries = [bake_group(frames, tmp_path, g, 3 * g, settings) for g in range(4)]
     write_manifest(tmp_path, entries, 25, settings)
@@ -169,7 +169,7 @@ def test_checks_are_of_what_another_decoder_sees(make_ladder):
 
 def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path, turning_bodies):
     def video(fps):
-        settings = BakeSettings(qp=24)
+        settings = BakeSettings(quality=24)
         folder = tmp_path / f"{fps}"
         entry = bake_group(turning_bodies(2, 9000, 3), folder, 0, 0, settings, fps=fps)
         return next((folder / file.path).read_bytes() for file in entry.files if file.path.endswith(".mp4"))
@@ -239,7 +239,7 @@ def test_pages_do_not_change_frames(make_ladder):
 
 
 def test_settings_that_contradict_each_other():
-    with pytest.raises(ValueError, match="a target"):
-        BakeSettings(ladder=(Rung(qp=20),), target_psnr=40)
+    with pytest.raises(ValueError, match="its own qp"):
+        BakeSettings(ladder=(Rung(qp=20),), quality="40 dB")
     with pytest.raises(ValueError, match="the same"):
         BakeSettings(ladder=(Rung(qp=20), Rung(qp=20)))

@@ -80,7 +80,7 @@ def expect_same_shape(original: Gaussians, decoded: Gaussians, tolerance: float)
 
 
 def check(frames, folder, **settings):
-    entry, decoded = bake(folder, frames, qp=0, **settings)
+    entry, decoded = bake(folder, frames, quality=0, **settings)
     index = matches(frames[0], decoded[0])
     assert len(decoded) == len(frames)
     for number, (frame, found) in enumerate(zip(frames, decoded, strict=True)):
@@ -102,7 +102,7 @@ def test_splat_counts(tmp_path, make_frames, splats):
 
 def test_hundred_thousand_splats(tmp_path, make_frames):
     frames = make_frames(2, 100_000)
-    entry, decoded = bake(tmp_path, frames, qp=0, preset="ultrafast")
+    entry, decoded = bake(tmp_path, frames, quality=0, preset="ultrafast")
     index = matches(frames[0], decoded[0])
     for frame, found in zip(frames, decoded, strict=True):
         assert (frame.opacities[index] - found.opacities).abs().max() <= 0.51 * entry.channels[9].step
@@ -124,8 +124,8 @@ def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path, turning_bodie
     colored = [Gaussians(f.means, f.quats, f.log_scales, f.logit_opacities, f.sh.clone()) for f in plain]
     for frame in colored:
         frame.sh[17, 0] = torch.tensor([60.0, 40.0, -50.0])
-    wanted, _ = bake(tmp_path / "plain", plain, qp=20)
-    found, decoded = bake(tmp_path / "colored", colored, qp=20)
+    wanted, _ = bake(tmp_path / "plain", plain, quality=20)
+    found, decoded = bake(tmp_path / "colored", colored, quality=20)
     for before, after in zip(wanted.channels, found.channels, strict=True):
         assert after.step == pytest.approx(before.step, rel=0.02), after.name
     index = matches(plain[0], decoded[0])
@@ -145,7 +145,7 @@ def test_constant_channels(tmp_path):
         sh=torch.zeros(50, 4, 3),
     )
     for qp in (0, 25):
-        _, decoded = bake(tmp_path / str(qp), [frame] * 3, qp=qp)
+        _, decoded = bake(tmp_path / str(qp), [frame] * 3, quality=qp)
         for found in decoded:
             for name, tensor in frame.items():
                 assert torch.allclose(getattr(found, name), tensor, atol=1e-5), name
@@ -154,8 +154,8 @@ def test_constant_channels(tmp_path):
 def test_blocks_find_what_moves_together(tmp_path, turning_bodies):
     """Two rigid bodies in the same place leave almost no residuals for the video."""
     frames = turning_bodies(5, 2000)
-    entry, decoded = bake(tmp_path, frames, qp=20)
-    _, still = bake(tmp_path / "still", [frames[0]] * 5, qp=20)
+    entry, decoded = bake(tmp_path, frames, quality=20)
+    _, still = bake(tmp_path / "still", [frames[0]] * 5, quality=20)
     assert len(still) == 5
     index = matches(frames[0], decoded[0])
     wrong = (frames[4].means[index] - decoded[4].means).norm(dim=1)
@@ -166,9 +166,9 @@ def test_blocks_find_what_moves_together(tmp_path, turning_bodies):
 
 def test_fewer_bytes_than_planes_and_nearer(tmp_path, turning_bodies):
     frames = turning_bodies(6, 3000)
-    _, decoded = bake(tmp_path / "motion", frames, qp=20)
+    _, decoded = bake(tmp_path / "motion", frames, quality=20)
     motion = len(b"".join(contents(tmp_path / "motion").values()))
-    bake(tmp_path / "planes", frames, profile="planes", qp=20)
+    bake(tmp_path / "planes", frames, profile="planes", quality=20)
     planes = len(b"".join(contents(tmp_path / "planes").values()))
     assert motion < planes / 2
     assert len(decoded) == 6
@@ -177,7 +177,7 @@ def test_fewer_bytes_than_planes_and_nearer(tmp_path, turning_bodies):
 def test_keyframe_positions_are_stored_without_loss_at_any_qp(tmp_path, make_frames):
     frames = make_frames(3, 500)
     for qp in (5, 25, 45):
-        entry, decoded = bake(tmp_path / str(qp), frames, qp=qp)
+        entry, decoded = bake(tmp_path / str(qp), frames, quality=qp)
         index = matches(frames[0], decoded[0])
         error = (frames[0].means[index] - decoded[0].means).abs().max().item()
         # the residual's code is 128 in the keyframe; a lossy codec may miss it by a little
@@ -188,7 +188,7 @@ def test_lower_qp_is_nearer_and_larger(tmp_path, make_frames):
     frames = make_frames(4, 3000)
     errors, sizes = [], []
     for qp in (0, 12, 22, 40):
-        entry, decoded = bake(tmp_path / str(qp), frames, qp=qp)
+        entry, decoded = bake(tmp_path / str(qp), frames, quality=qp)
         index = matches(frames[0], decoded[0])
         errors.append(
             np.mean([(a.means[index] - b.means).pow(2).mean().item() for a, b in zip(frames, decoded, strict=True)])
@@ -214,7 +214,7 @@ def test_codecs(tmp_path, codec, turning_bodies):
     import av
 
     frames = turning_bodies(5, 1000)
-    entry, decoded = bake(tmp_path, frames, qp=16, codec=codec)
+    entry, decoded = bake(tmp_path, frames, quality=16, codec=codec)
     assert json.loads((tmp_path / "manifest.json").read_text())["codec"]["name"] == codec
     index = matches(frames[0], decoded[0])
     for frame, found in zip(frames, decoded, strict=True):
@@ -235,7 +235,7 @@ def test_codecs(tmp_path, codec, turning_bodies):
 
 
 def test_any_order_gives_the_same_frames(make_stream):
-    folder, _ = make_stream((4, 1, 5), splats=150, settings=BakeSettings(qp=25))
+    folder, _ = make_stream((4, 1, 5), splats=150, settings=BakeSettings(quality=25))
     with StreamReader.open(folder) as reader:
         in_order = list(reader.iterate())
         for index in (9, 0, 3, 3, 5, 4, 8, 6, 1):
@@ -245,7 +245,7 @@ def test_any_order_gives_the_same_frames(make_stream):
 
 def test_axes_keep_their_names_through_the_group(tmp_path, make_frames):
     frames = make_frames(6, 300)  # the quaternions' signs flip every frame
-    _, decoded = bake(tmp_path, frames, qp=0)
+    _, decoded = bake(tmp_path, frames, quality=0)
     index = matches(frames[0], decoded[0])
     names = []
     for frame, found in zip(frames, decoded, strict=True):

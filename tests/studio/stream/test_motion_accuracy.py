@@ -41,7 +41,7 @@ def step_name(channel: str) -> str:
 
 def test_steps_are_the_documented_ones(tmp_path: Path) -> None:
     frames = performer(FRAMES)
-    entry, _ = baked(tmp_path, frames, qp=20)
+    entry, _ = baked(tmp_path, frames, quality=20)
     size = float(np.exp(np.median(frames[0].log_scales.numpy().mean(axis=1))))
     opaque = float(np.median(frames[0].opacities.numpy())) / 0.15
     for channel in entry.channels[:3]:
@@ -54,11 +54,11 @@ def test_errors_at_qp_20_stay_below_absolute_limits(tmp_path: Path) -> None:
     """A seventh above what was measured: 0.00028, 1.27, 0.035, 0.021, 0.018. Steps follow what can be seen, so the
     profile `planes` errs less at the same QP, for several times the bytes."""
     frames = performer(FRAMES)
-    entry, decoded = baked(tmp_path / "motion", frames, qp=20)
+    entry, decoded = baked(tmp_path / "motion", frames, quality=20)
     found = attribute_errors(frames, decoded)
     limits = {"means": 0.00033, "angle": 1.45, "log_scales": 0.041, "opacity": 0.0245, "sh": 0.0205}
     assert {name: error for name, error in found.items() if error > limits[name]} == {}
-    planes, _ = baked(tmp_path / "planes", frames, qp=20, profile="planes")
+    planes, _ = baked(tmp_path / "planes", frames, quality=20, profile="planes")
     assert entry.bytes < planes.bytes / 3
 
 
@@ -75,9 +75,9 @@ def test_errors_at_qp_20_stay_below_absolute_limits(tmp_path: Path) -> None:
 def test_the_qp_of_an_attribute_acts_on_its_channels_only(tmp_path: Path, attribute: str, channels: set[str]) -> None:
     """6 QPs more double the step, 6 fewer halve it."""
     frames = performer(2, 300)
-    plain, _ = baked(tmp_path / "plain", frames, qp=20)
+    plain, _ = baked(tmp_path / "plain", frames, quality=20)
     for qp, factor in ((26, 2.0), (14, 0.5)):
-        entry, _ = baked(tmp_path / str(qp), frames, qp=20, attribute_qps={attribute: qp})
+        entry, _ = baked(tmp_path / str(qp), frames, quality=20, attribute_qps={attribute: qp})
         found = {now.name: now.step / before.step for now, before in zip(entry.channels, plain.channels, strict=True)}
         assert found == pytest.approx({name: factor if name in channels else 1.0 for name in found})
 
@@ -86,7 +86,7 @@ def test_needles_are_widened_to_a_sixteenth_of_the_typical_size(tmp_path: Path) 
     frames = performer(2, 300)
     for frame in frames:
         frame.log_scales[7] = torch.tensor([-25.0, -4.6, -4.6])
-    _, decoded = baked(tmp_path, frames, qp=0)
+    _, decoded = baked(tmp_path, frames, quality=0)
     size = float(np.exp(np.median(frames[0].log_scales.numpy().mean(axis=1))))
     for found in decoded:
         assert found.log_scales.min().item() == pytest.approx(math.log(size / 16), abs=0.02)

@@ -15,7 +15,7 @@ def same(a, b) -> bool:
 
 @pytest.fixture
 def stream(make_stream):
-    return make_stream((4, 1, 5), splats=150, settings=BakeSettings(profile="planes", qp=25))[0]
+    return make_stream((4, 1, 5), splats=150, settings=BakeSettings(profile="planes", quality=25))[0]
 
 
 def test_any_order_gives_the_same_frames(stream):

@@ -77,8 +77,8 @@ def test_constant_channels(tmp_path, make_frames):
             sh=torch.zeros(50, 4, 3),
         )
     ] * 3
-    entry = bake_group(frames, tmp_path, 0, 0, BakeSettings(profile="planes", qp=0))
-    write_manifest(tmp_path, [entry], 30, BakeSettings(profile="planes", qp=0))
+    entry = bake_group(frames, tmp_path, 0, 0, BakeSettings(profile="planes", quality=0))
+    write_manifest(tmp_path, [entry], 30, BakeSettings(profile="planes", quality=0))
     with StreamReader.open(tmp_path) as reader:
         for decoded in reader.iterate():
             for name, tensor in frames[0].items():
@@ -90,7 +90,7 @@ def test_tiny_scales_do_not_widen_the_range(tmp_path, make_frames):
     frames = make_frames(2, 100)
     for frame in frames:
         frame.log_scales[7, 1] = -27.0
-    entry = bake_group(frames, tmp_path, 0, 0, BakeSettings(profile="planes", qp=0))
+    entry = bake_group(frames, tmp_path, 0, 0, BakeSettings(profile="planes", quality=0))
     typical = frames[0].log_scales.mean(dim=1).median().item()
     ranges = {component.name: component for component in entry.components}
     assert ranges["log_scale_1"].min == pytest.approx(typical - np.log(16), abs=0.02)
@@ -99,7 +99,7 @@ def test_tiny_scales_do_not_widen_the_range(tmp_path, make_frames):
 
 def test_quaternion_signs_are_continuous(tmp_path, make_frames):
     frames = make_frames(6, 300)  # their signs flip every frame
-    settings = BakeSettings(profile="planes", qp=0)
+    settings = BakeSettings(profile="planes", quality=0)
     write_manifest(tmp_path, [bake_group(frames, tmp_path, 0, 0, settings)], 30, settings)
     with StreamReader.open(tmp_path) as reader:
         decoded = list(reader.iterate())
@@ -111,7 +111,7 @@ def test_quaternion_signs_are_continuous(tmp_path, make_frames):
 @pytest.mark.parametrize("mirror", [False, True])
 def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path, make_frames, mirror):
     frames = make_frames(5, 2000)
-    settings = BakeSettings(profile="planes", qp=45, mirror_low_bytes=mirror)
+    settings = BakeSettings(profile="planes", quality=45, mirror_low_bytes=mirror)
     entry = bake_group(frames, tmp_path, 0, 0, settings)
     write_manifest(tmp_path, [entry], 30, settings)
     order = torch.from_numpy(morton_order(frames[0].means.numpy()))
@@ -133,7 +133,7 @@ def test_lower_qp_is_nearer(tmp_path, make_frames):
     order = torch.from_numpy(morton_order(frames[0].means.numpy()))
     errors, sizes = [], []
     for qp in (0, 15, 22, 40):
-        settings = BakeSettings(profile="planes", qp=qp)
+        settings = BakeSettings(profile="planes", quality=qp)
         entry = bake_group(frames, tmp_path / str(qp), 0, 0, settings)
         write_manifest(tmp_path / str(qp), [entry], 30, settings)
         with StreamReader.open(tmp_path / str(qp)) as reader:

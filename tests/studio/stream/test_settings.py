@@ -7,20 +7,20 @@ from tests.support.settings import refuses_setting
 
 @pytest.mark.parametrize("qp", [0, 10, 22])
 def test_up_to_22_all_alike(qp):
-    settings = BakeSettings(profile="planes", qp=qp)
+    settings = BakeSettings(profile="planes", quality=qp)
     assert {settings.attribute_qp(a) for a in ("means_low", "opacities", "scales", "quats", "sh")} == {qp}
     assert settings.attribute_qp("means_high") == 0
 
 
 def test_above_22_color_scale_and_rotation_stay():
-    settings = BakeSettings(profile="planes", qp=30)
+    settings = BakeSettings(profile="planes", quality=30)
     assert [settings.attribute_qp(a) for a in ("sh", "scales", "quats")] == [22, 22, 22]
     assert [settings.attribute_qp(a) for a in ("means_low", "opacities")] == [30, 30]
     assert settings.attribute_qp("means_high") == 0
 
 
 def test_override_wins():
-    settings = BakeSettings(profile="planes", qp=30, attribute_qps={"sh": 35, "means_low": 5})
+    settings = BakeSettings(profile="planes", quality=30, attribute_qps={"sh": 35, "means_low": 5})
     assert settings.attribute_qp("sh") == 35
     assert settings.attribute_qp("means_low") == 5
 
@@ -28,9 +28,7 @@ def test_override_wins():
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"qp": 52},
-        {"qp": -1},
-        {"qp": 1.5},
+        *({"quality": wrong} for wrong in (52, -1, 1.5, True, "0 dB", "200 dB", "x dB", "4 MB", "0.4 loss", "", None)),
         {"attribute_qps": {"means_high": 10}},
         {"attribute_qps": {"sh": 99}},
         {"codec": "vp9"},
@@ -42,12 +40,27 @@ def test_wrong_settings_are_refused(wrong):
         BakeSettings(profile="planes", **wrong)
 
 
+@pytest.mark.parametrize(
+    ("given", "stored", "goals"),
+    [
+        (22, 22, (22, None, None, None)),
+        ("22", 22, (22, None, None, None)),
+        ("40KB", "40 KB", (20, 40.0, None, None)),
+        ("42.50 dB", "42.5 dB", (20, None, 42.5, None)),
+        ("0.4 dB loss", "0.4 dB loss", (28, None, None, 0.4)),
+    ],
+)
+def test_a_quality_is_one_of_four_choices(given, stored, goals):
+    found = BakeSettings(quality=given)
+    assert found.quality == stored
+    assert (found.qp, found.target_kb_per_frame, found.target_psnr, found.max_loss) == goals
+    assert BakeSettings.model_validate(found.model_dump(mode="json")) == found
+
+
 def test_contradictions_are_refused():
-    with refuses_setting("target_kb_per_frame", "target_psnr"):
-        BakeSettings(target_kb_per_frame=30, target_psnr=40)
     with refuses_setting("codec", "profile"):
         BakeSettings(profile="planes", codec="av1")
-    with refuses_setting("codec", "qp"):
+    with refuses_setting("codec", "quality"):
         BakeSettings(codec="av1").at_qp(0)
 
 

@@ -18,7 +18,7 @@ CLICKS = [0.2, 0.7, 1.1]
 @pytest.fixture
 def stream(make_ladder):
     """30 frames at 25 fps with clicks in frames 5, 17 and 27."""
-    return make_ladder((15, 15), splats=30, degree=0, ladder=(), qp=34, clicks=CLICKS)
+    return make_ladder((15, 15), splats=30, degree=0, ladder=(), quality=34, clicks=CLICKS)
 
 
 def test_sound_in_the_manifest_and_decoded(stream):

@@ -42,7 +42,6 @@ VALUES = {
     "calibrate.shared_intrinsics": False,  # bool | None
     "calibrate.frame": 3,  # int | None
     "calibrate.scale_distance": 0.5,  # float | None
-    "bake.target_psnr": 31.5,  # the same with bounds inside
     "capture.rig": "off",  # str | None, a word that YAML reads as false
 }
 
@@ -121,12 +120,12 @@ def test_lists_and_mappings_are_typed_without_brackets(name: str, value: object,
 
 def test_numbers_are_stepped_between_the_limits_of_their_settings() -> None:
     fields = {field.name: field for stage in SECTIONS for field in fields_of(stage)}
-    assert (fields["bake.qp"].limits, fields["bake.qp"].whole) == ((0, 51), True)
+    assert (fields["train.sh_degree"].limits, fields["train.sh_degree"].whole) == ((0, 3), True)
     assert fields["train.dropout"].limits == (0, 1)
     assert fields["evaluate.crop_padding"].limits is None, "0 to 10,000"
     assert fields["train.max_splats"].limits is None
-    steps = (("22", 1), ("22", -1), ("51", 1), ("0", -1))
-    assert [fields["bake.qp"].stepped(*step) for step in steps] == ["23", "21", "51", "0"]
+    steps = (("2", 1), ("2", -1), ("3", 1), ("0", -1))
+    assert [fields["train.sh_degree"].stepped(*step) for step in steps] == ["3", "1", "3", "0"]
     dropout = fields["train.dropout"]
     steps = (("0.1", 1), ("0.1", -1), ("0.02", -1), ("0.98", 1), ("0.12", -1), ("0.13", 1), ("0.15", 1), ("0.15", -1))
     assert [dropout.stepped(*step) for step in steps] == ["0.15", "0.05", "0", "1", "0.1", "0.15", "0.2", "0.1"]

@@ -154,7 +154,10 @@ def test_only_the_newest_shares_are_kept() -> None:
     [
         (None, ""),
         (StageStatus("bake", "done"), ""),
-        (StageStatus("bake", "stale", "bake.qp changed from 22 to 30"), "out of date: bake.qp changed from 22 to 30."),
+        (
+            StageStatus("bake", "stale", "bake.quality changed from 22 to 30"),
+            "out of date: bake.quality changed from 22 to 30.",
+        ),
         (StageStatus("bake", "stale", "train must run first"), "out of date: train must run first."),
     ],
 )
@@ -178,10 +181,10 @@ def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Pa
         config, take = workspace.config, workspace.take
         assert config is not None
         assert take is not None
-        assert workspace.change_setting("bake.qp", config.bake.qp + 8) is None
+        assert workspace.change_setting("bake.quality", config.bake.quality + 8) is None
         assert "Checking" in told(), "what was found before the change does not count"
         wait_in_loop("the check", lambda: workspace.checked)
-        assert "out of date: bake.qp changed" in told()
+        assert "out of date: bake.quality changed" in told()
         change_edits(take.edits, EditList(trim=Trim(first=1, last=2)), "trim")
         workspace.inputs_changed()
         assert "Checking" in told()
@@ -201,9 +204,9 @@ def test_the_dialog_tells_what_is_found_while_it_is_open() -> None:
     found.changed.emit()
     assert "Checking" in dialogs.widgets["stale"].text
     lines = dialogs.widgets["stale"].text.count("\n")
-    found.checked, found.assessment = True, Assessment({"bake": StageStatus("bake", "stale", "bake.qp changed")})
+    found.checked, found.assessment = True, Assessment({"bake": StageStatus("bake", "stale", "bake.quality changed")})
     found.changed.emit()
-    assert "out of date: bake.qp changed." in dialogs.widgets["stale"].text
+    assert "out of date: bake.quality changed." in dialogs.widgets["stale"].text
     found.assessment = Assessment({"bake": StageStatus("bake", "done")})
     found.changed.emit()
     assert "The stream is up to date." in dialogs.widgets["stale"].text
@@ -214,7 +217,9 @@ def test_the_dialog_tells_what_is_found_while_it_is_open() -> None:
 
 
 def test_a_dialog_opened_while_all_is_up_to_date_tells_a_later_change() -> None:
-    done, stale = (Assessment({"bake": StageStatus("bake", *how)}) for how in (("done",), ("stale", "bake.qp changed")))
+    done, stale = (
+        Assessment({"bake": StageStatus("bake", *how)}) for how in (("done",), ("stale", "bake.quality changed"))
+    )
     found = SimpleNamespace(take=object(), assessment=done, checked=True, unreadable=False, changed=Signal())
     dialogs: Any = SimpleNamespace(widgets={})
     window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving(), notices=Notices())
@@ -223,6 +228,6 @@ def test_a_dialog_opened_while_all_is_up_to_date_tells_a_later_change() -> None:
     assert "The stream is up to date." in label.text
     found.assessment = stale
     found.changed.emit()
-    assert "out of date: bake.qp changed." in label.text
+    assert "out of date: bake.quality changed." in label.text
     found.take = None
     assert not stale_parts(dialogs, actions.stale), "a stream of no take is never out of date"
