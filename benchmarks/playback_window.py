@@ -50,7 +50,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     """Open the window, play and rotate the view, and print the frame rates."""
     from open3d.visualization import gui
 
-    from gui.models.playback.frame_cache import FrameCache
+    from gui.models.playback.frame_cache import frame_cache
     from gui.models.playback.stream_source import StreamSource
     from gui.window import MainWindow
 
@@ -66,7 +66,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     player = window.player
     source = player.opened.sources["decoded"] if player.opened else None
     assert isinstance(source, StreamSource)
-    source._cache = FrameCache(0)  # only keeps a few frames ahead
+    source._cache = frame_cache(0)  # only keeps a few frames ahead
     player.transport.play()
     frames: list[int] = []
     draws: list[float] = []

@@ -11,13 +11,13 @@ import numpy as np
 from studio.cameras import Camera, Rig
 from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource
-from studio.capture.lru_cache import ByteCache
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
 from studio.chroma import ChromaSampling
 from studio.errors import Message, StudioError
 from studio.masks.mask_source import GarbageMasks, MaskSource, PlateMaskSource, Recolors
+from studio.memory_cache import ImageCache, image_cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Footage:
         exact_mask_source: MaskSource | None,
         warps: Mapping[str, Warp] | None,
         pool: DecoderPool,
-        cache: ByteCache,
+        cache: ImageCache,
         description: str,
         problems: tuple[Message, ...] = (),
         sound: CaptureSound | None = None,
@@ -89,7 +89,7 @@ class Footage:
         self._pool = pool
         self._cache = cache
         # A separate cache: in a shared one, the maps of a large rig would evict all images.
-        self._undistortion_maps = ByteCache(cache.limit // 4)
+        self._undistortion_maps = image_cache(cache.limit // 4)
         self._rig = Rig(tuple(warp.camera for warp in self._warps.values())) if self._warps is not None else None
         self._digests: dict[tuple[tuple[Path, str], ...], str] = {}
 
@@ -199,7 +199,7 @@ class Footage:
         warp = Warp(scaled, scaled.width, scaled.height, 1.0)
         maps = self._maps(camera, warp)
         raw, mask = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3]), self._raw_mask(camera, frame)
-        self._cache.put(("raw mask", camera, frame), mask)
+        self._cache.put(("raw mask", camera, frame), (mask,))
         if isinstance(self._mask_source, Recolors):
             raw = self._mask_source.recolored(camera, raw, mask)
         plate = self._raw_plate(camera)
@@ -221,7 +221,7 @@ class Footage:
         cached = self._cache.get(key)
         if cached is None:
             cached = (warp.apply(raw, self._maps(camera, warp), smooth=True),)
-            self._cache.put(key, *cached)
+            self._cache.put(key, cached)
         return cached[0].copy()
 
     def chroma(self, camera: str, full_size: bool = False) -> ChromaSampling | None:
@@ -261,7 +261,7 @@ class Footage:
         """The same footage with another mask source, such as a `FunctionMaskSource`."""
         return Footage(
             self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, mask_source,
-            self._exact_mask_source, self._warps, self._pool, ByteCache(self._cache.limit), self.description,
+            self._exact_mask_source, self._warps, self._pool, image_cache(self._cache.limit), self.description,
             self.problems, self.sound, self._garbage,
         )  # fmt: skip
 
@@ -286,7 +286,7 @@ class Footage:
         if cached is not None:
             return cached[0]
         raw = self._source(camera).read(frame)
-        self._cache.put(key, raw)
+        self._cache.put(key, (raw,))
         return raw
 
     def _image(self, camera: str, frame: int) -> np.ndarray:
@@ -302,7 +302,7 @@ class Footage:
             if not warp.is_identity:
                 image = warp.apply(image, self._maps(camera, warp), smooth=True)
             cached = (image,)
-            self._cache.put(key, *cached)
+            self._cache.put(key, cached)
             self._release(camera, frame)
         return cached[0]
 
@@ -316,7 +316,7 @@ class Footage:
             inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
             cached = (mask if inside is None else np.where(inside, mask, 0).astype(np.uint8),)
             if isinstance(self._mask_source, Recolors):
-                self._cache.put(key, *cached)
+                self._cache.put(key, cached)
         return cached[0]
 
     def _mask(self, camera: str, frame: int, mask_source: MaskSource, kind: str) -> np.ndarray:
@@ -330,7 +330,7 @@ class Footage:
                 raw = mask_source.mask(camera, frame, self._raw(camera, frame))
             mask = raw if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=False)
             cached = (mask,)
-            self._cache.put(key, *cached)
+            self._cache.put(key, cached)
             self._release(camera, frame)
         return cached[0]
 
@@ -338,7 +338,7 @@ class Footage:
         """Drop the decoded frame once everything derived from it is cached; otherwise the frames of 81 cameras at 4K
         would evict the results."""
         exact = self._exact_mask_source is not None and camera in self.held_out_cameras
-        if all(self._cache.holds((kind, camera, frame)) for kind in ("image", "mask", *(("exact",) if exact else ()))):
+        if all((kind, camera, frame) in self._cache for kind in ("image", "mask", *(("exact",) if exact else ()))):
             for kind in ("raw", "raw mask"):
                 self._cache.drop((kind, camera, frame))
 
@@ -348,7 +348,7 @@ class Footage:
         cached = self._undistortion_maps.get(camera)
         if cached is None:
             cached = warp.maps()
-            self._undistortion_maps.put(camera, *cached)
+            self._undistortion_maps.put(camera, cached)
         return cached[0], cached[1]
 
     def _warp(self, camera: str) -> Warp:

@@ -13,7 +13,6 @@ from studio.capture.detect import detect_images
 from studio.capture.footage import Footage
 from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
-from studio.capture.lru_cache import ByteCache
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import EVERY, CaptureSettings
 from studio.capture.sound import find_sound
@@ -23,6 +22,7 @@ from studio.errors import Message, StudioError, shown
 from studio.masks.garbage_masks import garbage_masks
 from studio.masks.sources import choose_mask_source, exact_masks
 from studio.memory import memory_limit
+from studio.memory_cache import image_cache
 from studio.storage import is_address, mirrored
 
 
@@ -89,7 +89,7 @@ def open_footage(
     if sound is not None:
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     limit = min(2 << 30, memory_limit() // 8)
-    cache = ByteCache(limit if most_cached is None else min(limit, most_cached))
+    cache = image_cache(limit if most_cached is None else min(limit, most_cached))
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask

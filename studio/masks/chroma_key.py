@@ -7,18 +7,19 @@ the silhouette a mask solved from the screen color next to the performer: I = a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from studio.capture.per_camera_cache import PerCameraCache
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import noise_of, solve_edges
 from studio.masks.despill import despill
 from studio.masks.filters import guided_filter, keep_components
 from studio.masks.mask_source import GarbageMasks
 from studio.masks.screen_color import Screen, find_screen
+from studio.memory_cache import MemoryCache
 
 SAMPLES = 5
 """Number of frames per camera from which the screen color is estimated."""
@@ -196,7 +197,11 @@ class ChromaMaskSource:
         self._key_color = key_color
         self._settings = settings or DifferenceSettings()
         self._garbage = garbage
-        self.screen: PerCameraCache[Screen] = PerCameraCache(self._find)
+        self._screens: MemoryCache[str, Screen] = MemoryCache(math.inf)
+
+    def screen(self, camera: str) -> Screen:
+        """The screen of a camera, found once. Raises StudioError as `find_screen`."""
+        return self._screens.get_or_make(camera, self._find)
 
     def _find(self, camera: str) -> Screen:
         frames = self._frames(camera)

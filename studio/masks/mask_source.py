@@ -6,6 +6,7 @@ only have to implement this protocol; `FunctionMaskSource` implements it for any
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -15,12 +16,12 @@ import numpy as np
 from studio.capture.frame_sources import FrameSource
 from studio.capture.images import read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
-from studio.capture.per_camera_cache import PerCameraCache
 from studio.capture.settings import DifferenceSettings
 from studio.capture.transfer import TransferFunction
 from studio.errors import Message, StudioError
 from studio.masks.clean_plate import difference_mask
 from studio.masks.median_background import Background, median_plate
+from studio.memory_cache import MemoryCache
 
 _MOST_LABELS = 24  # more than any labeling of body parts, and invisible as a mask
 
@@ -213,11 +214,12 @@ class PlateMaskSource:
         self._files = files
         self._garbage = garbage
         self._settings = settings or DifferenceSettings()
-        self._backgrounds = PerCameraCache(background)
+        self._load = background
+        self._backgrounds: MemoryCache[str, Background] = MemoryCache(math.inf)
 
     def background(self, camera: str) -> Background:
         """The background of `camera`, in raw pixels."""
-        return self._backgrounds(camera)
+        return self._backgrounds.get_or_make(camera, self._load)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError `mask.plate_size`, or the plate cannot be loaded."""

@@ -4,14 +4,15 @@ as in many published data sets.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from studio.capture.per_camera_cache import PerCameraCache
 from studio.errors import StudioError
+from studio.memory_cache import MemoryCache
 
 _BORDER = 4  # width in pixels of the border in which the color is measured
 _UNIFORM = 0.97  # fraction of the border that must have the color if the performer is not cut off
@@ -121,7 +122,10 @@ class PlainMaskSource:
     def __init__(self, first: Callable[[str], np.ndarray], cameras: Sequence[str] = ()) -> None:
         self._first = first
         self._cameras = tuple(cameras)
-        self._colors: PerCameraCache[np.ndarray] = PerCameraCache(self._find)
+        self._colors: MemoryCache[str, np.ndarray] = MemoryCache(math.inf)
+
+    def _color(self, camera: str) -> np.ndarray:
+        return self._colors.get_or_make(camera, self._find)
 
     def _find(self, camera: str) -> np.ndarray:
         image = self._first(camera)
@@ -142,7 +146,7 @@ class PlainMaskSource:
     def has_color(self, camera: str) -> bool:
         """Whether the camera's images have a plain background."""
         try:
-            self._colors(camera)
+            self._color(camera)
         except StudioError as error:
             if error.code != "mask.not_plain":
                 raise
@@ -161,13 +165,13 @@ class PlainMaskSource:
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError `mask.not_plain`."""
-        return plain_mask(np.ascontiguousarray(image[:, :, :3]), self._colors(camera))
+        return plain_mask(np.ascontiguousarray(image[:, :, :3]), self._color(camera))
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `Recolors`: the performer's color in mixed pixels, F = (I - (1 - a) B) / a."""
         rows, columns = np.nonzero((mask > 25) & (mask < 255))
         alpha = mask[rows, columns, None].astype(np.float32) / 255
-        mixed = image[rows, columns].astype(np.float32) - (1 - alpha) * self._colors(camera)
+        mixed = image[rows, columns].astype(np.float32) - (1 - alpha) * self._color(camera)
         result = image.copy()
         result[rows, columns] = np.clip(mixed / alpha + 0.5, 0, 255).astype(np.uint8)
         return result

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from studio.errors import Message, StudioError
+from studio.memory_cache import MemoryCache
 from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import SkippedGroup
 from studio.stream import GroupDecoder, Rendition, StreamReader
@@ -51,7 +51,7 @@ class Shared:
         self._renditions = {one.id: number for number, one in enumerate(reader.renditions)}
         self.decode_lock = threading.Lock()  # one run decodes at a time; an ended run releases it within one frame
         self.decoder: GroupDecoder | None = None
-        self._files: OrderedDict[tuple[int, str], dict[str, bytes]] = OrderedDict()
+        self._files: MemoryCache[tuple[int, str], dict[str, bytes]] = MemoryCache(_CACHED_GROUPS)
         self._skipped: dict[int, tuple[SkippedGroup, float]] = {}
         self._lock = threading.Lock()
         self._grown = threading.Condition()
@@ -92,8 +92,7 @@ class Shared:
         if self.rule is None:
             return self.reader.group(number)
         chosen = self.reader.group(number, self.reader.renditions[self.rule.choose(buffered)].id)
-        with self._lock:
-            kept = [rendition for index, rendition in self._files if index == number]
+        kept = [rendition for index, rendition in self._files if index == number]
         better = [self.reader.group(number, rendition) for rendition in kept]
         return max([chosen, *better], key=lambda group: group.bytes)  # what is here already may be better
 
@@ -105,18 +104,14 @@ class Shared:
     def files(self, group: Rendition) -> dict[str, bytes]:
         """The files of a group, from the cache, or fetched and verified."""
         key = (group.index, group.id)
-        with self._lock:
-            if key in self._files:
-                self._files.move_to_end(key)
-                return self._files[key]
+        kept = self._files.get(key)
+        if kept is not None:
+            return kept
         began = time.perf_counter()
         files = self.reader.fetch(group)
         if self.rule is not None:
             self.rule.fetched(group.bytes, time.perf_counter() - began)
-        with self._lock:
-            self._files[key] = files
-            while len(self._files) > _CACHED_GROUPS:
-                self._files.popitem(last=False)
+        self._files.put(key, files)
         return files
 
     def close_decoder(self) -> None:
@@ -135,7 +130,7 @@ class Shared:
             skipped = SkippedGroup(group.index, first_frame, end_frame - first_frame, cause)
             self._skipped[group.index] = (skipped, time.monotonic())
             for key in [key for key in self._files if key[0] == group.index]:
-                del self._files[key]
+                self._files.drop(key)
 
     def note_intact(self, group: Rendition) -> None:
         """Forget that a whole group could not be fetched, because it has been repaired."""

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 from bisect import bisect_right
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from itertools import accumulate
 from typing import overload
 
 from studio.errors import StudioError
+from studio.memory_cache import MemoryCache
 from studio.stream.manifest import MANIFEST_NAME, GroupEntry, Manifest, PageEntry, Rendition
 from studio.stream.manifest_file import check_total, parse_page
 from studio.stream.source import Source
@@ -40,8 +39,7 @@ class GroupIndex:
         self._manifest_bytes = manifest_bytes
         counts = [len(manifest.groups), *(len(page.frames) for page in manifest.pages)]
         self._page_starts = list(accumulate(counts, initial=0))[:-1]  # first group of the manifest and of each page
-        self._pages: OrderedDict[int, tuple[GroupEntry, ...]] = OrderedDict()
-        self._lock = threading.Lock()
+        self._pages: MemoryCache[int, tuple[GroupEntry, ...]] = MemoryCache(_KEPT_PAGES)
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -61,11 +59,7 @@ class GroupIndex:
         place = bisect_right(self._page_starts, number) - 1
         if place == 0:
             return self.manifest.groups[number]
-        with self._lock:
-            kept = self._pages.get(place)
-            if kept is not None:
-                self._pages.move_to_end(place)
-        groups = self._read(place) if kept is None else kept
+        groups = self._pages.get_or_make(place, self._read)
         return groups[number - self._page_starts[place]]
 
     def page_of(self, number: int) -> PageEntry | None:
@@ -78,12 +72,7 @@ class GroupIndex:
         name = f"{self._source.name}/{page.path}"
         with self.reading():
             data = self._source.read(page.path, page.bytes)
-            groups = parse_page(data, page, self.manifest, first, self.starts[first], name)
-        with self._lock:
-            groups = self._pages.setdefault(place, groups)  # another thread's are the same; keep one set
-            while len(self._pages) > _KEPT_PAGES:
-                self._pages.popitem(last=False)
-        return groups
+            return parse_page(data, page, self.manifest, first, self.starts[first], name)
 
     def check_total(self, group_bytes: int) -> None:
         """Raises StudioError unless `total_bytes` is right, given the size of all files of all groups, each once."""

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.models.playback.frame_cache import FrameCache
+from gui.models.playback.frame_cache import frame_cache
 from gui.models.playback.stream_source import StreamSource
 from pipelines.takes.edited import EditedGroup
 from pipelines.takes.edits import read_edits
@@ -116,7 +116,7 @@ class TrainedSource:
             EditedGroup(take, number, range(start, end), edits)
             for number, (start, end) in enumerate(zip(starts, ends, strict=True))
         ]
-        self._cache = FrameCache()
+        self._cache = frame_cache()
         self._load_ms: dict[int, float] = {}
 
     def gaussians(self, frame: int) -> Gaussians:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gui.models.playback.frame_cache import AHEAD, FrameCache
+from gui.models.playback.frame_cache import AHEAD, frame_cache
 from pipelines.takes.videos import capture_place
 from studio.cameras import Camera
 from studio.coverage import ViewRange
@@ -69,7 +69,7 @@ class StreamSource:
             self.first, self._back = found.first_frame, found.world.inverse
         self.frame_count = self.first + self._count
         self.group_starts: Sequence[int] = [self.first + start for start in self._reader.group_starts]
-        self._cache = FrameCache()
+        self._cache = frame_cache()
         self._changed = threading.Condition()
         self._wanted: int | None = None
         self._failed: dict[int, tuple[Exception, float]] = {}
@@ -123,7 +123,7 @@ class StreamSource:
             return None
         for ahead in range(AHEAD + 1):
             frame = (self._wanted + ahead) % self._count
-            if not self._cache.has(frame) and self._error(frame) is None:
+            if frame not in self._cache and self._error(frame) is None:
                 return frame
         return None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.splats import draw
 from gui.models.worker import Done, LatestWorker
 from studio.cameras import Camera
+from studio.memory_cache import MemoryCache
 
 KEPT = 200
 """Pictures that are kept."""
@@ -42,7 +42,7 @@ class Thumbnails:
     def __init__(self) -> None:
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._draw, "v3studio thumbnails", self._drawn)
         self.changed: Signal[[]] = Signal()
-        self._pictures: OrderedDict[tuple[object, ...], tuple[object, np.ndarray | None]] = OrderedDict()
+        self._pictures: MemoryCache[tuple[object, ...], tuple[object, np.ndarray | None]] = MemoryCache(KEPT)
         self._source: FrameSource | None = None
         self._source_of: object = None
         self._asked = False
@@ -69,8 +69,6 @@ class Thumbnails:
         """
         request = _Request(place, contents, camera, frame, size)
         held = self._pictures.get(request.key)
-        if held is not None:
-            self._pictures.move_to_end(request.key)
         if ask and not self._asked and (held is None or held[0] != contents):
             self._asked = True
             self._worker.ask(request)
@@ -79,9 +77,7 @@ class Thumbnails:
     def _drawn(self, done: Done[_Request, np.ndarray]) -> None:
         """Keep a new picture. One that failed is not asked for again."""
         self._asked = False
-        self._pictures[done.request.key] = done.request.contents, done.result
-        while len(self._pictures) > KEPT:
-            self._pictures.popitem(last=False)
+        self._pictures.put(done.request.key, (done.request.contents, done.result))
         self.changed.emit()
 
     def _draw(self, request: _Request) -> np.ndarray:

@@ -17,8 +17,8 @@ from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_gar
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
 from studio.capture import Footage, check_footage, open_footage
 from studio.capture.color_drift import ColorDrift
-from studio.capture.lru_cache import ByteCache
 from studio.errors import Cancelled, StudioError
+from studio.memory_cache import image_cache
 
 GARBAGE = "garbage masks"
 """The mode in which they are drawn."""
@@ -218,7 +218,7 @@ class _Reduced:
 
     def __init__(self, footage: Footage) -> None:
         self.footage = footage
-        self._kept = ByteCache(KEPT_BYTES)
+        self._kept = image_cache(KEPT_BYTES)
 
     def image(self, camera: str, frame: int, widest: int) -> np.ndarray:
         """(h, w, 3) uint8 RGB. Raises StudioError as `Footage.raw_image`."""
@@ -237,7 +237,7 @@ class _Reduced:
             scale = min(1.0, widest / whole.shape[1])
             size = max(round(whole.shape[1] * scale), 1), max(round(whole.shape[0] * scale), 1)
             found = (cv2.resize(whole, size, interpolation=cv2.INTER_AREA),)
-            self._kept.put(key, *found)
+            self._kept.put(key, found)
         return found[0]
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, open_footage
-from studio.capture.lru_cache import ByteCache
+from studio.memory_cache import image_cache
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 
@@ -188,7 +188,7 @@ def test_held_out_cameras(three_videos: Path) -> None:
 def test_many_threads_read_the_right_frames_within_the_memory_limit(three_videos: Path, make: SimpleNamespace) -> None:
     size = 64 * 96 * 3
     footage = open_footage(CaptureSettings(root=three_videos, masks="none"))
-    footage._cache = ByteCache(5 * size)
+    footage._cache = image_cache(5 * size)
     footage._pool.limit = 2  # fewer decoders than cameras: they open and close while threads read
     wrong: list[tuple[str, int]] = []
     largest = 0
@@ -218,30 +218,6 @@ def test_callers_may_modify_images(three_videos: Path) -> None:
     first[:] = 7
     footage.raw_image("cam1", 0)[:] = 9
     assert np.array_equal(footage.image("cam1", 0), before)
-
-
-def test_cache_evicts_the_least_recently_used() -> None:
-    cache = ByteCache(30)
-    one = np.zeros(10, np.uint8)
-    for key in "abc":
-        cache.put(key, one)
-    assert cache.get("a") is not None
-    cache.put("d", one)
-    assert cache.get("b") is None
-    assert cache.get("a") is not None
-    cache.put("huge", np.zeros(31, np.uint8))
-    assert cache.get("huge") is None
-    assert cache.used == 30
-
-
-def test_cache_drops_a_key() -> None:
-    cache = ByteCache(30)
-    cache.put("a", np.zeros(10, np.uint8), np.zeros(5, np.uint8))
-    assert cache.holds("a")
-    cache.drop("a")
-    cache.drop("never there")
-    assert not cache.holds("a")
-    assert cache.used == 0
 
 
 def test_decoded_frames_are_dropped_once_their_results_are_cached(image_folders: Path) -> None:

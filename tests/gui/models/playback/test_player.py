@@ -16,7 +16,6 @@ from safetensors.torch import save_file
 
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
-from gui.models.playback.frame_cache import FrameCache
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.sources import open_path
 from gui.models.playback.stream_source import StreamSource
@@ -295,22 +294,6 @@ def test_foreign_takes_are_sentences(tmp_path: Path) -> None:
     (take.root / "take.json").write_text(json.dumps({"format": 99, "created_by": "v3studio 9"}))
     with pytest.raises(StudioError, match="99"):
         open_path(take.root)
-
-
-def test_cache_forgets_the_longest_unused() -> None:
-    def frame() -> Gaussians:
-        return Gaussians(torch.zeros(1000, 3), torch.ones(1000, 4), torch.zeros(1000, 3), torch.zeros(1000),
-                         torch.zeros(1000, 1, 3))  # fmt: skip
-
-    cache = FrameCache(limit=8 * 56_000)  # 56 bytes per splat
-    for number in range(8):
-        cache.put(number, frame())
-    assert cache.held == 8 * 56_000
-    assert cache.get(0) is not None
-    cache.put(8, frame())
-    assert cache.held == 8 * 56_000
-    assert cache.has(0)
-    assert not cache.has(1)
 
 
 def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:

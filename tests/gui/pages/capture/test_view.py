@@ -14,7 +14,7 @@ from gui.models.take.workspace import Workspace
 from gui.pages.capture import view as capture
 from gui.pages.capture.view import CaptureView
 from pipelines.takes.take import Take
-from studio.capture.lru_cache import ByteCache
+from studio.memory_cache import MemoryCache, bytes_of
 
 SIZE = (720, 500)
 
@@ -33,7 +33,7 @@ def drawn(view: CaptureView, mode: str, frame: int) -> np.ndarray:
 
 def kept() -> int:
     """Bytes of images and masks in all caches."""
-    return sum(one.used for one in gc.get_objects() if type(one) is ByteCache)
+    return sum(one.used for one in gc.get_objects() if type(one) is MemoryCache and one.size_of is bytes_of)
 
 
 def test_what_capture_keeps_is_bounded_and_its_pictures_stay_the_same(

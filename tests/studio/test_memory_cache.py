@@ -1,0 +1,73 @@
+"""The cache in memory: what it keeps, and that values are made once."""
+
+from __future__ import annotations
+
+import math
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from studio.memory_cache import MemoryCache, image_cache
+
+
+def arrays(size: int) -> tuple[np.ndarray, ...]:
+    return (np.zeros(size - 1, np.uint8), np.zeros(1, np.uint8))
+
+
+def test_the_least_recently_used_values_are_dropped_first() -> None:
+    cache = image_cache(30)
+    for key in "abc":
+        cache.put(key, arrays(10))
+    assert cache.get("a") is not None
+    assert "b" in cache  # which is no use
+    cache.put("d", arrays(10))
+    assert list(cache) == ["c", "a", "d"]
+    cache.put("huge", arrays(31))
+    assert cache.get("huge") is None
+    assert cache.used == 30
+    cache.put("a", arrays(5))
+    assert (cache.used, list(cache)) == (25, ["c", "d", "a"])
+    cache.drop("c")
+    cache.drop("never there")
+    assert (cache.used, list(cache)) == (15, ["d", "a"])
+    cache.clear()
+    assert (cache.used, list(cache)) == (0, [])
+
+
+def test_some_values_are_kept_whatever_their_size() -> None:
+    cache: MemoryCache[int, str] = MemoryCache(3, len, least=2)
+    for number in range(4):
+        cache.put(number, "long")
+    assert list(cache) == [2, 3]
+    for number in range(4, 8):
+        cache.put(number, "1")
+    assert list(cache) == [5, 6, 7]
+
+
+def test_values_are_made_once_and_keys_do_not_wait_for_each_other() -> None:
+    cache: MemoryCache[str, int] = MemoryCache(math.inf)
+    made: list[str] = []
+    begun, wait = threading.Event(), threading.Event()
+
+    def slow(key: str) -> int:
+        begun.set()
+        assert wait.wait(60)
+        made.append(key)
+        return 1
+
+    with ThreadPoolExecutor(4) as pool:
+        results = [pool.submit(cache.get_or_make, "slow", slow) for _ in range(3)]
+        assert begun.wait(60)
+        assert cache.get_or_make("other", lambda key: 2) == 2
+        wait.set()
+        assert [result.result() for result in results] == [1, 1, 1]
+    assert made == ["slow"]
+
+
+def test_a_value_that_could_not_be_made_is_made_at_the_next_call() -> None:
+    cache: MemoryCache[str, int] = MemoryCache(math.inf)
+    with pytest.raises(ZeroDivisionError):
+        cache.get_or_make("a", lambda key: 1 // 0)
+    assert cache.get_or_make("a", lambda key: 3) == 3
