@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from typing import TextIO
 
-from pipelines.commands.arguments import CommandParser, current_stages, long_settings_as_set, overrides
+from pipelines.commands.arguments import CommandParser, long_settings_as_set, overrides
 from pipelines.commands.board import add_board_command, add_sync_command
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.stages import STAGE_NAMES
@@ -64,7 +64,6 @@ def main() -> int:
 
 def execute(arguments: Sequence[str]) -> int:
     """Run a command in this process and return the exit code; wrong usage raises SystemExit(2)."""
-    arguments = current_stages(arguments)
     parser, commands = _parser()
     # errors in the arguments of a command show the usage of that command
     named = commands.get(arguments[0], parser) if arguments else parser

@@ -13,12 +13,10 @@ PACKAGES = ("studio", "pipelines", "gui", "v3studio")
 ALIASES = "studio/json_types.py"
 READERS_AND_WRITERS = {
     "pipelines/config/loading.py",  # a user's YAML
-    "pipelines/config/renamed.py",  # old names in it
     "pipelines/estimate/estimate.py",  # v3studio estimate --json
     "pipelines/events/event_types.py",  # a line of JSON
     "pipelines/share/sharing.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",
-    "pipelines/takes/migration.py",  # files of an earlier format
     "pipelines/takes/records.py",
     "studio/bounded_text.py",  # any TOML
     "studio/calibration/manual/file.py",

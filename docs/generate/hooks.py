@@ -21,7 +21,7 @@ from generate.commands import commands_page  # noqa: E402
 from generate.errors import errors_page  # noqa: E402
 from generate.events import events_page  # noqa: E402
 from generate.names import unknown_names  # noqa: E402
-from generate.settings import old_names, setting_names, settings_page  # noqa: E402
+from generate.settings import setting_names, settings_page  # noqa: E402
 
 log = get_plugin_logger("docs")
 
@@ -30,9 +30,6 @@ PACKAGES = ("studio", "pipelines", "gui", "v3studio")
 
 NAMES_OTHERS = ("changelog.md", "glossary.md")
 """Pages that name files and settings of the past."""
-
-OLD_SETTINGS = "<!-- old-settings -->"
-"""Where a page has this line, the table of renamed settings is put."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -68,7 +65,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if page.file.generated_by is None and page.file.src_uri not in NAMES_OTHERS:
         for problem in unknown_names(markdown, ROOT, setting_names()):
             log.warning("%s: %s", page.file.src_uri, problem)
-    return markdown.replace(OLD_SETTINGS, old_names()) if OLD_SETTINGS in markdown else markdown
+    return markdown
 
 
 def _root_page(name: str) -> str:

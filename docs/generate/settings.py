@@ -44,17 +44,6 @@ def setting_names() -> set[str]:
     return set(_names("", Config()))
 
 
-def old_names() -> str:
-    """Markdown table of the old names of settings, values and stages."""
-    from pipelines.config import renamed
-
-    rows = [(code(f"{old}.*"), code(f"{new}.*")) for old, new in renamed.STAGES.items()]
-    rows += [(code(old), code(new)) for old, new in renamed.SETTINGS.items()]
-    for name, values in renamed.VALUES.items():
-        rows += [(code(f"{name}: {old}"), code(f"{name}: {new}")) for old, new in values.items()]
-    return "\n".join(table(("Old setting", "Setting"), *rows))
-
-
 def _names(prefix: str, model: BaseModel) -> Iterator[str]:
     for name in type(model).model_fields:
         yield prefix + name

@@ -10,7 +10,7 @@ from typing import Any
 from pipelines.ablation.results import AblationResults, RatePoint, VariantResult
 from pipelines.ablation.variants import Variant
 from pipelines.config import Config, load_config
-from pipelines.config.loading import digest_text
+from pipelines.config.loading import dump_config
 from pipelines.events import Emit
 from pipelines.runs.runner import run
 from pipelines.takes.atomic_files import digest_of, read_model, write_model
@@ -64,7 +64,7 @@ def ablate(
             base = take
         else:
             share(base, take)
-        digest = digest_of(digest_text(config))
+        digest = digest_of(dump_config(config))
         last = known.get(variant.name)
         points = last.points if last is not None and last.settings == digest else ()
         points = _measure(take, config, variant, points, qps, emit)

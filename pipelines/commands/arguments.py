@@ -57,24 +57,6 @@ def long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentPars
     return plain
 
 
-def current_stages(arguments: Sequence[str]) -> list[str]:
-    """Replace old names of stages, as the command and after `--until`."""
-    words = list(arguments)
-    if not words or words[0].startswith("-"):
-        return words
-    from pipelines.config.renamed import STAGES, note_renames
-
-    for index, word in enumerate(words):
-        option, equals, value = word.partition("=")
-        if index == 0 or words[index - 1] == "--until":
-            words[index] = STAGES.get(word, word)
-        elif option == "--until" and equals:
-            words[index] = f"{option}={STAGES.get(value, value)}"
-        if words[index] != word:
-            note_renames("command line", [f"{value or word} is now {words[index].removeprefix('--until=')}"])
-    return words
-
-
 def overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
     """Names and values of the settings given with `--set`; StudioError if one cannot be read."""
     given = getattr(arguments, "set", [])  # not every command has settings

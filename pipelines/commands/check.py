@@ -57,7 +57,7 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
         with working("check", None) as report:
             found = check_take(take, STAGE_NAMES, report)
         for damage in found.damage if arguments.remove else ():
-            path = take.file(damage.file)
+            path = take.root / damage.file
             if not damage.stage:  # no run makes it again
                 continue
             # never a folder, and nothing outside of the take, whatever a record says

@@ -13,7 +13,6 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from pipelines.config.config import Config
-from pipelines.config.renamed import complete_older_take, first_tree, note_renames, renamed, renamed_override
 from studio.bounded_files import read_bounded_text
 from studio.errors import Message, StudioError, reason_of
 from studio.json_types import JsonObject
@@ -45,7 +44,7 @@ def parse_override(text: str) -> tuple[str, Any]:
             value=text,
             fix="Example: train.max_splats=20000.",
         )
-    field = _field(renamed_override(name, None)[0])
+    field = _field(name)
     text_only = _is_text(field)
     try:
         parsed = parse_yaml(value)
@@ -85,8 +84,7 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
     """Read and validate settings.
 
     Args:
-        path: YAML file; None: the defaults. A relative `capture.root` is relative to this file's folder. In a take's
-            own file, settings of training that did not exist when it was written keep what was trained.
+        path: YAML file; None: the defaults. A relative `capture.root` is relative to this file's folder.
         overrides: (dotted name, value) pairs; later ones win. A relative `capture.root` is relative to the working
             directory.
 
@@ -96,15 +94,10 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
     """
     values: JsonObject = {}
     if path is not None:
-        values, changes = renamed(read_yaml(path), str(path))
-        note_renames(str(path), changes)
-        if (path.parent / "take.json").is_file():
-            complete_older_take(values)
+        values = read_yaml(path)
         _anchor_root(values, path.parent, str(path))
     given: set[str] = set()
-    for old_name, old_value in overrides:
-        name, value, changes = renamed_override(old_name, old_value)
-        note_renames(COMMAND_LINE, changes)
+    for name, value in overrides:
         *sections, last = name.split(".")
         target = values
         for section in sections:
@@ -179,11 +172,6 @@ def _quotes(text: str, line: int | None) -> str:
 def dump_config(config: Config) -> str:
     """YAML that `load_config` reads back as the same settings."""
     return dump_yaml(config.model_dump(mode="json"))
-
-
-def digest_text(config: Config) -> str:
-    """The same with the settings' original names, so that it does not change when a setting is renamed."""
-    return dump_yaml(first_tree(config.model_dump(mode="json")))
 
 
 def _anchor_root(values: JsonObject, folder: Path, where: str) -> None:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeAlias
 
-from pipelines.config.renamed import STAGES
 from studio.bounded_text import parse_json
 from studio.errors import Message, StudioError
 from studio.json_types import JsonData, JsonObject
@@ -45,7 +44,7 @@ class Notice(Event):
 
     Attributes:
         message: the full sentence, for display.
-        code: identifies it for programs ("footage.no_frames"); "" in logs of earlier versions.
+        code: identifies it for programs ("footage.no_frames").
         file: the file or folder concerned.
         value: the value found, if any.
         fix: how to fix it, as a sentence.
@@ -286,8 +285,7 @@ def as_message(error: BaseException) -> Message:
 def parse_event(line: str) -> Event:
     """Parse one line of `--json` output or of a take's events.jsonl.
 
-    Unknown fields are ignored, so that an old window can follow a newer run. Stage names of take format 1 are replaced
-    by the current ones.
+    Unknown fields are ignored, so that an old window can follow a newer run.
 
     Raises:
         StudioError: not an event (`event.invalid`).
@@ -329,10 +327,6 @@ def _event_of(values: Any) -> Event:
         cls = _KINDS[values.pop("event")]
         known = {f.name for f in fields(cls)}
         kept: JsonObject = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known}
-        kept["stage"] = STAGES.get(kept.get("stage", ""), kept.get("stage", ""))
-        if cls is RunStarted:
-            for name in ("stages", "done"):
-                kept[name] = tuple(STAGES.get(stage, stage) for stage in kept[name])
         if issubclass(cls, Notice) and cls is not RunFinished:
             kept["message"]  # required
         return cls(**kept)

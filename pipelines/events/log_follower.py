@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
-from pipelines.config.renamed import STAGES
-from pipelines.events.event_types import Event, RunStarted, read_line
+from pipelines.events.event_types import Event, read_line
 
 _HEAD_BYTES = 256
 """What a log is known by: its first event has the time and the process of its run."""
@@ -50,17 +48,5 @@ class LogFollower:
         for line in whole.splitlines():
             event, _ = read_line(line)
             if event is not None:
-                events.append(_with_current_names(event))
+                events.append(event)
         return is_new, events
-
-
-def _with_current_names(event: Event) -> Event:
-    """Logs of format 1 takes have the old names of stages."""
-    event = replace(event, stage=STAGES.get(event.stage, event.stage))
-    if isinstance(event, RunStarted):
-        event = replace(
-            event,
-            stages=tuple(STAGES.get(stage, stage) for stage in event.stages),
-            done=tuple(STAGES.get(stage, stage) for stage in event.done),
-        )
-    return event

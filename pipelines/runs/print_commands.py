@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 from pipelines.config import Config
 from pipelines.config.loading import parse_override
-from pipelines.config.renamed import renamed_override
 from pipelines.runs.staleness import StageStatus
 from pipelines.runs.work import cpus_of_group, is_up_to_date, known_groups
 from pipelines.stages import CHAIN, GROUP_STAGES
@@ -86,7 +85,7 @@ def _command(take: Take, inputs: Inputs, stages: Sequence[str], overrides: Seque
     for stage in stages:
         words += ["--stage", stage]
     for override in overrides:
-        name = renamed_override(*parse_override(override))[0]
+        name, _ = parse_override(override)
         if name == "capture.root":  # it is relative to the folder where this command runs
             words.append(f"--set=capture.root={inputs.config.capture.root}")
         elif name not in ("run.threads", "run.groups_at_once"):

@@ -36,7 +36,6 @@ from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.kept_bakes import keep_bake, note_evaluation, refuse_taken
-from pipelines.takes.migration import migrate
 from pipelines.takes.records import write_failure
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
@@ -103,7 +102,6 @@ def run(
                 take.locked(command),
                 cancelled_on_request(take, cancellation.cancel),
             ):
-                migrate(take)
                 report = Logged(emit, take)
                 if keep is not None:
                     refuse_taken(take, keep)

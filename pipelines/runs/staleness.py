@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import os
 import stat
@@ -12,7 +11,6 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from pipelines.config.renamed import ADDED
 from pipelines.stages import Stage
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params
@@ -27,7 +25,6 @@ from pipelines.takes.atomic_files import (
 )
 from pipelines.takes.edit_params import PREFIX
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
-from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.json_types import JsonData
 
@@ -162,35 +159,30 @@ def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, wait
         return "; ".join(changed)
     root, written, touched = inputs.take.root, record.written, False
     for name, size in record.files.items():
-        state = _state_of(inputs.take, name)
+        state = _state_of(f"{root}/{name}")
         if state is None or not stat.S_ISREG(state.st_mode) or state.st_size != size:
             return f"{name} was {'deleted' if state is None else 'modified'}"
         touched |= name in written and state.st_mtime_ns != written[name]
     # with another modification time the content may still be the same, as in a copied take
-    if touched and digest_of_files(root, [inputs.take.file(name) for name in written]) != record.result:
+    if touched and digest_of_files(root, [root / name for name in written]) != record.result:
         return "result files were modified"
     return ""
 
 
-def _state_of(take: Take, name: str) -> os.stat_result | None:
-    """Of a file by its path in the take; None if there is none. A long take has ten thousand."""
+def _state_of(path: str) -> os.stat_result | None:
+    """Of a file; None if there is none. A long take has ten thousand, hence no `Path`."""
     try:
-        return os.stat(f"{take.root}/{name}")
+        return os.stat(path)
     except OSError:
-        with contextlib.suppress(OSError):
-            return take.file(name).stat()  # a take of format 1 has other names
-    return None
+        return None
 
 
 def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
-    """Descriptions of what changed, at most four.
-
-    A setting that a side lacks has the value that keeps the behavior from before it existed (`ADDED`).
-    """
+    """Descriptions of what changed, at most four."""
     names = sorted(before.keys() | now.keys())
     changed = [name for name in names if digest_of(before.get(name)) != digest_of(now.get(name))]
     # What only one side depends on, such as the footage when a ladder is fine-tuned, follows from another change.
-    own = [name for name in changed if name in ADDED or name.startswith(PREFIX) or (name in before and name in now)]
+    own = [name for name in changed if name.startswith(PREFIX) or (name in before and name in now)]
     found = [_difference(name, before, now) for name in own or changed]
     return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
 
@@ -202,8 +194,7 @@ def _difference(name: str, before: Mapping[str, object], now: Mapping[str, objec
         return f"the {name} changed"
     if name.startswith(PREFIX):
         return _edit_change(name, before.get(name), now.get(name))
-    old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
-    return f"{name} changed from {_short(old)} to {_short(new)}"
+    return f"{name} changed from {_short(before.get(name))} to {_short(now.get(name))}"
 
 
 def _edit_change(name: str, before: object, now: object) -> str:

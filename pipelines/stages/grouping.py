@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipelines.config.renamed import first_names
 from pipelines.stages.footage import TakeFootage
 from pipelines.takes.atomic_files import digest_of, read_model, write_model
 from pipelines.takes.groups import Group, cut_at, cut_into_groups
@@ -48,7 +47,7 @@ def _found(footage: TakeFootage) -> tuple[int, ...] | None:
 def key(footage: TakeFootage) -> str:
     """Digest of everything that groups by motion depend on."""
     settings = footage.config.train
-    seen = first_names(footage.seen_by_training())
+    seen = footage.seen_by_training()
     return digest_of([1, seen, list(footage.raw.frames), settings.group_size, settings.group_change])
 
 

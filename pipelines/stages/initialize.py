@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from studio.edits import CropBox
 
 
+_SEED_WORD = "initialise"
+"""Part of the seed: with another word, the points of every take would change."""
+
 _FEWEST_POINTS = 4
 """That a keyframe can be trained from."""
 
@@ -155,7 +158,7 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
     found = initialize_points(
         TrainingViews(inputs.footage.calibrated, group.keyframe, inputs.training_box),
         inputs.config.initialize,
-        seed=derived_seed(inputs.config.run.seed, STAGE.name, group.index),
+        seed=derived_seed(inputs.config.run.seed, _SEED_WORD, group.index),
         progress=reporter.part(f"{label}: visual hull", start, stop),
     )
     points, normals, colors = found.points, found.normals, found.colors
@@ -226,7 +229,7 @@ def _tell_coverage(inputs: Inputs, reporter: StageReporter, points: np.ndarray, 
 
 def _drop_leftovers(inputs: Inputs, groups: tuple[Group, ...]) -> None:
     wanted = {inputs.take.initialize_group(group.index) for group in groups}
-    for folder in inputs.take.folder("initialize").glob("group_*"):
+    for folder in (inputs.take.root / "initialize").glob("group_*"):
         if folder not in wanted:
             remove(folder)
 

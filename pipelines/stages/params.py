@@ -6,7 +6,6 @@ from functools import cache
 from typing import Any, TypeAlias
 
 from pipelines.config import Config
-from pipelines.config.renamed import ADDED, first_name, first_names
 from pipelines.takes.atomic_files import digest_of
 from studio.json_types import JsonData
 from studio.settings import affected
@@ -18,8 +17,7 @@ Params: TypeAlias = dict[str, JsonData]
 def settings_of(config: Config, *names: str) -> Params:
     """Values of settings by dotted name; the name of a section selects all settings in it.
 
-    `capture.root` is never included: a capture may move, and the digest of its files identifies it. A setting in
-    `ADDED` is left out at the value that keeps the behavior from before it existed, so that older results stay valid.
+    `capture.root` is never included: a capture may move, and the digest of its files identifies it.
     """
     tree = config.model_dump(mode="json")
     found: Params = {}
@@ -28,7 +26,7 @@ def settings_of(config: Config, *names: str) -> Params:
         if isinstance(value, dict):
             for key, item in value.items():
                 collect(f"{prefix}.{key}", item)
-        elif prefix not in ADDED or ADDED[prefix] != value:
+        else:
             found[prefix] = value
 
     for name in names:
@@ -55,13 +53,10 @@ def without(params: Params, *names: str) -> Params:
 
 
 def key_of(stage: str, version: int, *parts: Any) -> str:
-    """Digest of everything that a unit is made from. Uses the original names of renamed settings."""
-    return digest_of(
-        [first_name(stage), version, *(first_names(part) if isinstance(part, dict) else part for part in parts)]
-    )
+    """Digest of everything that a unit is made from."""
+    return digest_of([stage, version, *parts])
 
 
 def derived_seed(seed: int, *path: int | str) -> int:
     """A seed for one unit of work, so that a resumed run equals an uninterrupted one."""
-    named = [first_name(part) if isinstance(part, str) else part for part in path]
-    return int(digest_of([seed, *named])[:15], 16) % (2**31)
+    return int(digest_of([seed, *path])[:15], 16) % (2**31)

@@ -13,7 +13,6 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
-from pipelines.config.renamed import first_name, first_names
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages import Executor, stage_named
 from pipelines.stages.baking.live import LiveBake
@@ -26,7 +25,7 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.stages.summaries import TrainSummary
 from pipelines.stages.train_group import GroupWork, TrainClock
 from pipelines.stages.training_views import details_at
-from pipelines.takes.atomic_files import digest_of, read_model, remove
+from pipelines.takes.atomic_files import read_model, remove
 from pipelines.takes.edit_params import edit_params
 from pipelines.takes.frame_files import read_about
 from pipelines.takes.groups import Group
@@ -95,7 +94,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
     if not inputs.config.train.camera_colors:
         remove(inputs.take.camera_colors)
     wanted = {inputs.take.train_group(group.index) for group in groups}
-    for folder in inputs.take.folder("train").glob("group_*"):
+    for folder in (inputs.take.root / "train").glob("group_*"):
         if folder not in wanted:
             remove(folder)
     return TrainSummary(groups=len(groups), frames=len(footage.frames), splats=tuple(splats))
@@ -209,11 +208,10 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
         *details_at(inputs.edits, group.first),
     )
     keys = [key_of(STAGE.name, STAGE.version, start, group.keyframe)]
-    named = first_names(later)  # as `key_of` does for each of the frames, which may be thousands
     edits = inputs.edits
     for index, frame in zip(group.indices[1:], group.frames[1:], strict=True):
         details = details_at(edits, index)
-        keys.append(digest_of([first_name(STAGE.name), STAGE.version, keys[-1], named, frame, *details]))
+        keys.append(key_of(STAGE.name, STAGE.version, keys[-1], later, frame, *details))
     return keys
 
 

@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from pipelines.config.renamed import first_path
 from studio.atomic_files import PARTIAL, atomic_path, is_being_written, remove, write_bytes, write_json, write_text
 from studio.bounded_files import read_bounded
 from studio.bounded_text import TextError, parse_json
@@ -150,7 +149,7 @@ def digest_of_file(path: Path) -> str:
 
 
 def digest_of_files(folder: Path, files: Iterable[Path]) -> str:
-    """24 hex digits for files' names and contents. Names are relative to `folder`, as in take format 1."""
+    """24 hex digits for files' names, relative to `folder`, and contents."""
     return digest_of_digests(digests_of_files(folder, files))
 
 
@@ -160,8 +159,8 @@ def digests_of_files(folder: Path, files: Iterable[Path]) -> dict[str, str]:
 
 
 def digest_of_digests(digests: Mapping[str, str]) -> str:
-    """What `digest_of_files` gives for files of these digests by path; paths may be of any take format."""
-    return digest_of({first_path(name): digest for name, digest in digests.items()})
+    """What `digest_of_files` gives for files of these digests by path."""
+    return digest_of(dict(digests))
 
 
 def link_or_copy(source: str, target: str) -> None:

@@ -54,13 +54,13 @@ def cancelled_on_request(take: Take, cancel: Callable[[], None]) -> Iterator[Non
 
     Requests to other runs are dropped. One to this run may already be there: the take is locked before this begins.
     """
-    if not _asked(take, anyone=False):
+    if not _asked(take):
         remove(take.cancel_request)
     over = threading.Event()
 
     def watch() -> None:
         while not over.wait(_LOOK):
-            if _asked(take, anyone=True):
+            if _asked(take):
                 cancel()
                 return
 
@@ -74,12 +74,10 @@ def cancelled_on_request(take: Take, cancel: Callable[[], None]) -> Iterator[Non
         remove(take.cancel_request)
 
 
-def _asked(take: Take, anyone: bool) -> bool:
-    """Whether this process is asked to stop. `anyone`: also by a request that names no run, of an earlier version."""
+def _asked(take: Take) -> bool:
+    """Whether this process is asked to stop."""
     try:
-        found = parse_json(take.cancel_request.read_bytes() or b"{}")
+        found = parse_json(take.cancel_request.read_bytes())
     except (OSError, ValueError):
         return False
-    if not isinstance(found, dict) or found.get("pid") is None:
-        return anyone
-    return (found["pid"], found.get("host")) == (os.getpid(), socket.gethostname())
+    return isinstance(found, dict) and (found.get("pid"), found.get("host")) == (os.getpid(), socket.gethostname())

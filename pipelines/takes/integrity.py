@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from pipelines.takes.atomic_files import digest_of_file, digest_of_files, read_model
+from pipelines.takes.atomic_files import digest_of_file, read_model
 from pipelines.takes.frame_files import intact
 from pipelines.takes.marks import read_marks
 from pipelines.takes.records import StageRecord, read_record
@@ -24,7 +24,7 @@ class Damage(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     file: str
-    """Relative to the take; "" if only the whole stage's digest is known, as in takes of earlier versions."""
+    """Relative to the take."""
 
     stage: str
     """The stage that wrote it, and that has to run again; "" for what no run makes again: files of kept bakes, and
@@ -69,12 +69,12 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
     for stage in stages:
         record = read_record(take, stage)
         if record is not None:
-            files += [take.file(name) for name in record.files]
+            files += [take.root / name for name in record.files]
             work.append(changed_files(take, record))
             continue
         unchecked.append(stage)
         if stage == "train":
-            frames = sorted(take.folder(stage).rglob("*.safetensors"))
+            frames = sorted((take.root / stage).rglob("*.safetensors"))
             files += frames
             work.append(_damaged_tensors(take, path) for path in frames)
     for kept in _kept_bakes(take):
@@ -110,18 +110,14 @@ def refuse_damage(take: Take, stage: str) -> None:
 
 def changed_files(take: Take, record: StageRecord) -> Iterator[Damage | None]:
     """For each file that a stage wrote, its damage or None."""
-    files = {name: take.file(name) for name in record.files}
-    for name, path in files.items():
-        digest = record.digests.get(name)  # "" in records of earlier versions
+    for name in record.files:
+        path = take.root / name
         if not path.is_file():
             yield Damage(file=name, stage=record.stage, problem="missing")
-        elif digest and digest_of_file(path) != digest:
+        elif digest_of_file(path) != record.digests.get(name):
             yield Damage(file=name, stage=record.stage, problem="changed")
         else:
             yield None
-    known = record.digests or not all(path.is_file() for path in files.values())
-    if not known and digest_of_files(take.root, files.values()) != record.result:
-        yield Damage(file="", stage=record.stage, problem="changed")
 
 
 def _kept_bakes(take: Take) -> list[Take]:

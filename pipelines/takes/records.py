@@ -6,13 +6,11 @@ import contextlib
 from functools import lru_cache
 from pathlib import Path
 
-from pydantic import Field, JsonValue, ValidationError, model_validator
+from pydantic import Field, JsonValue, model_validator
 
-from pipelines.config.renamed import RECORD_KEYS, REPORT_KEYS, current_name, current_names, current_path
-from pipelines.takes.atomic_files import Result, digest_of_digests, digest_of_file, read_json, read_model, write_model
+from pipelines.takes.atomic_files import Result, digest_of_digests, digest_of_file, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
-from studio.json_types import JsonObject
 
 
 class StageRecord(Result):
@@ -29,7 +27,7 @@ class StageRecord(Result):
     """Size in bytes by path relative to the take."""
 
     digests: dict[str, str] = Field(default_factory=dict)
-    """`digest_of_file` by path relative to the take; empty in takes of earlier versions."""
+    """`digest_of_file` by path relative to the take."""
 
     written: dict[str, int] = Field(default_factory=dict)
     """Modification time in ns by path relative to the take."""
@@ -64,7 +62,7 @@ class FailureRecord(Result):
     """The sentence for people."""
 
     code: str = ""
-    """Of the error (`studio.errors.Message.code`); "" in takes of earlier versions."""
+    """Of the error (`studio.errors.Message.code`)."""
 
     error: dict[str, JsonValue] = Field(default_factory=dict)
     """`studio.errors.Message.to_dict`: file, value, fix and other fields."""
@@ -80,25 +78,9 @@ def read_record(take: Take, stage: str) -> StageRecord | None:
     if not path.is_file():
         return None
     try:
-        found = read_json(path)
-        return StageRecord.model_validate(current_record(found) if isinstance(found, dict) else None)
-    except (StudioError, ValidationError):
+        return read_model(path, StageRecord)
+    except StudioError:
         return None
-
-
-def current_record(record: JsonObject) -> JsonObject | None:
-    """A record of any take format with current names; None if it is not a record."""
-    found = {RECORD_KEYS.get(name, name): value for name, value in record.items()}
-    if not isinstance(found.get("params"), dict):
-        return None
-    found["params"] = current_names(found["params"])
-    found["stage"] = current_name(str(record.get("stage", "")))
-    for table in ("files", "digests", "written"):
-        if isinstance(found.get(table), dict):
-            found[table] = {current_path(name): value for name, value in found[table].items()}
-    if isinstance(found.get("summary"), dict):
-        found["summary"] = {REPORT_KEYS.get(name, name): value for name, value in found["summary"].items()}
-    return found
 
 
 def note_rewritten(take: Take, stage: str) -> None:
@@ -106,8 +88,8 @@ def note_rewritten(take: Take, stage: str) -> None:
     record = read_record(take, stage)
     if record is None:
         return
-    stats = {current_path(name): take.file(name).stat() for name in record.files}
-    digests = {current_path(name): digest_of_file(take.file(name)) for name in record.files}
+    stats = {name: (take.root / name).stat() for name in record.files}
+    digests = {name: digest_of_file(take.root / name) for name in record.files}
     update = {
         "result": digest_of_digests(digests),
         "digests": digests,
@@ -123,7 +105,7 @@ def digests_on_record(take: Take, stage: str) -> dict[Path, str]:
     if record is None:
         return found
     for name, digest in record.digests.items():
-        path = take.file(name)
+        path = take.root / name
         with contextlib.suppress(OSError):
             state = path.stat()
             if (state.st_mtime_ns, state.st_size) == (record.written.get(name), record.files.get(name)):

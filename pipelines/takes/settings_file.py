@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel
 
 from pipelines.config.loading import dump_config, load_config, read_yaml
-from pipelines.config.renamed import renamed
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_files import read_bounded_text
 from studio.errors import StudioError, reason_of
@@ -74,7 +73,7 @@ def changed_text(path: Path, values: Mapping[str, Any], *, defaults: str = "") -
 def save_config(path: Path, config: Config) -> None:
     """Write all settings to a YAML file; if it already exists, keep its comments and order.
 
-    A file that cannot be updated (damaged, or with old or unknown names) is replaced.
+    A file that cannot be updated (damaged, or with unknown names) is replaced.
 
     Raises:
         OSError: the file cannot be written.
@@ -84,49 +83,10 @@ def save_config(path: Path, config: Config) -> None:
             before = read_yaml(path)
             if before == config.model_dump(mode="json"):
                 return
-            _, old_names = renamed(before, str(path))
-            if not old_names:
-                set_settings(path, dict(_leaves(config)))
-                if load_config(path) == config:
-                    return
+            set_settings(path, dict(_leaves(config)))
+            if load_config(path) == config:
+                return
     write_text(path, dump_config(config))
-
-
-def current_text(path: Path) -> tuple[str, list[str]]:
-    """A settings file with the current names of settings and values; comments, order and all else stay.
-
-    Returns:
-        the text, and what was renamed.
-
-    Raises:
-        StudioError: the file cannot be read or exceeds a limit, see `set_settings`, or a setting is given under its old
-            and its new name (`settings.both_names`).
-    """
-    text = _read(path)
-    tree = _parse(text, path)
-    values, changes = renamed(_plain(tree), str(path))
-    if not changes:
-        return text, changes
-    for section, now in zip(list(tree), list(values), strict=True):
-        _rename(tree, section, now)
-        settings = tree[now]
-        if not isinstance(settings, dict):
-            continue
-        for old, new in zip(list(settings), list(values[now]), strict=True):
-            _rename(settings, old, new)
-            if _plain(settings[new]) != values[now][new]:
-                settings[new] = values[now][new]
-    return dump_with_comments(tree), changes
-
-
-def _rename(mapping: Any, old: str, new: str) -> None:
-    """Rename a key of a tree with comments, in its place."""
-    if old != new:
-        comments = mapping.ca.items.pop(old, None)
-        position = list(mapping).index(old)
-        mapping.insert(position, new, mapping.pop(old))
-        if comments is not None:
-            mapping.ca.items[new] = comments
 
 
 def _leaves(config: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -37,7 +37,6 @@ from typing import IO, Any
 
 from pydantic import ValidationError
 
-from pipelines.config.renamed import first_name, first_path
 from pipelines.takes.atomic_files import Result, read_json, remove, sweep_partial, write_model
 from pipelines.version import program_version
 from studio.atomic_files import leftovers
@@ -47,11 +46,7 @@ from studio.paths import need_utf8
 from studio.storage import StoreAddress, is_address
 
 TAKE_FORMAT = 2
-"""Version of this layout. Format 1 had other names (`pipelines.config.renamed`); it is read as is, and migrated when a
-run first locks the take (`pipelines.takes.migration`)."""
-
-READABLE = (1, TAKE_FORMAT)
-"""Formats that this version reads."""
+"""Version of this layout."""
 
 
 class TakeFile(Result):
@@ -97,16 +92,15 @@ class Take:
             about = TakeFile.model_validate(found)
         except ValidationError:
             about = TakeFile(format=found.get("format") if isinstance(found, dict) else None)
-        if about.format not in READABLE:
+        if about.format != TAKE_FORMAT:
             raise StudioError(
                 "take.unknown_format",
-                f"take format {about.format!r}, written by {about.created_by}; this version reads formats "
-                f"{' and '.join(map(str, READABLE))}",
+                f"take format {about.format!r}, written by {about.created_by}; this version reads format {TAKE_FORMAT}",
                 file=root / "take.json",
                 value=about.format,
                 fix="Use the version that wrote it, or choose a new folder.",
                 created_by=about.created_by,
-                expected=READABLE,
+                expected=TAKE_FORMAT,
             )
         return cls(root)
 
@@ -161,21 +155,7 @@ class Take:
 
     def initialize_group(self, group: int) -> Path:
         """initialize/group_000: mesh.ply, points.ply, report.json."""
-        return self.folder("initialize") / group_name(group)
-
-    def folder(self, stage: str) -> Path:
-        """The folder of a stage's results."""
-        return self._existing(self.root, stage)
-
-    def file(self, name: str) -> Path:
-        """A file by its current path relative to the take; in a take of format 1, the file under its old path."""
-        path, first = self.root / name, self.root / first_path(name)
-        return first if not path.exists() and first.exists() else path
-
-    def _existing(self, folder: Path, stage: str, ending: str = "") -> Path:
-        """`folder/stage`, or its old name in a take of format 1."""
-        path, first = folder / f"{stage}{ending}", folder / f"{first_name(stage)}{ending}"
-        return first if first != path and not path.exists() and first.exists() else path
+        return self.root / "initialize" / group_name(group)
 
     def train_group(self, group: int) -> Path:
         """train/group_000: one frame_000000.safetensors per frame, group.json."""
@@ -266,19 +246,19 @@ class Take:
     @property
     def grouping(self) -> Path:
         """initialize/groups.json: where groups begin, with train.grouping = motion."""
-        return self.folder("initialize") / "groups.json"
+        return self.root / "initialize" / "groups.json"
 
     def record(self, stage: str) -> Path:
         """Record of a finished stage; absent until it finishes."""
-        return self._existing(self.private / "stages", stage, ".json")
+        return self.private / "stages" / f"{stage}.json"
 
     def failure(self, stage: str) -> Path:
         """Record of a stage's last failure; absent if the last attempt did not fail."""
-        return self._existing(self.private / "stages", stage, ".failed.json")
+        return self.private / "stages" / f"{stage}.failed.json"
 
     def work(self, stage: str) -> Path:
         """A stage's folder for work in progress."""
-        return self._existing(self.private / "work", stage)
+        return self.private / "work" / stage
 
     @property
     def footage_cache(self) -> Path:

@@ -177,22 +177,6 @@ def test_the_log_is_followed_line_by_line_and_a_new_one_is_noticed(tmp_path: Pat
     assert follower.poll()[0]
 
 
-def test_an_old_log_is_read_with_the_names_of_today(tmp_path: Path) -> None:
-    path = tmp_path / "events.jsonl"
-    path.write_text(
-        '{"event": "run_started", "stage": "", "time": 1.0, "take": "t", "stages": ["calibrate", "initialise"], '
-        '"done": ["initialise"], "pid": 7, "version": "0.1.0"}\n'
-        '{"event": "stage_finished", "stage": "initialise", "time": 2.0, "seconds": 1.0}\n'
-    )
-    _, events = LogFollower(path).poll()
-    run = RunState()
-    for event in events:
-        run.apply(event)
-    assert run.planned == ("calibrate", "initialize")
-    assert run.finished == ["initialize"]
-    assert not any("initialise" in text for _, text in run.lines)
-
-
 @pytest.fixture
 def workspace() -> Iterator[Workspace]:
     found = Workspace()

@@ -78,7 +78,6 @@ def test_text_needs_no_quotes_on_the_command_line(given: str) -> None:
     assert parse_override("capture.root=2024")[1] == "2024"
     assert parse_override("capture.rig=null")[1] is None
     assert parse_override("capture.cameras=[a, b]")[1] == ["a", "b"]
-    assert parse_override("calibrate.known={a}.json") == ("calibrate.known", "{a}.json")  # an old name
     with refuses("settings.override_syntax", setting="capture.cameras"):
         parse_override("capture.cameras=[a")
 

@@ -101,21 +101,3 @@ def test_a_notice_carries_code_and_fields():
     assert events.as_message(ZeroDivisionError("x")) == Message(
         "program.bug", "ZeroDivisionError: x", fields={"exception": "ZeroDivisionError"}
     )
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ('{"event": "stage_started", "stage": "initialise", "time": 1.0, "reason": "never finished"}',
-         events.StageStarted(stage="initialize", time=1.0, reason="never finished")),
-        ('{"event": "warning", "stage": "initialise", "time": 1.0, "message": "x"}',
-         events.Warned(stage="initialize", time=1.0, message="x")),
-        ('{"event": "run_finished", "stage": "", "time": 1.0, "outcome": "done", "seconds": 2.0, "message": ""}',
-         events.RunFinished(time=1.0, outcome="done", seconds=2.0)),
-        ('{"event": "run_started", "stage": "", "time": 1.0, "take": "/t", "stages": ["initialise", "train"], '
-         '"done": ["calibrate"], "pid": 1, "version": "0"}',
-         RunStarted(time=1.0, take="/t", stages=("initialize", "train"), done=("calibrate",), pid=1, version="0")),
-    ],
-)  # fmt: skip
-def test_logs_of_take_format_1_are_read(line, expected):
-    assert parse_event(line) == expected

@@ -1,8 +1,7 @@
-"""calibrate/report.json: written and read by the same models, with the keys of earlier versions."""
+"""calibrate/report.json: written and read by the same models."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -40,25 +39,6 @@ def test_what_is_written_is_read(take: Take) -> None:
         write_model(take.calibration_report, report)
         assert read_cameras_report(take) == report
     assert read_json(take.calibration_report) == {"source": "file", "file": "rig.json"}
-
-
-def test_keys_of_earlier_versions(take: Take) -> None:
-    values = json.loads(solved().model_dump_json(exclude_unset=True))
-    values["explained"] = values.pop("match_inlier_ratio")
-    values["moments"] = values.pop("sync_frames")
-    values["known_lenses"], values["lenses"] = values.pop("known_intrinsics"), values.pop("intrinsics")
-    values["boards"] = values.pop("target")
-    values["boards"]["moments"] = values["boards"].pop("sync_frames")
-    values["geometry"]["neighbours"] = values["geometry"].pop("neighbors")
-    write_json(take.calibration_report, values)
-    assert read_cameras_report(take) == solved()
-
-
-def test_a_camera_may_be_called_like_an_old_key(take: Take) -> None:
-    report = solved()
-    named = report.model_copy(update={"cameras": {"lenses": report.cameras["cam0"]}, "features": {"boards": 3}})
-    write_model(take.calibration_report, named)
-    assert read_cameras_report(take) == named
 
 
 def test_a_damaged_report(take: Take) -> None:

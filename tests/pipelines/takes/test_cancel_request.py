@@ -46,13 +46,6 @@ def test_a_request_to_another_run_is_dropped(take, left):
         assert cancelled.wait(WAIT)
 
 
-def test_a_request_of_an_earlier_version_names_no_run(take):
-    cancelled = threading.Event()
-    with take.locked("v3studio run"), cancelled_on_request(take, cancelled.set):
-        take.cancel_request.write_text("")
-        assert cancelled.wait(WAIT)
-
-
 def test_nothing_is_requested_without_a_run(take):
     request_cancel(take)
     assert not take.cancel_request.exists()

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from safetensors import safe_open
 from safetensors.torch import load_file
 
 from pipelines.stages import STAGE_NAMES
@@ -72,23 +71,6 @@ def test_a_frame_of_an_unfinished_take_is_checked_by_itself(take: Take) -> None:
     found = check_take(take, STAGE_NAMES)
     assert found.unchecked == ("train",)
     assert [(damage.file, damage.problem) for damage in found.damage] == [(FRAME, "damaged")]
-
-
-def test_files_without_checksums_are_still_read(take: Take) -> None:
-    from safetensors.torch import save_file
-
-    path = take.root / FRAME
-    with safe_open(path, framework="np") as file:
-        about = json.loads(file.metadata()["v3studio"])
-    assert len(about.pop("digest")) == 32
-    tensors = load_file(path)
-    save_file(tensors, path, metadata={"v3studio": json.dumps(about)})
-    assert torch.equal(read_frame(path).means, tensors["means"])
-    record = json.loads(take.record("train").read_text())
-    del record["digests"]
-    take.record("train").write_text(json.dumps(record))
-    found = check_take(take, STAGE_NAMES)  # the digest of all results is all that there is
-    assert [(damage.file, damage.stage, damage.problem) for damage in found.damage] == [("", "train", "changed")]
 
 
 def test_a_stage_refuses_damaged_input(take: Take) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.takes.groups import cut_into_groups
-from pipelines.takes.take import READABLE, TAKE_FORMAT, Take
+from pipelines.takes.take import TAKE_FORMAT, Take
 from tests.support.errors import refuses
 
 
@@ -37,7 +37,7 @@ def test_a_take_of_another_version_is_refused(tmp_path, written):
     values = json.loads(written)
     found = values.get("format") if isinstance(values, dict) else None
     for act in (Take.open, Take.create):
-        with refuses("take.unknown_format", file=tmp_path / "take.json", value=found, expected=READABLE):
+        with refuses("take.unknown_format", file=tmp_path / "take.json", value=found, expected=TAKE_FORMAT):
             act(tmp_path)
 
 
