@@ -6,12 +6,17 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
 
+import numpy as np
+
 from studio.cameras import Camera
 from studio.coverage import ViewRange
 from studio.json_types import JsonObject
 from studio.similarity import Similarity
 
 Triple = tuple[float, float, float]
+
+_DECIMALS = 9
+"""Of poses and directions; further ones depend on the kernels that BLAS chooses for a processor."""
 
 MOST_FRAMES = 10_000_000
 """Largest `CapturePlace.first_frame` that is believed."""
@@ -69,11 +74,14 @@ class StreamMetadata:
         """The metadata for `write_manifest`. The order of keys is part of the stream's bytes."""
         values: JsonObject = {}
         if self.suggested_camera is not None:
-            values["suggested_camera"] = self.suggested_camera.to_dict()
+            camera = self.suggested_camera.to_dict()
+            for name in ("K", "world_to_camera"):
+                camera[name] = np.round(camera[name], _DECIMALS).tolist()
+            values["suggested_camera"] = camera
         if self.background is not None:
             values["background"] = list(self.background)
         if self.up is not None:
-            values["up"] = list(self.up)
+            values["up"] = np.round(self.up, _DECIMALS).tolist()
         if self.view_range is not None:
             values["view_range"] = self.view_range.to_json()
         if self.capture is not None:

@@ -161,7 +161,7 @@ class MotionBake:
                 values, offset = residuals[:, :, index] / gains, 0.0
             else:
                 values = rotations[:, :, index - 3] if index < 6 else attributes[:, index - 6].astype(np.float64)
-                offset, step = channel_range(values, step)
+                offset, step = map(_stored, channel_range(values, step))
             codes_8 = np.rint((values - offset) / step).astype(np.int64) + 128
             beyond = (codes_8 < 0) | (codes_8 > 255)
             frame, splat = np.nonzero(beyond)
@@ -287,6 +287,12 @@ class MotionBake:
 
 def _point(values: np.ndarray) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
+
+
+def _stored(value: float) -> float:
+    """A number for the manifest, with 9 significant digits: further ones depend on the kernels that BLAS chooses for a
+    processor, and so would the stream's bytes."""
+    return float(f"{value:.9g}")
 
 
 def _importance(opacity: np.ndarray, sizes: np.ndarray) -> np.ndarray:
