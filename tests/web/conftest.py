@@ -32,7 +32,7 @@ FLAGS = [
 ]
 
 WATCHDOG = 240
-"""Seconds after which the browser of a test is killed, so that the test fails instead of waiting for ever: pytest's own
+"""Seconds after which the browser of a test is killed, so that the test fails instead of waiting forever: pytest's own
 timeout interrupts Playwright's event loop, which may not survive that."""
 
 
@@ -181,3 +181,49 @@ def stream(site: Site, baked: Callable[..., Path]) -> Path:
     """A stream of two groups (5 and 4 frames) at `stream/` of the site, which the test may change."""
     shutil.copytree(baked(), site.stream)
     return site.stream
+
+
+SHARED_SIZE = (640, 500)
+
+_RESET = """() => {
+  const player = document.querySelector('v3-player');
+  player.pause();
+  player.setSpeed(1);
+  player.setLoop(true);
+  player.setBackground('stream');
+  player.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}));
+  player.resetView();
+  player.engine.seekFrame(0);
+  window.seen = {};
+}"""
+
+
+@pytest.fixture(scope="module")
+def shared_page(
+    chromium: _Chromium, baked: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Page]:
+    """One page for all tests of a file that only need a stream; `page` resets it."""
+    folder = tmp_path_factory.mktemp("shared") / "site"
+    shutil.copytree(PLAYER, folder)
+    shutil.copytree(baked(), folder / "stream")
+    with Site(folder) as site:
+        context = chromium.get().new_context(
+            viewport={"width": SHARED_SIZE[0], "height": SHARED_SIZE[1]},
+            reduced_motion="reduce",
+            permissions=["clipboard-read", "clipboard-write"],
+        )
+        page = Page(context.new_page())
+        page.handle.goto(f"http://127.0.0.1:{site.port}/?t=0")
+        page.wait_ready()
+        yield page
+        context.close()
+
+
+@pytest.fixture
+def page(shared_page: Page, browser: Any) -> Iterator[Page]:
+    """The file's page, paused at the first frame and the first view; motion is reduced."""
+    shared_page.handle.set_viewport_size({"width": SHARED_SIZE[0], "height": SHARED_SIZE[1]})
+    shared_page.evaluate(_RESET)
+    shared_page.wait("player.state.frame === 0 && !player.state.playing && player.state.view.azimuth === 0")
+    yield shared_page
+    assert not shared_page.errors, shared_page.errors

@@ -8,6 +8,7 @@ import shutil
 import pytest
 import support
 
+from tests.support.streams import edit_manifest
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.web
@@ -20,8 +21,8 @@ def middle(page):
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 3
 
 
-def drag(page, dx, dy, *, button="left", keys=()):
-    x, y = middle(page)
+def drag(page, dx, dy, *, button="left", keys=(), start=None):
+    x, y = start or middle(page)
     mouse = page.handle.mouse
     for key in keys:
         page.handle.keyboard.down(key)
@@ -34,8 +35,7 @@ def drag(page, dx, dy, *, button="left", keys=()):
         page.handle.keyboard.up(key)
 
 
-def test_the_mouse_turns_moves_and_zooms(stream, open_page):
-    page = open_page("?t=0", **CALM)
+def test_the_mouse_orbits_pans_and_zooms(page):
     home = page.state["view"]
     assert home["azimuth"] == 0
     assert abs(home["elevation"] - 10) < 0.01
@@ -59,12 +59,11 @@ def test_the_mouse_turns_moves_and_zooms(stream, open_page):
     assert page.state["view"] == home
 
 
-def test_what_is_dragged_follows_the_pointer(stream, open_page):
+def test_what_is_dragged_follows_the_pointer(page):
     """Orbiting right shows the figure's left: what is in front moves with the pointer."""
-    page = open_page("?t=0", **CALM)
     script = """() => {
       const {camera} = document.querySelector('v3-player').engine;
-      const {rotation: r, translation, fx, cx} = camera.pinhole(400, 500);
+      const {rotation: r, translation, fx, cx} = camera.pinhole(640, 500);
       const point = [0, 0, -0.2]; // nearer to the camera than the target
       const at = [0, 1, 2].map(k =>
         r[3*k] * point[0] + r[3*k + 1] * point[1] + r[3*k + 2] * point[2] + translation[k]);
@@ -77,8 +76,16 @@ def test_what_is_dragged_follows_the_pointer(stream, open_page):
     assert abs(page.evaluate(script) - before - 60) < 15
 
 
-def test_one_finger_turns_two_move_and_pinch_and_a_double_tap_resets(stream, open_page):
-    page = open_page("?t=0", has_touch=True, **CALM)
+def test_fingers_and_their_help(stream, open_page):
+    page = open_page("?t=0", has_touch=True, is_mobile=True, **CALM)
+    page.click("settings")
+    page.handle.locator("v3-player .settings [data-act='help']").click()
+    text = page.handle.locator("v3-player .help").inner_text()
+    assert "drag with one finger" in text
+    assert "Space" not in text
+    page.handle.keyboard.press("Shift")  # there is a keyboard after all
+    assert "Space" in page.handle.locator("v3-player .help").inner_text()
+    page.handle.keyboard.press("Escape")
     home = page.state["view"]
     page.touch("touchStart", [(200, 200)])
     for step in range(1, 6):
@@ -112,7 +119,7 @@ def test_one_finger_turns_two_move_and_pinch_and_a_double_tap_resets(stream, ope
     assert page.state["view"] == home
 
 
-def test_inertia_unless_motion_is_reduced(stream, open_page):
+def test_inertia_unless_motion_is_reduced(page, stream, open_page):
     # A fling within one task: on a busy machine, simulated mouse events are too slow for a fling.
     throw = """() => {
       const stage = document.querySelector('v3-player').shadowRoot.querySelector('.stage');
@@ -123,74 +130,54 @@ def test_inertia_unless_motion_is_reduced(stream, open_page):
       send('pointerup', 140);
       return document.querySelector('v3-player').state.view.azimuth;
     }"""
-    page = open_page("?t=0")
     first = page.evaluate(throw)
-    page.wait("player.state.view.azimuth > argument + 2", first)
-    calm = open_page("?t=0", **CALM)
-    first = calm.evaluate(throw)
-    calm.handle.wait_for_timeout(400)
-    assert calm.state["view"]["azimuth"] == first
+    moving = open_page("?t=0")
+    start = moving.evaluate(throw)
+    moving.wait("player.state.view.azimuth > argument + 2", start)
+    assert page.state["view"]["azimuth"] == first
 
 
-def test_reduced_motion_does_not_play_by_itself(stream, open_page):
+def test_a_first_visit_with_reduced_motion(stream, open_page):
+    """Nothing plays automatically; a hint and a large button invite, and neither is in the way."""
     page = open_page(**CALM)
-    page.handle.wait_for_timeout(500)
     assert not page.state["playing"]
-    start = page.handle.locator("v3-player .start")
-    box = start.bounding_box()
-    page.handle.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.wait("player.state.playing")
-    assert not start.is_visible()
-
-
-def test_a_link_to_a_moment_shows_it_without_a_button_over_it(stream, open_page):
-    page = open_page("?t=0.2")
-    assert not page.state["playing"]
-    assert not page.handle.locator("v3-player .start").is_visible()
-    page.click("play")
-    page.wait("player.state.playing")
-
-
-def test_a_hint_invites_to_turn_until_the_first_gesture(stream, open_page):
-    page = open_page("?t=0", **CALM)
-    hint = page.handle.locator("v3-player .hint")
+    hint, start = page.handle.locator("v3-player .hint"), page.handle.locator("v3-player .start")
     hint.get_by_text("Drag to turn").wait_for()
     assert page.evaluate("() => document.querySelector('v3-player').shadowRoot.querySelector('.hint').role") == "status"
-    animation = "one => getComputedStyle(one.querySelector('svg')).animationName"
-    assert hint.evaluate(animation) == "none", "reduced motion"
-    drag(page, 60, 0)
+    assert hint.evaluate("one => getComputedStyle(one.querySelector('svg')).animationName") == "none"
+
+    def center():
+        box = start.bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    drag(page, -80, 0, start=center())
+    page.wait("player.state.view.azimuth < -20")
     hint.wait_for(state="hidden")
+    assert not page.state["playing"]
+    assert not start.is_visible()
     page.handle.reload()
     page.wait_ready()
     assert not hint.is_visible(), "nor at the next visit"
-
-
-def test_backgrounds_that_look_the_same_are_offered_once(stream, open_page):
-    page = open_page("?t=0&background=black", **CALM)
-    page.click("settings")
-    shown = "all => all.filter(one => one.offsetParent !== null).map(one => getComputedStyle(one).backgroundColor)"
-    colors = page.handle.locator("v3-player .swatch:not(.none)").evaluate_all(shown)
-    assert len(colors) == len(set(colors)) >= 3
-    assert page.handle.locator("v3-player .swatch[aria-checked=true]").is_visible()
-
-
-def test_the_play_button_does_not_block_orbiting(stream, open_page):
-    page = open_page(**CALM)
-    start = page.handle.locator("v3-player .start")
-    box = start.bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.handle.mouse.move(x, y)
-    page.handle.mouse.down()
-    page.handle.mouse.move(x - 80, y, steps=4)
-    page.handle.mouse.up()
-    page.wait("player.state.view.azimuth < -20")
-    assert not page.state["playing"]
+    page.handle.mouse.click(*center())
+    page.wait("player.state.playing")
     assert not start.is_visible()
 
 
-def test_a_paused_picture_is_sorted_for_the_view(stream, open_page):
+def test_backgrounds(page):
+    page.click("settings")
+    shown = "all => all.filter(one => one.offsetParent !== null).map(one => getComputedStyle(one).backgroundColor)"
+    colors = page.handle.locator("v3-player .swatch:not(.none)").evaluate_all(shown)
+    assert len(colors) == len(set(colors)) >= 3, "those that look the same are offered once"
+    assert page.handle.locator("v3-player .swatch[aria-checked=true]").is_visible()
+    for name, color in (("white", [1, 1, 1]), ("none", None)):
+        page.handle.locator(f"v3-player [data-background='{name}']").click()
+        assert page.evaluate("() => document.querySelector('v3-player').engine.background") == color
+        chosen = page.handle.locator("v3-player [data-background][aria-checked='true']")
+        assert chosen.get_attribute("data-background") == name
+
+
+def test_a_paused_picture_is_sorted_for_the_view(page):
     """Also after playing, when the worker has decoded the next frame already."""
-    page = open_page("?t=0", **CALM)
     page.call("play")
     page.wait("(seen.time ?? []).length > 2")
     page.call("pause")
@@ -207,9 +194,9 @@ def test_a_paused_picture_is_sorted_for_the_view(stream, open_page):
     assert set(page.evaluate("() => window.orders")) == {page.state["frame"]}
 
 
-def test_keys(stream, open_page):
-    page = open_page("?t=0", **CALM)
+def test_keys(page):
     assert page.handle.locator("v3-player [data-act='vr']:not([hidden])").count() == 0  # there is no headset
+    assert not page.handle.locator("v3-player .start").is_visible()  # a link to a moment shows it
     keyboard = page.handle.keyboard
     page.handle.locator("v3-player .stage").focus()
     keyboard.press(".")
@@ -228,9 +215,11 @@ def test_keys(stream, open_page):
     keyboard.press(">")
     assert page.state["speed"] == 1.5
     keyboard.press("?")
-    assert page.handle.locator("v3-player .help").is_visible()
+    help_sheet = page.handle.locator("v3-player .help")
+    assert "left button" in help_sheet.inner_text()
+    assert "pinch" not in help_sheet.inner_text()
     keyboard.press("Escape")
-    assert not page.handle.locator("v3-player .help").is_visible()
+    assert not help_sheet.is_visible()
     assert page.handle.locator("v3-player .spoken").text_content().startswith("Paused at ")
     keyboard.press("i")
     panel = page.handle.locator("v3-player .info")
@@ -240,11 +229,13 @@ def test_keys(stream, open_page):
     page.evaluate(
         """() => {
           const button = {pressed: false, value: 0};
-          navigator.getGamepads = () => [null, {axes: [1, 0, 0, 0], buttons: Array(8).fill(button)}];
+          window.pads = [null, {axes: [1, 0, 0, 0], buttons: Array(8).fill(button)}];
+          navigator.getGamepads = () => window.pads;
           window.dispatchEvent(new Event('gamepadconnected'));
         }"""
     )
     page.wait("Math.abs(player.state.view.azimuth) > 5")
+    page.evaluate("() => { window.pads = []; }")
 
 
 def test_an_intro_until_the_first_input(site, stream, open_page):
@@ -268,8 +259,7 @@ def test_an_intro_until_the_first_input(site, stream, open_page):
     assert open_page("?view=20,5").state["view"]["azimuth"] == 20
 
 
-def test_the_timeline(stream, open_page):
-    page = open_page("?t=0", **CALM)
+def test_the_timeline(page):
     line = page.handle.locator("v3-player .timeline")
     box = line.bounding_box()
     page.handle.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
@@ -296,9 +286,9 @@ def test_the_timeline(stream, open_page):
     page.wait("player.state.frame === 0")
 
 
-def test_the_info_panel_has_the_figures(stream, open_page):
-    page = open_page()
-    page.wait("(seen.looped ?? []).length >= 2")
+def test_the_statistics_have_the_figures(page):
+    page.call("play")
+    page.wait("(seen.looped ?? []).length >= 1")
     page.call("pause")  # during playback, the bar hides automatically
     page.click("settings")
     page.handle.locator("v3-player .settings [data-act='info']").click()
@@ -311,18 +301,7 @@ def test_the_info_panel_has_the_figures(stream, open_page):
     assert "of 1,5" in text
 
 
-def test_backgrounds(stream, open_page):
-    page = open_page("?t=0&background=white")
-    assert page.evaluate("() => document.querySelector('v3-player').engine.background") == [1, 1, 1]
-    page.click("settings")
-    page.handle.locator("v3-player [data-background='none']").click()
-    assert page.evaluate("() => document.querySelector('v3-player').engine.background") is None
-    chosen = page.handle.locator("v3-player [data-background][aria-checked='true']")
-    assert chosen.get_attribute("data-background") == "none"
-
-
-def test_a_link_leads_to_the_same_moment_and_view(stream, open_page):
-    page = open_page("?t=0", permissions=["clipboard-read", "clipboard-write"], size=(700, 500), **CALM)
+def test_a_link_leads_to_the_same_moment_and_view(page):
     page.seek_frame(6)
     drag(page, 70, 30)
     view = page.state["view"]
@@ -330,18 +309,18 @@ def test_a_link_leads_to_the_same_moment_and_view(stream, open_page):
     page.wait("location.search.includes('view=')")
     address = page.evaluate("() => navigator.clipboard.readText()")
     assert address == page.evaluate("() => location.href")
-    other = open_page(address.split("/")[-1])
-    other.wait("player.state.frame === 6")
-    assert not other.state["playing"]
-    there = other.state["view"]
+    page.call("resetView")
+    page.handle.goto(address)
+    page.wait_ready()
+    page.wait("player.state.frame === 6")
+    assert not page.state["playing"]
+    there = page.state["view"]
     for key in ("azimuth", "elevation", "distance"):
         assert there[key] == pytest.approx(view[key], rel=1e-3)
     assert there["target"] == pytest.approx(view["target"], rel=1e-3, abs=1e-3)
-
-
-@pytest.mark.parametrize("query", ["?t=-3", "?t=x&view=1,2", "?view=1,2,3,4,5,x", "?t=1e99", "?view=,,,,,"])
-def test_nonsense_in_a_link_does_no_harm(stream, open_page, query):
-    page = open_page(query)
+    # Nonsense in a link does no harm, and the page is as the other tests expect it again.
+    page.handle.goto(f"{address.partition('?')[0]}?t=1e99&view=1,2,3,4,5,x")
+    page.wait_ready()
     assert page.state["frameCount"] == 9
 
 
@@ -373,12 +352,23 @@ def test_an_iframe_is_commanded_by_messages(site, stream, open_page):
     page.wait(told, "error")
 
 
-def test_the_component_in_another_page(site, stream, open_page):
+def test_the_component_in_another_page_with_a_poster(site, stream, open_page):
+    from PIL import Image
+
+    Image.new("RGB", (8, 8), (200, 30, 30)).save(site.folder / "poster.png")
     (site.folder / "other.html").write_text(
-        """<!doctype html><h1>Text</h1><v3-player src="stream/" loop style="width: 300px; height: 300px"></v3-player>
+        """<!doctype html><h1>Text</h1>
+        <v3-player src="stream/" poster="poster.png" loop style="width: 300px; height: 300px"></v3-player>
         <script type="module" src="v3-player.js"></script>"""
     )
-    page = open_page(path="/other.html")
+    site.bytes_per_second = 100_000
+    page = open_page(path="/other.html", wait=False)
+    poster = page.handle.locator("v3-player .poster")
+    page.wait("player?.shadowRoot?.querySelector('.poster').complete")
+    assert poster.is_visible()
+    site.bytes_per_second = None
+    page.wait_ready()
+    assert "gone" in poster.get_attribute("class")
     assert not page.state["playing"]
     page.evaluate("() => document.querySelector('v3-player').play()")
     page.wait("player.state.playing && (seen.time ?? []).length > 1")
@@ -390,24 +380,9 @@ def test_the_component_in_another_page(site, stream, open_page):
     page.wait("player.state.ready")
 
 
-def test_a_poster_until_the_first_picture(site, stream, open_page):
-    from PIL import Image
-
-    Image.new("RGB", (8, 8), (200, 30, 30)).save(site.folder / "poster.png")
-    html = (site.folder / "index.html").read_text()
-    (site.folder / "index.html").write_text(html.replace("<v3-player ", '<v3-player poster="poster.png" '))
-    site.bytes_per_second = 60_000
-    page = open_page("?t=0", wait=False)
-    poster = page.handle.locator("v3-player .poster")
-    page.wait("player.shadowRoot.querySelector('.poster').complete")
-    assert poster.is_visible()
-    page.wait_ready()
-    assert "gone" in poster.get_attribute("class")
-
-
-def test_the_benchmark_gives_a_table_and_json(site, baked, open_page):
-    shutil.copytree(baked(), site.stream)
-    page = open_page("?benchmark")
+def test_the_benchmark_gives_a_table_and_json(site, stream, open_page):
+    edit_manifest(stream, lambda values: values.update(fps=60.0))
+    page = open_page("?benchmark", size=(240, 300))
     page.wait("window.v3benchmark")
     result = page.evaluate("() => window.v3benchmark")
     assert result["format"] == "v3player-benchmark"
@@ -419,8 +394,8 @@ def test_the_benchmark_gives_a_table_and_json(site, baked, open_page):
 
 
 @pytest.mark.parametrize("size", [(320, 480), (390, 844), (820, 1180), (1440, 900), (3840, 2160)])
-def test_all_controls_are_on_the_screen(stream, open_page, size):
-    page = open_page("?t=0", size=size)
+def test_all_controls_are_on_the_screen(page, size):
+    page.handle.set_viewport_size({"width": size[0], "height": size[1]})
     buttons = page.handle.locator("v3-player .bar button:visible")
     assert buttons.count() >= 4
     for number in range(buttons.count()):
@@ -436,34 +411,12 @@ def test_all_controls_are_on_the_screen(stream, open_page, size):
     assert box["x"] >= 0
     assert box["y"] >= 0
     assert box["x"] + box["width"] <= size[0]
-
-
-def test_help_shows_gestures_to_fingers_and_keys_to_a_mouse(stream, open_page):
-    for options, shown, hidden in (
-        ({"has_touch": True, "is_mobile": True}, "drag with one finger", "Space"),
-        ({}, "left button", "pinch"),
-    ):
-        page = open_page("?t=0", **options)
-        page.click("settings")
-        page.handle.locator("v3-player .settings [data-act='help']").click()
-        text = page.handle.locator("v3-player .help").inner_text()
-        assert shown in text
-        assert hidden not in text
-        page.handle.keyboard.press("Shift")  # there is a keyboard after all
-        assert "Space" in page.handle.locator("v3-player .help").inner_text()
-
-
-@pytest.mark.parametrize("width", [320, 375])
-def test_a_notice_leaves_the_title_readable(stream, open_page, width):
-    page = open_page("?t=0", size=(width, 640))
-    page.evaluate(
-        "() => document.querySelector('v3-player').notice('The browser starts without sound. ' + 'x'.repeat(60))"
-    )
+    page.handle.keyboard.press("Escape")
+    page.call("notice", "The browser starts without sound. " + "x" * 60)
     title, notice = (page.handle.locator(f"v3-player {name}").bounding_box() for name in (".title", ".notice"))
     assert title["y"] + title["height"] <= notice["y"]
     assert notice["x"] >= 0
-    assert notice["x"] + notice["width"] <= width
-    assert notice["y"] + notice["height"] < 200
+    assert notice["x"] + notice["width"] <= size[0]
 
 
 def test_a_link_is_copied_without_the_clipboard_api(stream, open_page):
@@ -474,9 +427,8 @@ def test_a_link_is_copied_without_the_clipboard_api(stream, open_page):
 
     page = open_page("?t=0", size=(640, 500), setup=without)
     page.click("link")
-    page.wait("player.shadowRoot.querySelector('.notice.shown')?.textContent === 'Link to this time and view copied.'")
+    page.wait("location.search.includes('view=') && player.shadowRoot.querySelector('.notice.shown')")
     address = page.evaluate("() => location.href")
-    assert "view=" in address
     page.evaluate("() => document.body.append(Object.assign(document.createElement('textarea'), { id: 'paste' }))")
     page.handle.locator("#paste").focus()
     page.handle.keyboard.press("Control+v")
@@ -490,24 +442,18 @@ def test_a_link_is_copied_without_the_clipboard_api(stream, open_page):
     assert not field.is_visible()
 
 
-def test_the_picture_fades_where_nothing_was_filmed(site, open_page):
-    """The range of the stream: around the first view. Malformed ones count as not given."""
+def test_the_picture_fades_where_nothing_was_filmed(site, baked, open_page):
+    """The range of the stream: around the first view."""
     from studio.coverage import view_range
 
+    shutil.copytree(baked(), site.stream)
     covered = view_range([support.camera(0)], (0, 0, 0)).to_json()
-    player = "const player = document.querySelector('v3-player');"
+    edit_manifest(site.stream, lambda values: values["metadata"].update(view_range=covered))
     opacity = "Number(getComputedStyle(player.shadowRoot.querySelector('.stage > canvas')).opacity)"
-    support.bake(site.stream, lengths=(2,), metadata={"view_range": covered})
     page = open_page("?t=0", **CALM)
-    assert page.evaluate(f"() => {{ {player} return {opacity}; }}") == 1
-    page.evaluate(f"() => {{ {player} player.setView({{ azimuth: 170 }}); }}")
+    page.wait(f"{opacity} === 1")
+    page.call("setView", {"azimuth": 170})
     page.wait(f"{opacity} < 0.2")
     assert "Not filmed from here" in page.handle.locator("v3-player .notice").text_content()
-    page.evaluate(f"() => {{ {player} player.setView({{ azimuth: 20 }}); }}")
+    page.call("setView", {"azimuth": 20})
     page.wait(f"{opacity} === 1")
-    shutil.rmtree(site.stream)
-    support.bake(site.stream, lengths=(2,), metadata={"view_range": {**covered, "angle": 0}})
-    page = open_page("?t=0", **CALM)
-    page.evaluate(f"() => {{ {player} player.setView({{ azimuth: 170 }}); }}")
-    page.wait("player.state.view.azimuth === 170")
-    assert page.evaluate(f"() => {{ {player} return {opacity}; }}") == 1
