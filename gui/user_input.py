@@ -54,6 +54,8 @@ class UserInput:
         window = self._window
         window.input.escapes.dialog = bool(window.dialogs.name)
         came = window.input.poll(hold=window.dialogs.focusing, release=window.dialogs.expected)
+        if window.input.came_to_rest():
+            self._chords.release_all()
         if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
             window.changed()
         window.input.escapes.dialog = bool(window.dialogs.name)  # what came may have closed it

@@ -149,6 +149,7 @@ class InputOrder:
         self.pressed: Callable[[int], object] = lambda _code: None
         self._dropped: set[int] = set()
         self._down: set[int] = set()  # keys
+        self._typing = False  # keys were pressed since `came_to_rest`
         self._stale: set[int] = set()  # keys that were down when input was held back: what they repeat is for nobody
         self._x: Any = None
         self._display: Any = None
@@ -187,6 +188,13 @@ class InputOrder:
         """Whether events pass through here."""
         return bool(self._display)
 
+    def came_to_rest(self) -> bool:
+        """Whether all keys that came through here are up, and the toolkit has had time to report the last press and
+        its release; True once after each series of presses."""
+        rests = self._typing and not self._down and not self._kept and self.reports.settled
+        self._typing = self._typing and not rests
+        return rests
+
     def poll(self, hold: bool, release: bool = False) -> set[Kind]:
         """Pass on the events that have come.
 
@@ -223,6 +231,7 @@ class InputOrder:
         """Note a key that was passed on."""
         if one is not None and one.kind == "key":
             self.pressed(one.code)
+            self._typing = True
             self.reports.press()
         if one is None or one.code != ESCAPE or one.repeated:
             return

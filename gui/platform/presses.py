@@ -42,6 +42,10 @@ class Chords:
         (self._held.add if down else self._held.discard)(event.key)
         return event.key in _MODIFIERS
 
+    def release_all(self) -> None:
+        """Note that no key is held: the toolkit does not always report a release when a dialog opens or closes."""
+        self._held.clear()
+
     @property
     def control(self) -> bool:
         """Whether Ctrl (on a Mac, Command) is held."""
@@ -142,7 +146,12 @@ class KeyReports:
         if self._unheard:
             del self._unheard[0]
             return True
-        if self._tick >= self._last + SETTLED:
+        if self.settled:
             return True
         self.again += 1
         return False
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last press was passed on so long ago that the toolkit has reported it."""
+        return self._tick >= self._last + SETTLED

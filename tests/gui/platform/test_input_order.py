@@ -9,6 +9,7 @@ import pytest
 
 from gui.platform import input_order
 from gui.platform.input_order import LAG, PLAIN, Input, InputOrder, Order
+from gui.platform.presses import SETTLED
 
 PRESS, RELEASE, MOVE = Input("press", 1), Input("release", 1), Input("move")
 A, B = Input("key", 38, typed=True), Input("key", 56, typed=True)
@@ -126,3 +127,21 @@ def test_a_key_that_is_held_while_a_dialog_opens_types_nothing_into_it() -> None
     assert poll(False, A, B) == [B], "still held"
     assert poll(False, up, A) == [up, A]
     assert poll(False, A) == [A], "held in the field, it repeats"
+
+
+def test_it_comes_to_rest_once_when_all_keys_are_up_and_reported() -> None:
+    keys = Keys()
+    up = Input("key up", A.code)
+
+    def rests_after(*events: Input, ticks: int = SETTLED) -> bool:
+        keys.poll(False, *events)
+        for _ in range(ticks - 1):
+            keys.poll(False)
+        return keys.order.came_to_rest()
+
+    assert not rests_after(), "nothing was pressed"
+    assert not rests_after(A), "still held"
+    assert rests_after(up)
+    assert not rests_after(), "once"
+    assert not rests_after(A, up, ticks=2), "the toolkit may not have reported it yet"
+    assert rests_after()
