@@ -1,4 +1,4 @@
-"""What lies over the panels: the start page, the notice, the tour. Keeps them up to date and gives them their keys."""
+"""What lies over the panels: the start page and the notice. Keeps them up to date and gives them their keys."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from open3d.visualization import gui
 
 from gui.actions.commands import Actions
 from gui.actions.search import opens_list
-from gui.drawing.palette import ACCENT_DARK, GROUND, PANEL, TEXT
+from gui.drawing.palette import TEXT
 from gui.models.take.title import window_title
 from gui.shell import Shell
 from gui.widgets.picture import color
@@ -25,7 +25,6 @@ class Overlays:
 
     def __init__(self, window: Shell, actions: Actions, changed: Callable[[], None]) -> None:
         self._window, self._actions, self._changed = window, actions, changed
-        self._marked: str | None = None
 
     @property
     def title(self) -> str:
@@ -37,25 +36,14 @@ class Overlays:
 
     @property
     def line(self) -> str:
-        """The notice in the status line; "" if there is none. The tour has the place of notices over the view."""
-        notices = self._window.notices
-        card = notices.card if self._window.tour_bubble.words else None
-        return notices.line or (card.line if card is not None and not card.bad else "")
+        """The notice in the status line; "" if there is none."""
+        return self._window.notices.line
 
     def update(self) -> bool:
         """Show the state; returns whether anything changed. Call before the window is drawn."""
-        window, tour = self._window, self._actions.tour
-        words = tour.words if not window.camera_menu.camera else ""
-        room = window.layout.view[2]
+        window = self._window
         changed = window.start.update(window.notices.line) | self._tell_in_fullscreen()
-        hidden = bool(words or window.camera_menu.camera)
-        layout = window.notice_bar.update(room, hidden)
-        card = window.notices.card
-        if card is not None and card.bad:
-            words = ""  # Open3D draws more than 20 widgets wrongly: a failure takes the place of the tour
-        window.tour_bubble.target = tour.target
-        layout |= window.tour_bubble.update(words, room)
-        changed |= self._mark(tour.tour.step.target if words and tour.tour.step is not None else "")
+        layout = window.notice_bar.update(window.layout.view[2], bool(window.camera_menu.camera))
         if layout:
             window.laid_out()
         return changed or layout
@@ -72,27 +60,6 @@ class Overlays:
         window.laid_out()
         return True
 
-    def _mark(self, target: str) -> bool:
-        """Highlight the control that the tour is about."""
-        window = self._window
-        changed = False
-        pictures = {
-            "stages": window.stages.list,
-            "viewport": window.viewport.picture,
-            "timeline": window.timeline.picture,
-        }
-        for name, picture in pictures.items():
-            changed |= picture.outline(name == target)
-        if target == self._marked:
-            return changed
-        self._marked = target
-        window.stages.row.background_color = color(ACCENT_DARK if target == "run" else PANEL)
-        for panel in window.stages.settings.values():
-            panel.widget.background_color = color(ACCENT_DARK if target == "settings" else PANEL)
-        for row in window.modes.rows.values():
-            row.widget.background_color = color(ACCENT_DARK if target == "modes" else GROUND)
-        return True
-
     def key(self, event: gui.KeyEvent, control: bool, shift: bool, again: bool) -> bool:
         """Handle a key that is pressed while no dialog is open; returns whether it was for one of them.
 
@@ -103,7 +70,7 @@ class Overlays:
         """
         window, actions, key = self._window, self._actions, gui.KeyName
         if again and (control or event.key in (key.ENTER, key.BACKSPACE, key.DELETE, key.H)):
-            return window.start.shown or bool(window.tour_bubble.words) or event.key == key.H
+            return window.start.shown or event.key == key.H
         if control and event.key == key.C and window.notices.card is not None:
             actions.notices.copy()
             return True
@@ -123,16 +90,10 @@ class Overlays:
                 return False
             window.start.key(event, shift)
             return True
-        if window.tour_bubble.words and not control and event.key in (key.ENTER, key.BACKSPACE):
-            actions.tour.act("next" if event.key == key.ENTER else "back")
-            return True
         return False
 
     def escape(self) -> bool:
         """Handle Escape; returns whether something was closed."""
         if self._actions.notices.dismiss():
-            return True
-        if self._window.tour_bubble.words and self._actions.tour.tour.stop():
-            self._window.laid_out()
             return True
         return self._window.start.shown and self._actions.start.hide()

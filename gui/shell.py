@@ -31,7 +31,6 @@ from gui.widgets.picture import color
 from gui.widgets.scene_view import SceneView
 from gui.widgets.stages import StagesPanel
 from gui.widgets.timeline import STRIP, TimelinePanel
-from gui.widgets.tour_bubble import TourBubble
 from gui.widgets.viewport import Viewport
 
 NARROW = 60
@@ -86,7 +85,6 @@ class Shell(Protocol):
     path_panel: PathPanel
     start: StartPanel
     notice_bar: NoticeBar
-    tour_bubble: TourBubble
     hints: Hints
     message: gui.Label
     status: gui.Label
@@ -298,7 +296,6 @@ class Layout:
         if panels.camera_menu.camera:
             panels.camera_menu.place(context, panels.window.content_rect)
         panels.notice_bar.place(context, x, y, width, height)
-        panels.tour_bubble.place(context, x, y, width, height)
 
     def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
         message = self._panels.message

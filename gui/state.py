@@ -53,7 +53,6 @@ class WindowState:
         cards: what the start page tells of recent takes: name, state, PSNR in dB.
         start_places: the middle of what can be chosen there, 0 to 1 across and down, by name.
         focus: what has the keyboard focus there.
-        tour: the step of the tour, counted from 1, and its words; [] if there is none.
         numbers: the frame that the picture, the figures and the timeline show; None for what shows none.
         exporting: progress of the export or share; "" if none is running.
         serving: URL at which the take is served; "" if it is not.
@@ -109,7 +108,6 @@ class WindowState:
     cards: list[list[object]]
     start_places: dict[str, list[float]]
     focus: str
-    tour: list[object]
     numbers: list[int | None]
     exporting: str
     serving: str
@@ -171,7 +169,6 @@ class WindowState:
             cards=[[card.name, card.state, card.psnr] for card in window.start.cards],
             start_places=window.start.places if window.start.shown else {},
             focus=window.start.focus if window.start.shown else "",
-            tour=window.tour_bubble.shown,
             numbers=window.numbers,
             exporting=window.exports.words,
             serving=window.serving.address,
@@ -214,7 +211,6 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         "hint": window.hints.picture.widget,
         "start page": window.start.picture.widget,
         **{f"notice {key}": button for key, button in window.notice_bar.buttons.items()},
-        **{f"tour {key}": button for key, button in window.tour_bubble.buttons.items()},
         **window.controls.buttons,
         **window.stages.buttons,
         "error setting": window.stages.link,

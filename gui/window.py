@@ -51,7 +51,6 @@ from gui.widgets.scene_view import SceneView
 from gui.widgets.stages import StagesPanel
 from gui.widgets.swap_guard import SwapGuard
 from gui.widgets.timeline import TimelinePanel
-from gui.widgets.tour_bubble import TourBubble
 from gui.widgets.viewport import Viewport
 from pipelines.events import as_message
 
@@ -159,11 +158,10 @@ class MainWindow:
         self.camera_menu = CameraMenu(em, changed)
         self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
         self.timeline.moved_key = self.actions.path.move_frame
-        start, told, tour = self.actions.start, self.actions.notices, self.actions.tour
+        start, told = self.actions.start, self.actions.notices
         self.start = StartPanel(start.page, em, start.act, changed)
         buttons = NoticeActions(told.open_folder, told.copy, told.dismiss)
         self.notice_bar = NoticeBar(self.notices, em, buttons, changed)
-        self.tour_bubble = TourBubble(tour.tour, em, tour.act)
         self.overlays: Overlays = Overlays(self, self.actions, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
@@ -186,7 +184,6 @@ class MainWindow:
             hints.picture.widget,
             self.camera_menu.widget,
             self.start.picture.widget,
-            self.tour_bubble.widget,
             self.notice_bar.widget,
             self.dialogs.shade,
         ):
@@ -233,10 +230,8 @@ class MainWindow:
         if opened:
             self.actions.start.opened()
             self.actions.path.stop()
-            self.actions.tour.opened()
         else:
             self.actions.start.update()
-            self.actions.tour.failed()
 
     def apply_preferences(self) -> None:
         """Apply the preferences."""
@@ -324,7 +319,7 @@ class MainWindow:
 
     def over_view(self, x: int, y: int) -> bool:
         """Whether a menu or a card lies over the view at a position, window pixels."""
-        over = (self.camera_menu.widget, self.notice_bar.widget, self.tour_bubble.widget)
+        over = (self.camera_menu.widget, self.notice_bar.widget)
         return any(widget.visible and holds(widget, x, y) for widget in over)
 
     def _chosen(self, stage: str, key: str) -> None:

@@ -146,14 +146,12 @@ SCREENS |= {f"help_{name}": _help(name) for name in ("capture", "initialize", "t
 SCREENS |= {
     "new_take": menu("File", "new"),
     "open": menu("File", "open"),
-    "recent": menu("File", "recent"),
     "preferences": menu("File", "preferences"),
     "cameras": menu("View", "cameras"),
     "bakes": menu("View", "bakes"),
     "export": menu("Export", "export turntable"),
     "share": menu("Share", "share folder"),
     "serve": menu("Share", "serve"),
-    "warnings": menu("Help", "warnings"),
     "about": menu("Help", "about"),
 }
 

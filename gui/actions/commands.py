@@ -23,7 +23,6 @@ from gui.actions.scene import SceneActions
 from gui.actions.search import SearchActions, opens_list
 from gui.actions.shares import ShareActions
 from gui.actions.start import StartActions
-from gui.actions.tour import TourActions
 from gui.models.loop import later
 from gui.models.preferences import Preferences
 from gui.models.stage_rows import TITLES
@@ -48,9 +47,8 @@ field would keep the release of the key, and its next press would be taken for a
 
 
 OVER_PAGE = (
-    "new", "open", "recent", "address", "preferences", "quit", "fullscreen", "queue", "start", "stop_export",
-    "stop_serving", "shortcuts", "tour", "about",
-    "search",
+    "new", "open", "address", "preferences", "quit", "fullscreen", "queue", "start", "stop_export",
+    "stop_serving", "shortcuts", "about", "search",
 )  # fmt: skip
 """Items of the menu that act while the start page is shown; the others are about what is open, which it covers."""
 
@@ -78,10 +76,9 @@ class Actions:
         self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
         self.clipboard = Clipboard()
         self.notices = NoticeKeys(window, self.clipboard)
-        self.tour = TourActions(window, lambda: self.start.open_sample())
         self.search = SearchActions(window, self.menu)
         others = {"new": self.new_take, "open": self._ask_open, "address": self._ask_address, "queue": self.queue.show}
-        self.start = StartActions(window, self.queue.queue, self.clipboard, others, self._ask_new_take, self.tour.wait)
+        self.start = StartActions(window, self.queue.queue, self.clipboard, others, self._ask_new_take)
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
@@ -89,7 +86,6 @@ class Actions:
         actions: dict[str, Action] = {
             "new": self.new_take,
             "open": self._ask_open,
-            "recent": self._ask_recent,
             "address": self._ask_address,
             "undo": self.undo,
             "redo": self.redo,
@@ -123,9 +119,7 @@ class Actions:
             "serve": self.shares.serve,
             "stop_serving": self.shares.stop,
             "stage_help": self.help.stage,
-            "warnings": self.help.warnings,
             "shortcuts": self.help.shortcuts,
-            "tour": self.tour.ask,
             "about": self._about,
             "log": window.layout.toggle_log,
             "log_warnings": window.inspector.toggle_warnings,
@@ -320,26 +314,6 @@ class Actions:
             known.insert(0, opened.path)
         start = window.dialogs.usual_folder(*(path.parent for path in known))
         ask_path(window.dialogs, "Open take or stream", start, "take", window.open)
-
-    def _ask_recent(self) -> None:
-        window = self._window
-        preferences = window.preferences
-
-        def keep(names: list[str]) -> Action:
-            def forget() -> None:
-                preferences.recent = names
-                preferences.save()
-
-            return forget
-
-        there = preferences.recent_there()
-        answers: list[tuple[str, str, Action]] = []
-        if len(there) < len(preferences.recent):
-            answers.append(("forget", "Remove missing", keep(there)))
-        if preferences.recent:
-            answers.append(("clear", "Clear list", keep([])))
-        gone = set(preferences.recent) - set(there)
-        window.dialogs.choose("recent", "Open recent", preferences.recent, window.open, gone, answers)
 
     def _ask_address(self) -> None:
         window = self._window

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from gui.actions.keys import SHORTCUTS
-from gui.models.take.remedies import Fix, fix_of
+from gui.models.take.remedies import Fix
 from gui.shell import Shell
-from gui.widgets.dialogs.help import show_shortcuts, show_stage_help, show_warnings
+from gui.widgets.dialogs.help import show_shortcuts, show_stage_help
 
 
 class HelpActions:
@@ -26,17 +26,6 @@ class HelpActions:
     def shortcuts(self) -> None:
         """Show the shortcuts."""
         show_shortcuts(self._window.dialogs, SHORTCUTS)
-
-    def warnings(self) -> None:
-        """Show the warnings and errors of the last run, the newest first, each kind once."""
-        window = self._window
-        run, config = window.workspace.run, window.workspace.config
-        found: dict[str, tuple[str, Fix | None]] = {}
-        for (_, text), notice in zip(reversed(run.lines), reversed(run.notices), strict=True):
-            if notice is not None:
-                # a warning of every camera or frame is told once here: its fix is the same
-                found.setdefault(notice.code or text, (text, fix_of(notice, config)))
-        show_warnings(window.dialogs, list(found.values()), self.apply_fix)
 
     def apply_fix(self, fix: Fix) -> None:
         """Set the setting that fixes a warning, or show it where people must choose the value."""

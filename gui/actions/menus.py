@@ -16,7 +16,6 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
         (
             ("new", "New take from footage..."),
             ("open", "Open take or stream..."),
-            ("recent", "Open recent..."),
             ("address", "Open stream from URL..."),
             ("", ""),
             ("screenshot", "Save screenshot..."),
@@ -84,11 +83,9 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
         "Help",
         (
             ("stage_help", "What to look for (F1)"),
-            ("warnings", "Warnings and fixes..."),
             ("", ""),
             ("search", "Find a command... (Ctrl+K)"),
             ("shortcuts", "Shortcuts (?)"),
-            ("tour", "Tour"),
             ("", ""),
             ("about", "About"),
         ),

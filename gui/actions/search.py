@@ -22,7 +22,7 @@ NEEDS_OPEN = frozenset(
 )  # fmt: skip
 """Commands about what is open, be it a take or a stream."""
 
-NEEDS_TAKE = frozenset(("report", "edit", "cameras", "warnings"))
+NEEDS_TAKE = frozenset(("report", "edit", "cameras"))
 """Commands about what a stream does not have."""
 
 

@@ -30,7 +30,6 @@ class StartActions:
         clipboard: where a pasted path comes from.
         others: what "new", "open", "address" and "queue" do.
         new_take: asks for what is missing of a new take.
-        tour: shows the tour once a take is open.
     """
 
     def __init__(
@@ -40,10 +39,8 @@ class StartActions:
         clipboard: Clipboard,
         others: Mapping[str, Callable[[], object]],
         new_take: Callable[[NewTake], object],
-        tour: Callable[[], object],
     ) -> None:
         self._window, self._clipboard, self._others, self._new_take = window, clipboard, others, new_take
-        self._tour = tour
         self.page = StartPage(queue, sample_settings() is not None)
         self.page.changed.connect(window.changed)
         self._asked = self._pasting = False
@@ -119,24 +116,17 @@ class StartActions:
         """Open a take or a stream; the page goes once it is open."""
         self._window.open(place)
 
-    def open_sample(self) -> bool:
-        """Open the take of the sample capture, which is created first if need be; the tour follows the first time.
-
-        Returns:
-            Whether there is a take to open.
-        """
+    def open_sample(self) -> None:
+        """Open the take of the sample capture, which is created first if need be."""
         window = self._window
         try:
             take, new = make_sample_take()
         except StudioError as error:
             window.notices.tell(str(error), bad=True, topic="open")
-            return False
+            return
         self.open(str(take))
         if new:
             window.notices.tell(f"Created a take of the sample capture: {take}", path=take, topic="sample")
-        if not window.preferences.tour_shown:
-            self._tour()
-        return True
 
     def paste(self) -> None:
         """Open the path on the clipboard, once it is known."""

@@ -44,7 +44,6 @@ class Preferences:
         play_on_opening: whether playback starts when a take or stream is opened.
         panel_width: width of the left panel, em.
         recent: folders, files and URLs, newest first.
-        tour_shown: whether the tour has been shown.
         folder: where a file or a folder was chosen last; "" if none was.
         shares: what was last chosen in the dialog of a share, newest last, by its form and source.
     """
@@ -55,7 +54,6 @@ class Preferences:
     play_on_opening: bool = True
     panel_width: float = 18.0
     recent: list[str] = field(default_factory=list)
-    tour_shown: bool = False
     folder: str = ""
     shares: dict[str, dict[str, str]] = field(default_factory=dict)
 

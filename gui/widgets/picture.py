@@ -9,7 +9,7 @@ import open3d as o3d
 from open3d.visualization import gui
 
 from gui.drawing.canvas import glyph_height, text_width
-from gui.drawing.palette import ACCENT, GROUND, RGB
+from gui.drawing.palette import GROUND, RGB
 
 DRAWS_BEFORE_EXACT = 2
 """Draws of the window after which the texture of a new image exists."""
@@ -80,9 +80,6 @@ class PictureWidget:
         on_mouse: receives events with the position in the widget (x, y, pixels) and returns whether it handled them.
         images: those of an earlier widget, by shape, for one that is made anew each time that its dialog opens: the
             toolkit deletes the widgets of a closed dialog, while the textures of their images stay. New ones are added.
-
-    Attributes:
-        outlined: whether a frame is drawn around the picture; see `outline`.
     """
 
     def __init__(
@@ -96,17 +93,12 @@ class PictureWidget:
         self._images = {} if images is None else images
         self._exact: np.ndarray | None = None
         self._draws = 0
-        self.outlined = False
-        self._plain: np.ndarray | None = None
         self.show(np.full((16, 16, 3), GROUND, np.uint8))
         if on_mouse is not None:
             self.widget.set_on_mouse(self._mouse)
 
     def show(self, pixels: np.ndarray) -> None:
         """Show an image, stretched to the widget if their sizes differ."""
-        self._plain = pixels
-        if self.outlined:
-            pixels = _outlined(pixels, max(round(4 * pixels.shape[1] / max(self.size[0], 1)), 2))
         if self._exact is not None and pixels.shape == self._shape:
             self._exact = pixels  # the texture does not exist yet
             return
@@ -122,15 +114,6 @@ class PictureWidget:
             self.widget.ui_image = found
         if self._exact is None:
             self.widget.update_image(as_image(pixels))
-
-    def outline(self, on: bool) -> bool:
-        """Draw a frame around the picture, and those that follow, or none; returns whether that is a change."""
-        if self.outlined == on:
-            return False
-        self.outlined = on
-        if self._plain is not None:
-            self.show(self._plain)
-        return True
 
     def settle(self) -> bool:
         """Show the exact pixels of a picture of a new size. Call at each draw of the window; returns whether another
@@ -157,10 +140,3 @@ class PictureWidget:
         taken = self._on_mouse(event, event.x - self.widget.frame.x, event.y - self.widget.frame.y)
         result = gui.Widget.EventCallbackResult
         return result.CONSUMED if taken else result.IGNORED
-
-
-def _outlined(pixels: np.ndarray, thick: int) -> np.ndarray:
-    framed = pixels.copy()
-    framed[:thick] = framed[-thick:] = ACCENT
-    framed[:, :thick] = framed[:, -thick:] = ACCENT
-    return framed

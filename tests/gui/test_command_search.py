@@ -36,7 +36,7 @@ def test_commands_are_found_by_typing_and_run(open_window: Callable, stream_fold
 
     # keys that are typed at once are for the list, and none is a shortcut; Enter runs
     known = len(window.states())
-    window.xdotool("key", "ctrl+k", "type", "--delay", 1, "full")
+    window.xdotool("key", "ctrl+k", "type", "--delay", 15, "full")
     window.wait_for("what is typed", lambda s: s["texts"].get("dialog line") == "full")
     assert not any(state["fullscreen"] for state in window.states()[known:])
     window.key("Return")

@@ -44,7 +44,7 @@ def test_input_that_is_faster_than_the_window(
     window.xdotool("mousemove", *titles["Help"], *CLICK)
     window.drawn()
     window.screenshot(artifacts / "interaction_menu.png")
-    window.xdotool("mousemove", left + 326, top + 21 + round(24.3 * 3 + 6.4), *CLICK)
+    window.xdotool("mousemove", left + 326, top + 21 + round(24.3 * 2 + 6.4), *CLICK)
     window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
     window.key("Escape")
     window.wait_for("no dialog", lambda s: not s["dialog"])

@@ -34,8 +34,6 @@ def test_open3d_draws_what_is_composed_and_its_cameras_can_be_clicked(
     open_window: Callable, take_copy: Path, tmp_path: Path, artifacts: Path
 ) -> None:
     settings = tmp_path / "config" / "v3studio" / "window.json"
-    settings.parent.mkdir(parents=True)
-    settings.write_text(json.dumps({"tour_shown": True}))
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
     window.key("o")

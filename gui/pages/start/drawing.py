@@ -30,7 +30,7 @@ BUTTONS = (
     ("new", "New take from footage", "From a folder of videos or images"),
     ("open", "Open take", "Or the folder of a stream"),
     ("address", "Open stream", "By its URL"),
-    ("sample", "Try the sample capture", "16 cameras, 30 frames, with a tour"),
+    ("sample", "Try the sample capture", "16 cameras, 30 frames"),
 )
 NO_SAMPLE = "Comes with the source of V3 Studio"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -305,19 +305,14 @@ class Dialogs:
         title: str,
         choices: Sequence[str],
         chosen: Callable[[str], object],
-        gone: Collection[str] = (),
         answers: Sequence[tuple[str, str, Callable[[], object]]] = (),
         nothing: str = "The list is empty.",
     ) -> None:
-        """Choose from a list; items in `gone` are disabled. Answers are placed before Close. `nothing` is said of an
-        empty list."""
+        """Choose from a list. Answers are placed before Close. `nothing` is shown for an empty list."""
         self.widgets = {}
         parts: list[gui.Widget] = []
         for number, choice in enumerate(choices):
-            words = f"{choice}   (missing)" if choice in gone else choice
-            button = self.button(f"choice{number}", words, self._closing(partial(chosen, choice)))
-            button.enabled = choice not in gone
-            parts.append(button)
+            parts.append(self.button(f"choice{number}", choice, self._closing(partial(chosen, choice))))
         if not choices:
             parts.append(self.label(nothing))
         row: list[Answer] = [(key, label, self._closing(action)) for key, label, action in answers]

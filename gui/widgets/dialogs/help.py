@@ -1,4 +1,4 @@
-"""Dialogs of help: what to look for in a stage, the shortcuts, the warnings of the last run with what fixes them."""
+"""Help dialogs: what to look for in a stage, and the shortcuts."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from open3d.visualization import gui
 
 from gui.drawing.key_list import Section, key_list
 from gui.models.stage_rows import TITLES
-from gui.models.take.remedies import Fix
-from gui.widgets.dialogs.base import BUTTON_PADDING, Answer, Dialogs, broken
+from gui.widgets.dialogs.base import BUTTON_PADDING, Answer, Dialogs
 from gui.widgets.picture import FIELD_PADDING, as_image, lowered
 from gui.widgets.stage_help import HELP, help_picture
 
@@ -19,9 +18,6 @@ WIDTH = 50
 
 SHORTCUTS_WIDTH = 66
 """Width of the list of shortcuts, em."""
-
-MOST_WARNINGS = 8
-"""Number of warnings that the dialog lists."""
 
 
 def show_stage_help(dialogs: Dialogs, stage: str, show_setting: Callable[[str], None]) -> None:
@@ -51,30 +47,6 @@ def show_shortcuts(dialogs: Dialogs, sections: Sequence[Section]) -> None:
         as_image(key_list(sections, min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room), dialogs.em))
     )
     dialogs.show("message", "Shortcuts", [image], [("close", "Close", dialogs.close)], 40, dialogs.close)
-
-
-def show_warnings(dialogs: Dialogs, found: Sequence[tuple[str, Fix | None]], apply_fix: Callable[[Fix], None]) -> None:
-    """Show warnings of the last run, the newest first, each with the button that fixes it.
-
-    Args:
-        dialogs: shows them.
-        found: (text, fix) of each.
-        apply_fix: called with the fix whose button was pressed, after the dialog is closed.
-    """
-    dialogs.widgets = {}
-    parts: list[gui.Widget] = []
-    for number, (text, fix) in enumerate(found[:MOST_WARNINGS]):
-        parts.append(dialogs.label(broken(text), dim=False))
-        if fix is not None:
-            row = gui.Horiz()
-            row.add_child(dialogs.button(f"fix{number}", fix.words, _closing(dialogs, partial(apply_fix, fix))))
-            row.add_stretch()
-            parts.append(row)
-    if len(found) > MOST_WARNINGS:
-        parts.append(dialogs.label(f"{len(found) - MOST_WARNINGS} more are in the log."))
-    if not found:
-        parts.append(dialogs.label("The last run gave no warnings."))
-    dialogs.show("warnings", "Warnings", parts, [("close", "Close", dialogs.close)], 60, dialogs.close)
 
 
 def _closing(dialogs: Dialogs, action: Callable[[], object]) -> Callable[[], None]:

@@ -1,4 +1,4 @@
-"""What is pasted on the start page, and the tour that waits for the sample capture."""
+"""What is pasted on the start page, and the menu while it is shown."""
 
 from __future__ import annotations
 
@@ -8,13 +8,10 @@ from typing import Any
 
 import pytest
 
-from gui.actions import start as start_module
 from gui.actions.commands import Actions
 from gui.actions.start import StartActions, path_in
-from gui.actions.tour import TourActions
 from gui.models.loop import Signal
 from gui.models.notices import Notices
-from studio.errors import StudioError
 
 
 class Window:
@@ -25,8 +22,6 @@ class Window:
         self.opening = ""
         self.opened: list[str] = []
         self.player = SimpleNamespace(opened=None, transport=SimpleNamespace(pause=lambda: None))
-        self.workspace = SimpleNamespace(take=None)
-        self.preferences = SimpleNamespace(tour_shown=False)
         self.start = SimpleNamespace(shown=True)
         self.layout = SimpleNamespace(set_start=lambda on: setattr(self.start, "shown", on))
         self.changed = lambda: None
@@ -41,11 +36,10 @@ def window() -> Window:
     return Window()
 
 
-def actions_of(window: Any, footage: list[str], tour: Any = None) -> StartActions:
+def actions_of(window: Any, footage: list[str]) -> StartActions:
     queue, clipboard = SimpleNamespace(changed=Signal()), SimpleNamespace()
-    wait = tour.wait if tour is not None else lambda: None
     new_take: Any = lambda new: footage.append(new.footage)  # noqa: E731
-    return StartActions(window, queue, clipboard, {}, new_take, wait)  # type: ignore[arg-type]
+    return StartActions(window, queue, clipboard, {}, new_take)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("quote", ["{}", "'{}'", "{}\n"])
@@ -68,31 +62,6 @@ def test_the_folder_of_an_unknown_user_is_told(window: Window) -> None:
     assert window.notices.card is not None
     assert window.notices.card.bad
     assert "no such user" in window.notices.text
-
-
-def test_without_the_sample_no_tour_starts_later(window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails() -> Any:
-        raise StudioError("sample.missing", "the disk is full")
-
-    monkeypatch.setattr(start_module, "make_sample_take", fails)
-    started: list[int] = []
-    any_window: Any = window
-    tour = TourActions(any_window, lambda: start.open_sample())
-    monkeypatch.setattr(tour, "_start", lambda: started.append(1))
-    start = actions_of(window, [], tour)
-    tour.ask()
-    assert window.notices.text.startswith("the disk is full")
-    window.workspace.take = "another take"
-    tour.opened()
-    assert started == []
-
-    monkeypatch.setattr(start_module, "make_sample_take", lambda: ("sample take", False))
-    window.workspace.take = None
-    tour.ask()
-    assert window.opened == ["sample take"]
-    window.workspace.take = "sample take"
-    tour.opened()
-    assert started == [1]
 
 
 def test_the_menu_does_not_act_behind_the_page(window: Window) -> None:
