@@ -130,7 +130,6 @@ SCREENS |= {
     "train": stage("train"),
     "train_colors": stage("train", "camera colors"),
     "bake": stage("bake"),
-    "bake_planes": stage("bake", "planes"),
 }
 
 
@@ -149,7 +148,7 @@ SCREENS |= {
     "preferences": menu("File", "preferences"),
     "cameras": menu("View", "cameras"),
     "bakes": menu("View", "bakes"),
-    "export": menu("Export", "export turntable"),
+    "export": menu("Export", "export"),
     "share": menu("Share", "share folder"),
     "serve": menu("Share", "serve"),
     "about": menu("Help", "about"),

@@ -26,7 +26,6 @@ from gui.actions.start import StartActions
 from gui.models.loop import later
 from gui.models.preferences import Preferences
 from gui.models.stage_rows import TITLES
-from gui.models.take.exports import FORMATS
 from gui.models.take.new_take import NewTake
 from gui.models.take.setting_words import FOLDERS
 from gui.models.take.settings import SettingField, place_of
@@ -110,7 +109,7 @@ class Actions:
             "next_mark": lambda: self._marks.go(1),
             "previous_mark": lambda: self._marks.go(-1),
             "marks": self._marks.show_all,
-            **{f"export {kind}": partial(self._outputs.export, kind) for kind in FORMATS},
+            "export": self._outputs.export,
             "path": self.path.toggle,
             "add_key": self.path.add,
             "clear_keys": self.path.clear,

@@ -8,7 +8,6 @@ from functools import partial
 from open3d.visualization import gui
 
 from gui.widgets.picture import text_room
-from studio.formats import EXPORTS
 
 MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     (
@@ -60,7 +59,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     (
         "Export",
         (
-            *((f"export {one.name}", f"{one.title}...") for one in EXPORTS.values()),
+            ("export", "Export..."),
             ("", ""),
             ("path", "Camera path editor (P)"),
             ("add_key", "Add view to camera path (K)"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gui.models.playback.other_source import OTHER
-from gui.models.take.exports import LEAST_SECONDS, ExportRequest
+from gui.models.take.exports import FORMATS, LEAST_SECONDS, ExportRequest
 from gui.shell import Shell
 from gui.widgets.dialogs.options import ask_export
 from pipelines.commands.export import DEFAULT_OF
@@ -23,6 +23,7 @@ class OutputActions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
+        self._kind = next(iter(FORMATS))
 
     def screenshot(self) -> None:
         """Save the picture as shown."""
@@ -55,8 +56,12 @@ class OutputActions:
             [("save", "Save", save), ("close", "Cancel", lambda _: None)],
         )  # fmt: skip
 
-    def export(self, kind: str) -> None:
-        """Ask for the options, then export. `kind` is a key of `FORMATS`."""
+    def export(self, kind: str = "") -> None:
+        """Ask for the options, then export.
+
+        Args:
+            kind: format to begin with, a key of `FORMATS`; by default the one that was exported last.
+        """
         window = self._window
         opened = window.player.opened
         if opened is None or not opened.sources:
@@ -66,11 +71,15 @@ class OutputActions:
         own = [name for name in opened.sources if name != OTHER]
         sources = sorted(own, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
-        request = ExportRequest(kind, str(opened.path), opened.title, folder, *sources[:1])
+        request = ExportRequest(kind or self._kind, str(opened.path), opened.title, folder, *sources[:1])
         length = window.player.transport.frame_count / window.player.transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
 
-        ask_export(window.dialogs, request, sources, window.exports.start)
+        def start(chosen: ExportRequest) -> None:
+            self._kind = chosen.kind
+            window.exports.start(chosen)
+
+        ask_export(window.dialogs, request, sources, start)
 
     def report(self) -> None:
         """Write the take's report, or update its marks."""

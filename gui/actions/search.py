@@ -16,8 +16,7 @@ NEEDS_OPEN = frozenset(
     (
         "screenshot", "reset", "background", "scene", "camera", "figures", "log", "log_warnings", "span", "bakes",
         "mark", "next_mark", "previous_mark", "marks", "path", "add_key", "clear_keys", "stage_help",
-        "export ply", "export spz", "export glb", "export v3", "export videogs", "export turntable",
-        "export camera-path", "share folder", "share single-file", "serve",
+        "export", "share folder", "share single-file", "serve",
     )
 )  # fmt: skip
 """Commands about what is open, be it a take or a stream."""
@@ -84,13 +83,13 @@ class SearchActions:
         if key in NEEDS_TAKE and window.workspace.take is None:
             return "no take is open"
         history, path = window.workspace.history, window.exports.path
-        exports = key.startswith("export ") or key in ("scene", "add_key")
+        exports = key in ("export", "scene", "add_key")
         reasons = {
             "undo": "" if history.can_undo else "nothing to undo",
             "redo": "" if history.can_redo else "nothing to redo",
             "camera": "" if window.player.camera_names else "it has no cameras",
             **dict.fromkeys(("next_mark", "previous_mark"), "" if window.marks.notes else "no marks: M makes one"),
-            **dict.fromkeys(("clear_keys", "export camera-path"), "" if path.keys else "the camera path is empty"),
+            "clear_keys": "" if path.keys else "the camera path is empty",
             "stop_export": "" if window.exports.running else "no export is running",
             "stop_serving": "" if window.serving.running else "it is not served",
         }

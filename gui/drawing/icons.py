@@ -23,11 +23,9 @@ ICONS: Mapping[str, str] = {
     "mesh": "pyramid",
     "points": "chart-scatter",
     "progress": "chart-line",
-    "gaussians": "sparkles",
     "camera colors": "contrast",
     "bytes": "chart-column",
     "try other QPs": "chart-spline",
-    "planes": "layout-grid",
     # Review and the scene
     "truth": "film",
     "trained": "sparkles",

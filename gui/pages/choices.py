@@ -44,9 +44,7 @@ TOOLTIPS = {
     "mesh": "Visual hull of the group's keyframe",
     "points": "Initial points for training",
     "progress": "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage",
-    "gaussians": "Trained frames in the interactive viewer",
     "camera colors": "Each camera's image as filmed and in the mean camera's colors, with train.camera_colors",
     "bytes": "Size by attribute and by group",
     "try other QPs": "Size and PSNR at other quantization parameters, measured on a whole group",
-    "planes": "Attribute planes of the frame as images",
 }

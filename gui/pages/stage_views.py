@@ -220,9 +220,7 @@ class StageViews:
     @property
     def shows_player(self) -> bool:
         """Whether the viewport shows the player."""
-        if self.edits_take:
-            return False
-        return self.stage == "review" or (self.stage == "train" and self.stage_views["train"].mode == "gaussians")
+        return self.stage == "review" and not self.editing
 
     @property
     def stage_view(self) -> StageView | None:

@@ -43,9 +43,9 @@ _LANES = 0.6
 
 
 class TrainView(StageView):
-    """See the module. In mode "gaussians" the window shows the player instead."""
+    """See the module."""
 
-    modes = ("progress", "gaussians", COLORS)
+    modes = ("progress", COLORS)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)

@@ -48,13 +48,6 @@ def test_a_window_that_only_fails_is_given_up() -> None:
     assert len(ticks.reported) == MOST_FAILURES - 1
 
 
-def test_a_report_that_fails_too_is_no_end() -> None:
-    def report(error: Exception) -> None:
-        raise OSError("no font")
-
-    assert Ticks("tick", "ok", "closed").run(report)
-
-
 FAILING = """
 import sys
 from gui.models.playback.transport import Transport
@@ -63,18 +56,6 @@ def toggle(self):
     raise RuntimeError("the space bar is stuck")
 
 Transport.toggle = toggle
-from gui.app import main
-sys.exit(main())
-"""
-
-FAILING_TICK = """
-import sys
-from gui.window import MainWindow
-
-def update(self):
-    raise RuntimeError("the panels are stuck")
-
-MainWindow._update_panels = update
 from gui.app import main
 sys.exit(main())
 """
@@ -89,9 +70,3 @@ def test_a_window_survives_a_callback_that_fails(open_window: Callable, stream_f
     window.wait_for("no message", lambda s: s["notice"] == "")
     assert "RuntimeError: the space bar is stuck" in window.stderr.read_text()
     assert window.close() == 0, window.stderr.read_text()[-2000:]
-
-
-def test_a_window_that_cannot_tick_is_closed_with_a_message(open_window: Callable) -> None:
-    window = open_window(program=("-c", FAILING_TICK))
-    assert window.process.wait(120) == 1
-    assert "keeps failing and is closed" in window.stderr.read_text()

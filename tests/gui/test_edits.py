@@ -1,4 +1,4 @@
-"""Edits in the real window: a lasso and a crop box by mouse, then undo with the keyboard."""
+"""Edits in the real window: tools by mouse, numbers and undo by keyboard; then tie points marked by hand."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from pipelines.takes.edits import read_edits
+from studio.calibration import read_tie_points
 from studio.edits import EditList
 from tests.support.waiting import wait_until
 
@@ -28,7 +29,7 @@ def wider(window: Any, path: Path, before: int) -> int:
     return bright(window, path) - before
 
 
-def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
+def test_edits_and_tie_points(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
     window.key("Home")
@@ -94,3 +95,27 @@ def test_a_lasso_and_a_trim_by_mouse(open_window: Callable, take_copy: Path, art
     window.wait_for("no detail", lambda s: s["edits"] == {} and s["stages"]["train"][0] == "done")
     window.key("Escape")
     window.wait_for("the take", lambda s: "decoded" in s["mode"])
+
+    # points marked by hand
+    window.stage("calibrate")
+    window.click("points by hand")
+    window.wait_for("the view", lambda s: s["mode"] == ["points by hand"] and s["settled"])
+    file = take_copy / "points.yaml"
+    window.click("viewport", 0.6, 0.5)
+    wait_until("a point in the file", file.is_file)
+    (point,) = read_tie_points(file)
+    assert len(point.pixels) == 1
+    pictures = window.states()[-1]["pictures"]
+    window.key("c")
+    window.wait_for("the next camera", lambda s: s["pictures"] > pictures and s["settled"])
+    window.click("viewport", 0.6, 0.55)
+    wait_until("two marks in the file", lambda: len(read_tie_points(file)[0].pixels) == 2)
+    window.key("e")
+    window.wait_for("the dialog", lambda s: s["dialog"] == "point" and s["typing"])
+    window.retype("dialog line", "corner; 0 0 1")
+    window.key("Return")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.screenshot(artifacts / "points_by_hand.png")
+    assert read_tie_points(file)[0].name == "corner"
+    assert read_tie_points(file)[0].world == (0, 0, 1)
+    assert window.close() == 0

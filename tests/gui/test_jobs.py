@@ -313,31 +313,6 @@ def test_footage_that_is_gone_is_told_and_the_rest_still_stands(workspace: Works
     assert states(workspace)["bake"] == "done"
 
 
-def test_a_run_on_another_machine_is_not_looked_for_here(
-    workspace: Workspace, take_copy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    take = Take.open(take_copy)
-    monkeypatch.setattr("gui.models.take.workspace.is_paused", lambda pid: pid == 7)
-
-    def refuse(*_: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    with take.locked("v3studio run"):
-        (take.private / "lock").write_text('{"pid": 7, "command": "v3studio run", "host": "another machine"}')
-        workspace.open(take)
-        wait(workspace, "seen", lambda: workspace.pid == 7)
-        workspace._look()
-        assert not workspace.paused, "process 7 of this machine is another one"
-        with monkeypatch.context() as change:
-            change.setattr("pipelines.takes.cancel_request.write_text", refuse)
-            workspace.cancel()
-        assert "the request to stop the run cannot be written (permission denied)" in workspace.message
-        assert not workspace.cancelling
-        workspace.cancel()
-        assert workspace.cancelling
-        assert '"pid": 7' in take.cancel_request.read_text()
-
-
 def test_damaged_settings_are_a_sentence(workspace: Workspace, take_copy: Path) -> None:
     (take_copy / "config.yaml").write_text("train: {qp: [")
     workspace.open(Take.open(take_copy))
@@ -357,19 +332,3 @@ def test_a_run_on_a_cluster_is_not_paused(workspace: Workspace, take_copy: Path)
         assert "on a cluster cannot be paused" in workspace.message
         assert (workspace.paused, is_paused(child.pid)) == (False, False)
         child.kill()
-
-
-def test_time_left_is_not_told_before_it_is_known() -> None:
-    run = RunState()
-    run.apply(StageStarted(stage="train", reason="never run"))
-    run.apply(Progress(stage="train", fraction=0.01, seconds_left=None))
-    assert run.stage_words() == "1%, estimating"
-
-
-def test_the_log_has_a_line_about_what_is_no_run() -> None:
-    workspace = Workspace()
-    before = workspace.run.changes
-    workspace.note("Shared: pages/one")
-    workspace.note("Share failed: the disk is full", failed=True)
-    assert list(workspace.run.lines) == [("", "Shared: pages/one"), ("error", "Share failed: the disk is full")]
-    assert workspace.run.changes > before, "the panel draws it"

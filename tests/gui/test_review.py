@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gui.drawing.palette import ACCENT
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.mark_views import show_view, view_of
 from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.timeline_plots import TimelinePlots, plots_of
-from gui.models.take.inspector import figures_picture, review_blocks
-from gui.models.take.log import LogRow, log_rows
+from gui.models.take.inspector import review_blocks
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.marks import Mark, MarkView, change_mark
+from pipelines.takes.marks import Mark, change_mark
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -189,53 +185,3 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(player: PlayerPresenter) -> 
     show_view(player, compared.model_copy(update={"camera": "gone"}))
     assert player.camera == ""
     assert player.orbit.eye == pytest.approx(np.array(compared.eye)), "from the same place"
-
-
-def test_a_changed_note_leaves_the_view_of_its_mark(tmp_path: Path) -> None:
-    first = MarkView(eye=(0, -3, 1), target=(0, 0, 1), fov=40, camera="cam4", wipe=0.5)
-    marks = Marks(tmp_path / "marks.json")
-    marks.set(2, "soft", None, first)
-    marks.set(2, "soft hand", marks.marks[2], first.model_copy(update={"camera": "cam2"}))
-    assert marks.marks[2].view == first
-    change_mark(tmp_path / "marks.json", 3, Mark(frame=3, note="of version 0.2"), None)
-    marks.refresh()
-    marks.set(3, "with a view", marks.marks[3], first)
-    assert marks.marks[3].view == first
-
-
-def test_plots_show_the_frame_and_clicks_find_it() -> None:
-    plots_view = TimelinePlots(640, 120, 16.0, 20, (0, 10))
-    series: dict[str, list[float | None]] = {"psnr_trained": [30.0] * 20, "psnr_decoded": [20.0 + n for n in range(20)]}
-    plots = plots_of({**series, "bytes": []})
-    picture = plots_view.picture(7, plots, marks=(3,))
-    assert picture.shape == (120, 640, 3)
-    first, last = plots_view.timeline.span(7)
-    assert plots_view.frame_at(plots_view.left + (first + last) / 2) == 7
-    assert plots_view.frame_at(0) == 0
-    assert plots_view.frame_at(10_000) == 19
-    # higher values are drawn higher: find the accent pixels of the decoded plot at the last and the first frame
-    high = plots_view.picture(19, plots)[:, plots_view.left + plots_view.timeline.span(19)[0] + 1]
-    low = plots_view.picture(0, plots)[:, plots_view.left + 1]
-    top, height = plots_view._rows(3)[1]
-    rows = slice(top, top + height)
-    tops = [np.flatnonzero((column[rows] == ACCENT).all(axis=1)) for column in (high, low)]
-    assert len(tops[0]) == len(tops[1]) > 0, "a line of even thickness"
-    assert tops[0].min() < tops[1].min()
-
-
-def test_long_log_lines_are_broken_and_nothing_is_lost() -> None:
-    text = "a_long_path_without_any_break_" * 20
-    rows = log_rows([("", text), ("error", "short")], 300, 16.0)
-    assert "".join(row.text for row in rows if row.kind == "") == text
-    assert (rows[-1].kind, rows[-1].text, rows[-1].clock) == ("error", "Error: short", "")
-    noon = datetime(2024, 5, 17, 12, 0, 1).timestamp()
-    timed = log_rows([("warning", "word " * 30), ("", "later")], 300, 16.0, [noon, noon + 61])
-    assert timed[0].text.startswith("Warning: word")
-    assert timed[0].clock == "12:00:01"
-    assert all(row.kind == "warning" and not row.clock and not row.first for row in timed[1:-1])
-    assert timed[-1] == LogRow("", "later", "12:01:02", True)
-    narrow, wide = (log_rows([("", "word " * 60)], width, 16.0, [noon]) for width in (270, 700))
-    assert "".join(row.text + " " for row in narrow).split() == ["word"] * 60
-    assert len(narrow[1].text) > 1.3 * len(narrow[0].text), "rows that continue a line begin below its time"
-    assert len(wide[1].text) == len(wide[0].text), "and below its text where there is room"
-    assert figures_picture([], 100, 50, 16.0).shape == (50, 100, 3)

@@ -20,7 +20,10 @@ def _pixels(path: Path) -> np.ndarray:
     return image[..., ::-1]
 
 
-def test_plays_seeks_turns_and_closes(
+LIST = ("the list", lambda s: s["dialog"] == "commands" and s["typing"])
+
+
+def test_a_stream_plays_seeks_turns_and_commands_are_found(
     open_window: Callable,
     display: str,
     stream_folder: Path,
@@ -37,6 +40,14 @@ def test_plays_seeks_turns_and_closes(
     server.close()
     assert "walking stream" in first["title"]
     window.wait_for("playing on", lambda s: s["shown"] != first["shown"])
+
+    # during playback all numbers are those of the picture
+    def numbers() -> list[list[int]]:
+        return [s["numbers"] for s in window.states() if s["playing"] and None not in s["numbers"]]
+
+    wait_until("some draws", lambda: len({str(one) for one in numbers()}) > 3)
+    drawn = numbers()
+    assert all(len(set(one)) == 1 for one in drawn), drawn
 
     window.xdotool("mousemove", 1395, 895)  # where another test may have left the pointer
     window.key("space")
@@ -72,20 +83,46 @@ def test_plays_seeks_turns_and_closes(
     window.wait_for("a moved target", lambda s: s["orbit"][3:] != turned["orbit"][3:])
     window.key("r")
     window.wait_for("the first view", lambda s: s["orbit"] == first["orbit"])
-    assert window.close() == 0, window.stderr.read_text()[-2000:]
 
-
-def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path: Path, artifacts: Path) -> None:
-    window = open_window(str(tmp_path))
-    state = window.wait_for("a notice on the start page", lambda s: "neither a take" in s["notice"] and s["start"])
-    assert state["shown"] is None
-    shot = artifacts / "window_message.png"
-    across, down = window.point("notice copy")
-    seen = slice(down - 45, down - 15), slice(across - 40, across + 300)  # the text is above the buttons
-    # (222, 110, 102): the color of failures
-    wait_until("on the screen", lambda: int((_pixels(window.screenshot(shot))[seen][..., 0] > 190).sum()) > 300)
+    # commands are found by typing, and run by Enter or a click
+    window.chord("k")
+    state = window.wait_for(*LIST)
+    everything = state["lines"]
+    assert len(everything) > 30
+    window.enter_text("dialog line", "html rep")
+    window.wait_for("what is found", lambda s: s["lines"] == ["Write HTML report"])
+    window.key("Return")
+    window.ticks(30)
+    assert window.states()[-1]["dialog"] == "commands", "a stream has no report: the list stays and says so"
     window.key("Escape")
-    window.wait_for("no notice", lambda s: s["notice"] == "" and s["start"])
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+
+    # by a click on the last row that is in view at first
+    figures = window.states()[-1]["figures"]
+    window.chord("k")
+    window.wait_for(*LIST)
+    window.enter_text("dialog line", "view")
+    found = window.wait_for("what is found", lambda s: s["lines"][:1] == ["Reset view"])["lines"]
+    row = found.index("Inspector and log")
+    assert 6 < row < 12, "below the middle of the list, which must not scroll under the pointer"
+    window.click("dialog list", 0.5, (row + 0.5) / 12)
+    window.wait_for("other figures", lambda s: not s["dialog"] and s["figures"] != figures)
+
+    # keys that are typed at once are for the list, and none is a shortcut; Enter runs
+    known = len(window.states())
+    window.xdotool("key", "ctrl+k", "type", "--delay", 15, "full")
+    window.wait_for("what is typed", lambda s: s["texts"].get("dialog line") == "full")
+    assert not any(state["fullscreen"] for state in window.states()[known:])
+    window.key("Return")
+    window.wait_for("fullscreen", lambda s: not s["dialog"] and s["fullscreen"])
+
+    # keys select: the last command is about the program
+    window.chord("k")
+    window.wait_for(*LIST)
+    for _ in range(len(everything) // 12 + 1):
+        window.key("Next")
+    window.key("Return")
+    window.wait_for("about", lambda s: s["dialog"] == "message")
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 

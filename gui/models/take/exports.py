@@ -62,6 +62,15 @@ class ExportRequest(NamedTarget):
     _target: str = ""
 
     @property
+    def format(self) -> str:
+        """Label of the format."""
+        return FORMATS[self.kind][0]
+
+    @format.setter
+    def format(self, label: str) -> None:
+        self.kind = next(kind for kind, (name, _) in FORMATS.items() if name == label)
+
+    @property
     def usual_name(self) -> str:
         """Named after the source and the options."""
         return f"{self.title}-{self.of or 'stream'}-{self.kind}{FORMATS[self.kind][1]}"

@@ -1,4 +1,4 @@
-"""Bake: size by attribute, size at other QPs, and the attribute planes as images."""
+"""Bake: size by attribute, and size at other QPs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from gui.pages.report_table import cells_text
 from gui.pages.stage_view import Size, StageView
 from studio.counts import counted
 from studio.errors import StudioError
-from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 
 ATTRIBUTES = {
@@ -79,23 +78,6 @@ def shares(reader: StreamReader) -> list[Share]:
     return [*(Share(name, *values) for name, values in found.items()), Share(words, rest, frozenset())]
 
 
-def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """(side, side) uint8 by attribute: splat i at row i // side, column i % side, scaled to its range."""
-    side = math.ceil(math.sqrt(len(gaussians)))
-    columns: dict[str, np.ndarray] = {}
-    for name, tensor in gaussians.items():
-        values = tensor.detach().cpu().numpy().reshape(len(gaussians), -1)
-        for number in range(min(values.shape[1], 4)):  # only the DC color of sh
-            columns[name if values.shape[1] == 1 else f"{name} {number}"] = values[:, number]
-    found = {}
-    for name, column in columns.items():
-        low, high = np.percentile(column, [0.5, 99.5])
-        plane = np.zeros(side * side, np.uint8)
-        plane[: len(column)] = np.clip((column - low) / max(high - low, 1e-12) * 255, 0, 255)
-        found[name] = plane.reshape(side, side)
-    return found
-
-
 COLUMNS = ("KB per frame", "share", "QP")
 """Of the table in mode "bytes"."""
 
@@ -108,7 +90,7 @@ class BakeView(StageView):
         points: where the chart of the trial shows each QP, pixels.
     """
 
-    modes = ("bytes", "try other QPs", "planes")
+    modes = ("bytes", "try other QPs")
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -118,14 +100,13 @@ class BakeView(StageView):
         self._cells: list[list[str]] = []
 
     def state(self) -> Hashable:
-        """The stream on disk, the frame in mode "planes", the results of the QP trial and the chosen QP."""
+        """The stream on disk, the results of the QP trial and the chosen QP."""
         take = self.workspace.take
         path = take.stream / "manifest.json" if take is not None else None
         stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
-        frame = self.frame if self.mode == "planes" else 0
         config = self.workspace.config
         qp = config.bake.qp if config is not None else 0
-        return (take, stamp, self.mode, frame, self.trial.changes, qp, self._told, self.em)
+        return (take, stamp, self.mode, self.trial.changes, qp, self._told, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -141,8 +122,6 @@ class BakeView(StageView):
         if not (take.stream / "manifest.json").is_file():
             raise StudioError("take.not_baked", "no stream yet", fix="Run Bake.")
         with StreamReader.open(take.stream) as reader:
-            if self.mode == "planes":
-                return self._planes(size, reader)
             return self._bytes(size, reader)
 
     def _bytes(self, size: Size, reader: StreamReader) -> np.ndarray:
@@ -210,57 +189,12 @@ class BakeView(StageView):
     @property
     def table_text(self) -> str:
         """See `StageView`."""
-        return "" if self.mode == "planes" or len(self._cells) < 2 else cells_text(self._cells)
+        return "" if len(self._cells) < 2 else cells_text(self._cells)
 
     @property
     def status(self) -> str:
         """See `StageView`."""
         return "Ctrl+C copies the table" if self.table_text else ""
-
-    def _planes(self, size: Size, reader: StreamReader) -> np.ndarray:
-        import cv2
-
-        canvas, em = Canvas(*size, GROUND), self.em
-        small = round(0.8 * em)
-        frame = min(self.frame, reader.frame_count - 1)
-        group = reader.group_of(frame)
-        decoder = reader.open_group(group)
-        try:
-            for _ in range(frame - group.first_frame + 1):
-                decoded = decoder.read()
-        finally:
-            decoder.close()
-        planes = getattr(decoded, "planes", None)
-        components = getattr(group, "components", None)
-        if planes is not None and components is not None:  # profile "planes": as stored
-            names = [
-                f"{component.name} {plane.part.replace('_', ' ')}".removesuffix(" all")
-                for component in components
-                for plane in component.planes
-            ]
-            pictures = dict(zip(names, planes, strict=True))
-            words = "as stored, one byte per splat"
-        else:
-            pictures = attribute_planes(decoded.gaussians())
-            words = "as decoded, each scaled from its minimum (black) to its maximum (white)"
-        side = len(next(iter(pictures.values())))
-        words = f"frame {frame}: {counted(len(pictures), 'plane')} of {side} x {side}, {words}"
-        canvas.text(em, 0.6 * em, words, small, DIM, width=size[0] - 2 * em)
-        from gui.pages.capture.view import grid
-
-        top = 2 * em
-        width, height = grid(len(pictures), size[0] - round(em), size[1] - top - 0.5 * em, 1.0, small)
-        columns = max((size[0] - round(em)) // width, 1)
-        for number, (name, plane) in enumerate(pictures.items()):
-            x, y = 0.5 * em + number % columns * width, top + number // columns * height
-            side = max(min(width - 6, height - small - 11), 8)
-            shown = cv2.resize(
-                plane, (side, side), interpolation=cv2.INTER_AREA if side < len(plane) else cv2.INTER_NEAREST
-            )
-            left = x + (width - side) / 2
-            canvas.image(left, y, np.repeat(shown[..., None], 3, axis=2))
-            canvas.text(x + width / 2, y + side + 2, name, small, TEXT, align="middle", width=width - 4)
-        return canvas.pixels
 
     def close(self) -> bool:
         """See `StageView`."""

@@ -50,7 +50,7 @@ def ask_export(
     start: Callable[[ExportRequest], None],
     error: str = "",
 ) -> None:
-    """Ask for the source, the output path, and the options of a movie.
+    """Ask for the format, the source, the options of a movie, and the output path.
 
     Args:
         dialogs: shows it.
@@ -62,17 +62,19 @@ def ask_export(
     dialogs.widgets = {}
     form = Form(dialogs, request)
     target = gui.TextEdit()
+
+    def changed() -> None:
+        target.text_value = request.target
+        form.widgets["seconds"].enabled = request.kind == "turntable"
+        form.widgets["size"].enabled = form.widgets["background"].enabled = request.kind in MOVIES
+
+    form.choice("format", "Format", [label for label, _ in FORMATS.values()], changed)
     if sources:
-
-        def renamed() -> None:
-            target.text_value = request.target
-
-        form.choice("of", "Splats", sources, renamed)
-    if request.kind in MOVIES:
-        if request.kind == "turntable":
-            form.line("seconds", "Seconds")
-        form.choice("size", "Size", MOVIE_SIZES)
-        form.choice("background", "Background", list(MOVIE_BACKGROUNDS))
+        form.choice("of", "Splats", sources, changed)
+    form.line("seconds", "Seconds")
+    form.choice("size", "Size", MOVIE_SIZES)
+    form.choice("background", "Background", list(MOVIE_BACKGROUNDS))
+    changed()
 
     def browse() -> None:
         def done(folder: str) -> None:
@@ -92,25 +94,21 @@ def ask_export(
         else:
             dialogs.close()
 
-    target.text_value = request.target
     target.set_on_text_changed(request.set_target)
     form.output(target, browse)
-    words = {
-        "of": "decoded: as played back from the stream (default, as in v3studio export).\ntrained: before baking.",
-        "stream": "Exports the splats decoded from the stream.",
-    }["of" if sources else "stream"]
-    parts: list[gui.Widget] = [
-        form.grid,
-        dialogs.label(words),
-        dialogs.label("Existing files are never overwritten."),
-    ]
+    source = (
+        "decoded: as played back from the stream (default, as in v3studio export).\ntrained: before baking."
+        if sources
+        else "Exports the splats decoded from the stream."
+    )
+    words = (source, "Seconds, size and background are for movies.", "Existing files are never overwritten.")
+    parts: list[gui.Widget] = [form.grid, *map(dialogs.label, words)]
     if error:
         parts.append(refusal(dialogs, error))
     answers = [("save", "Export", go), ("close", "Cancel", dialogs.close)]
-    dialogs.show("export", f"Export: {FORMATS[request.kind][0]}", parts, answers, 90, go)
+    dialogs.show("export", "Export", parts, answers, 90, go)
     dialogs.widgets |= {**form.widgets, "line": target}
-    seconds = form.widgets.get("seconds")
-    dialogs.focus(seconds if isinstance(seconds, gui.TextEdit) else target)
+    dialogs.focus(target)
 
 
 def refusal(dialogs: Dialogs, error: str) -> gui.Label:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gui.actions.marks import NO_MARKS, MarkActions
+from gui.actions.marks import MarkActions
 from gui.models.history import History
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
@@ -54,15 +54,6 @@ def test_undo_leaves_what_somebody_else_wrote_meanwhile(window: Window, tmp_path
     assert read_marks(path) == {0: ANNAS}
 
 
-def test_an_unchanged_note_is_no_change(window: Window, tmp_path: Path) -> None:
-    window.marks.set(0, "hand", None)
-    MarkActions(window).ask()  # type: ignore[arg-type]
-    change_mark(tmp_path / "marks.json", 0, ANNAS, window.marks.marks[0])
-    window.marks.refresh()
-    window.answers["save"]("hand")
-    assert window.workspace.history.undo() == "Nothing to undo."
-
-
 def test_an_undo_that_can_never_be_made_does_not_block_those_before(window: Window, tmp_path: Path) -> None:
     path, actions = tmp_path / "marks.json", MarkActions(window)  # type: ignore[arg-type]
     change_mark(path, 7, Mark(frame=7, note="other"), None)
@@ -78,11 +69,3 @@ def test_an_undo_that_can_never_be_made_does_not_block_those_before(window: Wind
     change_mark(path, 0, Mark(frame=0, note="hand"), ANNAS)
     assert history.undo() == "Undone: the mark of frame 0.", "the first one, which fits again"
     assert set(read_marks(path)) == {7}
-
-
-def test_an_empty_list_of_marks_says_how_to_make_one(window: Window) -> None:
-    told: list[str] = []
-    window.dialogs.choose = lambda *_, nothing: told.append(nothing)
-    MarkActions(window).show_all()  # type: ignore[arg-type]
-    assert told == [NO_MARKS]
-    assert "key M" in NO_MARKS

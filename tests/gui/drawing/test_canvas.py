@@ -56,39 +56,6 @@ def test_rectangles_are_clipped(place: tuple[int, int, int, int]) -> None:
     assert (canvas.pixels[inside] == RED).all()
 
 
-def test_a_rounded_rectangle_lacks_its_corners_and_has_its_outline_inside() -> None:
-    canvas = Canvas(40, 30, BLACK)
-    canvas.rounded(5, 4, 30, 20, 6, RED, WHITE, 2)
-    rows, columns = np.nonzero(drawn(canvas))
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (4, 23, 5, 34)
-    assert not drawn(canvas)[[4, 4, 23, 23], [5, 34, 5, 34]].any(), "the corners"
-    assert (canvas.pixels[14, [5, 6, 33, 34]] == WHITE).all()
-    assert (canvas.pixels[14, 7:33] == RED).all()
-    ring = Canvas(40, 30, BLACK)
-    ring.rounded(5, 4, 30, 20, 6, None, WHITE, 2)
-    assert not drawn(ring)[6:22, 12:28].any()
-    assert np.array_equal(ring.pixels[14, :7], canvas.pixels[14, :7])
-
-
-@pytest.mark.parametrize("words", ["New point (N)", WORDS])
-def test_the_words_of_a_button_are_in_its_middle(words: str) -> None:
-    canvas = Canvas(220, 60, BLACK)
-    canvas.button(10, 10, 200, 40, words, 14, ground=BLACK, border=BLACK)
-    rows, columns = np.nonzero(drawn(canvas))
-    assert 12 < columns.min() < columns.max() < 208
-    assert abs((columns.min() + columns.max()) / 2 - 110) < 3
-    assert abs((rows.min() + rows.max()) / 2 - 30) < 3
-
-
-def test_a_frame_is_one_pixel_wide() -> None:
-    canvas = Canvas(20, 12, BLACK)
-    canvas.frame(4, 3, 10, 6, RED)
-    inside = np.zeros((12, 20), bool)
-    inside[3:9, 4:14] = True
-    inside[4:8, 5:13] = False
-    assert np.array_equal(drawn(canvas), inside)
-
-
 @pytest.mark.parametrize(("align", "left"), [("left", 0.0), ("right", 1.0), ("middle", 0.5)])
 def test_where_text_stands(align: str, left: float) -> None:
     canvas = Canvas(300, 40, BLACK)
@@ -113,19 +80,3 @@ def test_images_are_clipped_and_fitted() -> None:
     canvas = Canvas(100, 60, BLACK)
     assert canvas.fit_image(10, 5, 80, 50, np.full((10, 40, 3), 200, np.uint8)) == (10, 20, 80, 20)
     assert np.array_equal(np.argwhere(drawn(canvas))[[0, -1]], [[20, 10], [39, 89]])
-
-
-def test_texts_that_were_drawn_once_take_little_memory() -> None:
-    """Numbers change all the time: an hour of them must not stay."""
-    import tracemalloc
-
-    canvas = Canvas(900, 40, BLACK)
-    canvas.text(0, 0, "first", 16)
-    tracemalloc.start()
-    try:
-        for number in range(3000):
-            canvas.text(0, 0, f"frame {number}: {number / 7:.3f} dB, drawn in {number / 3:.2f} ms, {number} splats", 16)
-        kept, _ = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert kept < 16 * 2**20, f"{kept / 2**20:.0f} MiB"

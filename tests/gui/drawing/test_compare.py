@@ -40,25 +40,6 @@ def test_boxes_are_equal_and_do_not_overlap() -> None:
     assert boxes[-1].x + boxes[-1].width <= 720
 
 
-def test_labels_side_by_side_are_where_the_pictures_begin() -> None:
-    where = compare.boxes((404, 120), 2)
-    images = [plain(50, 200, 120), plain(50, 200, 120)]
-    picture = compare.side_by_side((404, 120), where, images, ("footage", "decoded"), corner=(10, 40))
-    for box in where:
-        rows, columns = np.nonzero((picture[:, box.x : box.x + box.width] != 50).any(axis=2))
-        assert 40 < rows.min() < 40 + compare.LABEL_SIZE
-        assert 10 < columns.min() < 10 + compare.LABEL_SIZE
-
-
-def test_what_is_filmed_begins_where_it_is_not_masked() -> None:
-    zoom, pixels = ImageZoom(), plain(50, 100, 200)
-    zoom.mask_outside(pixels, camera())
-    left, top, right, bottom = zoom.inside(camera(), 100, 200)
-    rows, columns = np.nonzero((pixels != GROUND).any(axis=2))
-    assert (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1) == (left, top, right, bottom)
-    assert top > 0
-
-
 def test_difference_is_the_mean_over_channels_and_the_map_grows_brighter_with_it() -> None:
     one, other = plain(10), plain(10)
     other[20, 30] = (40, 10, 10)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
-
 import pytest
 
 from gui.drawing import palette
@@ -33,18 +30,3 @@ def test_dots_and_curves_have_the_contrast_of_graphics(state: str) -> None:
     """WCAG 2.2, 1.4.11; a stage that is missing or waiting has a ring, and a word beside it."""
     for color in (palette.STATE_COLORS[state], *palette.SERIES):
         assert contrast(color, palette.RAISED) >= 3
-
-
-def test_the_pairs_are_those_that_are_drawn() -> None:
-    """Text drawn with `Canvas.text` names its color; each such color is in a pair, so that its contrast is checked."""
-    root = Path(palette.__file__).parents[2]
-    drawn = set()
-    for path in sorted(root.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "text":
-                names = (one for part in node.args for one in ast.walk(part) if isinstance(one, ast.Name))
-                drawn |= {one.id for one in names if hasattr(palette, one.id)}
-    paired = {name.split(" on ")[0] for name, _, _ in palette.TEXT_PAIRS}
-    assert {"TEXT", "DIM"} <= drawn
-    # black only outlines texts, and level AA asks nothing of buttons that cannot be pressed
-    assert drawn - {"BLACK", "FAINT"} <= paired, drawn - paired

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gui.drawing.canvas import Canvas
-from gui.drawing.palette import SERIES
-from gui.drawing.plots import curve, legend, number, ticks
+from gui.drawing.plots import curve, ticks
 
 COLOR = (250, 10, 10)
 EM = 10.0
@@ -25,11 +24,6 @@ EM = 10.0
 )
 def test_ticks_are_round(low: float, high: float, expected: list[float]) -> None:
     assert ticks(low, high) == pytest.approx(expected)
-
-
-def test_numbers_are_short() -> None:
-    values = (12_000.0, 0.05, 31.25, -3.0, 1 / 3)
-    assert [number(value) for value in values] == ["12,000", "0.05", "31.25", "-3", "0.3333"]
 
 
 def test_values_are_drawn_to_scale() -> None:
@@ -56,19 +50,3 @@ def test_without_finite_values_it_says_so() -> None:
     curve(nan, (0, 0, 300, 120), "loss", [((0.0, 1.0), (float("nan"), float("inf")))], COLOR, EM)
     assert np.array_equal(empty.pixels, nan.pixels)
     assert not (empty.pixels == COLOR).all(axis=2).any()
-
-
-def test_several_lines_have_the_colors_of_the_legend() -> None:
-    canvas, named = Canvas(500, 200, (0, 0, 0)), Canvas(500, 20, (0, 0, 0))
-    lines = [((0.0, 1.0), (1.0, 0.5)), ((0.0, 1.0), (0.9, 0.2)), ((0.5, 1.0), (0.8, 0.3))]
-    curve(canvas, (0, 0, 500, 200), "Loss", lines, COLOR, EM)
-    legend(named, 0, 0, 500, 12, "Groups", ["0", "1", "2"])
-    for color in SERIES[:3]:
-        assert (canvas.pixels == color).all(axis=2).sum() > 20, "its line"
-        assert (named.pixels == color).all(axis=2).any(), "its dot"
-    assert not (canvas.pixels == COLOR).all(axis=2).any()
-    narrow = Canvas(500, 20, (0, 0, 0))
-    legend(narrow, 0, 0, 100, 12, "Groups", [str(group) for group in range(30)])
-    columns = np.flatnonzero(narrow.pixels.any(axis=(0, 2)))
-    assert 60 < columns.max() < 100, "no wider than its room"
-    assert not (narrow.pixels == SERIES[7]).all(axis=2).any()

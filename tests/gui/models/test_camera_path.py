@@ -11,7 +11,6 @@ from gui.models.camera_path import PathEditor
 from gui.models.history import History
 from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
-from gui.widgets.path_list import PathList
 from studio.formats.camera_path import read_path_keys
 from tests.support.errors import refuses
 from tests.support.waiting import wait_until
@@ -75,19 +74,6 @@ def test_a_damaged_path_is_left_alone(tmp_path: Path) -> None:
     with refuses("camera_path.damaged"):
         editor.add(ORBIT.camera(640, 360), 0)
     assert (file.read_text(), editor.keys) == ("{", ())
-
-
-def test_what_is_drawn_is_found_by_a_click() -> None:
-    editor, _ = with_views(3)
-    panel = PathList(270, 400, 16.0)
-    panel.draw(editor.keys, [None] * 3, 1, False)
-    found = {(key, row): panel.at(x + wide / 2, y + high / 2) for (x, y, wide, high), key, row in panel.areas}
-    whole = {place for place in found if place[0] != "row"}
-    assert {place: found[place] for place in whole} == {place: place for place in whole}
-    assert {("up", 1), ("remove", 1), ("time", 2), ("easing", 0), ("preview", -1)} <= whole
-    assert not {("time", 0), ("easing", 2), ("remove", 0)} & whole
-    assert panel.most_down(3) == 0
-    assert panel.most_down(30) > 500
 
 
 def test_thumbnails_are_of_their_view(stream_folder: Path) -> None:

@@ -62,42 +62,12 @@ def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: Clock) 
     assert (notices.text, notices.more, notices.dismiss()) == ("", 0, False)
 
 
-def test_a_remark_does_not_hide_a_failure(notices: Notices) -> None:
-    notices.tell("the disk is full", bad=True)
-    notices.tell("Nothing to undo.")
-    assert notices.card is not None
-    assert (notices.card.text, notices.line) == ("the disk is full", "Nothing to undo.")
-
-
-def test_what_was_written_stays_behind_remarks_and_failures(notices: Notices, clock: Clock) -> None:
-    notices.tell("Written: a.ply", path=Path("a.ply"), topic="export")
-    notices.tell("Nothing to undo.")
-    assert notices.card is not None
-    assert (notices.card.text, notices.line, notices.text) == ("Written: a.ply", *["Nothing to undo."] * 2)
-    notices.tell("the disk is full", bad=True, topic="export")
-    assert (notices.card.text, notices.more, notices.text) == ("the disk is full", 1, "the disk is full")
-    assert notices.line == "Nothing to undo.", "it is not about the export"
-    assert notices.dismiss()
-    assert (notices.card.text, notices.more) == ("Written: a.ply", 0)
-    notices.tell("the disk is full", bad=True, topic="export")
-    notices.clear("export")
-    assert (notices.card.text, notices.more) == ("Written: a.ply", 0)
-    clock.now = SHOWN_SECONDS + 1
-    assert notices.card is None
-
-
 def test_a_success_removes_what_it_is_about(notices: Notices) -> None:
     notices.tell("no such folder", bad=True, topic="open")
     notices.tell("the disk is full", bad=True, topic="export")
     notices.tell("Opening walk ...", topic="open")
     notices.clear("open")
     assert (notices.text, notices.more) == ("the disk is full", 0)
-
-
-def test_what_is_in_progress_has_failed(notices: Notices) -> None:
-    notices.tell("Opening walk ...", topic="open")
-    notices.tell("walk: no such folder", bad=True, topic="open")
-    assert (notices.line, notices.text) == ("", "walk: no such folder")
 
 
 def test_the_same_failure_is_told_once_and_old_ones_are_dropped(notices: Notices) -> None:

@@ -20,14 +20,13 @@ from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
 from gui.models.take.cameras import CameraUses
-from gui.models.take.inspector import camera_rows, review_blocks
+from gui.models.take.inspector import review_blocks
 from gui.models.take.new_take import NONE_HELD_OUT, NewTake
 from gui.models.take.settings import SECTIONS, fields_of
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.qp_trial import TRIED_QPS
 from gui.pages.bake.view import BakeView, shares
 from gui.pages.calibrate.points_view import PointsView
-from gui.pages.calibrate.view import CalibrateView
 from gui.pages.capture.view import FootageCheck, grid
 from gui.pages.stage_views import StageViews
 from gui.pages.train import NOT_RUN, TrainView
@@ -38,7 +37,6 @@ from pipelines.config.loading import all_names
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.take import Take
-from studio.calibration.report import CameraReport
 from studio.camera_files import read_rig
 from studio.cameras import Camera
 from studio.edits import EditList
@@ -91,8 +89,6 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
         views.select(stage)
         stage_view = views.stage_views[stage]
         for mode in stage_view.modes:
-            if (stage, mode) == ("train", "gaussians"):
-                continue
             views.choose(mode)
             picture = shown(views, lambda picture: (picture != GROUND).any())
             stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
@@ -104,38 +100,6 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
     assert (before != GROUND).any(axis=2).sum() > 0.05 * SIZE[0] * SIZE[1], gray
     views.drag(60, 20, True, SIZE[1])
     assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
-
-
-def test_the_edits_leave_a_camera_once_the_view_is_not_its_own(views: StageViews, finished_project: Path) -> None:
-    opened(views, finished_project / "take")
-    player = views.player
-    first, second = player.camera_names[:2]
-    player.look_through(first)
-    views.choose("edit")
-    shown(views)
-    assert player.camera == first, "the view is still its own"
-    views.leave_edits()
-    assert player.camera == first
-    views.choose("edit")
-    views.drag(60, 20, True, SIZE[1])
-    moved = views.editor.orbit.key
-    shown(views)
-    assert player.camera == ""
-    assert ("camera", f"free view, distance {player.orbit.distance:.2f}") in camera_rows(player)
-    assert views.editor.orbit.key == moved
-    player.look_through(second)  # from the list below the timeline
-    shown(views)
-    assert player.camera == second
-    assert views.editor.orbit.key == player.orbit.key != moved
-    views.wheel(1)
-    shown(views)
-    assert player.camera == ""
-    assert ("camera", f"free view, distance {views.editor.orbit.distance:.2f}") in camera_rows(player)
-    views.reset()
-    shown(views)
-    assert player.orbit.key == views.editor.orbit.key == player.home.key
-    views.leave_edits()
-    assert (player.camera, player.orbit.key) == ("", views.editor.orbit.key)
 
 
 def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -> None:
@@ -166,61 +130,6 @@ def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -
     views.leave_edits()
     assert views.fit_transport()
     assert player.transport.frame_count == 2
-
-
-def test_an_empty_view_says_that_its_first_picture_is_being_made(finished_project: Path) -> None:
-    clock = [0.0]
-    found = StageViews(Workspace(), PlayerPresenter(), MeshPicture, lambda: clock[0])
-    opened(found, finished_project / "take")
-    found.select("bake")
-    go_on, real = threading.Event(), np.full((SIZE[1], SIZE[0], 3), 77, np.uint8)
-
-    def draw(size: object, state: object) -> np.ndarray:
-        assert go_on.wait(60)
-        return real
-
-    found.stage_views["bake"].draw = draw  # type: ignore[method-assign]
-    try:
-        assert found.poll(SIZE, SIZE, 16.0) is None, "not for a moment"
-        clock[0] += 1
-        words = found.poll(SIZE, SIZE, 16.0)
-        assert words is not None
-        assert (words != GROUND).any()
-        assert not found.settled
-        assert found.poll(SIZE, SIZE, 16.0) is None, "once"
-        go_on.set()
-        assert (shown(found) == real).all()
-    finally:
-        go_on.set()
-        assert found.close()
-        assert found.workspace.close()
-
-
-def test_an_empty_view_rests_when_its_first_picture_fails(finished_project: Path) -> None:
-    clock = [0.0]
-    player = PlayerPresenter()
-    found = StageViews(Workspace(), player, MeshPicture, lambda: clock[0])
-    found.select("review")
-    done = [False]
-    player.poll = lambda: None  # type: ignore[method-assign]
-    settled = property(lambda self: done[0])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PlayerPresenter, "settled", settled)
-        player.message = ""
-        found.poll(SIZE, SIZE, 16.0)
-        clock[0] += 1
-        words = found.poll(SIZE, SIZE, 16.0)
-        assert words is not None
-        assert (words != GROUND).any()
-        done[0] = True
-        assert not found.settled
-        empty = found.poll(SIZE, SIZE, 16.0)
-        assert empty is not None
-        assert (empty == GROUND).all()
-        assert found.settled
-        assert found.poll(SIZE, SIZE, 16.0) is None, "once"
-    assert found.close()
-    assert found.workspace.close()
 
 
 def test_capture_shows_the_image_of_every_camera(views: StageViews, finished_project: Path) -> None:
@@ -263,76 +172,6 @@ def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finis
         assert np.abs(around - color).max(axis=2).min() < 30, f"no apex of {camera.name} at {x}, {y}"
 
 
-def test_the_report_has_no_empty_columns_and_says_once_what_is_the_same(
-    views: StageViews, finished_project: Path
-) -> None:
-    opened(views, finished_project / "take")
-    calibrate = views.stage_views["calibrate"]
-    assert isinstance(calibrate, CalibrateView)
-    calibrate.em, calibrate.mode = 16.0, "report"
-    assert calibrate.draw(SIZE, calibrate.state()).std() > 0
-    (focal,) = {f"focal {camera.fx:.0f} px each" for camera in read_rig(Take.open(finished_project / "take").rig)}
-    assert calibrate._columns() == ({}, ["no reprojection errors", focal])
-    first = read_rig(Take.open(finished_project / "take").rig).names[0]
-    figures = CameraReport.model_construct(mean=0.4, p95=0.9, observations=55, coverage=0.5)
-    assert calibrate._report is not None
-    calibrate._figures = lambda name: figures if name == first else None  # type: ignore[method-assign]
-    columns, same = calibrate._columns()
-    assert list(columns) == ["error px", "p95 px", "points", "coverage"]
-    assert columns["error px"] == ["0.40", *["from file"] * 5]
-    assert columns["points"] == ["55", *[""] * 5]
-    assert same == [focal]
-
-
-def test_a_click_on_a_title_sorts_the_report(views: StageViews, finished_project: Path) -> None:
-    opened(views, finished_project / "take")
-    views.select("calibrate")
-    calibrate = views.stage_views["calibrate"]
-    assert isinstance(calibrate, CalibrateView)
-    calibrate.em = 16.0
-    assert calibrate.table_text == "", "no table is shown"
-    calibrate.mode = "report"
-    errors = {f"cam{i}": error for i, error in enumerate((0.4, 0.9, 0.2, 0.7, 0.1, 0.3))}
-    calibrate._figures = lambda name: CameraReport.model_construct(  # type: ignore[method-assign]
-        mean=errors[name], p95=1.0, observations=55, coverage=0.5
-    )
-
-    def drawn() -> list[str]:
-        calibrate.draw(SIZE, calibrate.state())
-        rows = [line.split("\t")[0] for line in calibrate.table_text.splitlines()[1:]]
-        assert rows == [name for name, _ in sorted(calibrate.places, key=lambda place: place[1][0, 1])]
-        return rows
-
-    assert drawn() == list(errors)
-    before = calibrate.state()
-    places = dict(calibrate._titles)
-    calibrate.click(*places["error px"].mean(0))
-    assert calibrate.state() != before, "it is drawn again"
-    assert drawn() == sorted(errors, key=errors.__getitem__, reverse=True)
-    calibrate.click(*dict(calibrate._titles)["error px"].mean(0))
-    assert drawn() == sorted(errors, key=errors.__getitem__)
-    calibrate.click(*dict(calibrate._titles)["camera"].mean(0))
-    assert drawn() == list(errors)
-    low = (SIZE[0], 190)  # room for some of the rows
-    calibrate.draw(low, calibrate.state())
-    some = [name for name, _ in calibrate.places]
-    assert 3 <= len(some) < len(errors)
-    assert some == list(errors)[: len(some)]
-    assert len(calibrate.table_text.splitlines()) == 1 + len(errors), "all of them are copied"
-    before = calibrate.state()
-    calibrate.wheel(-9)
-    assert calibrate.state() != before
-    calibrate.draw(low, calibrate.state())
-    assert [name for name, _ in calibrate.places] == list(errors)[-len(some) :]
-    calibrate.camera = "cam0"
-    calibrate.draw(low, calibrate.state())
-    assert "cam0" in dict(calibrate.places), "a camera that is chosen elsewhere is shown"
-    calibrate.mode = "cameras"
-    sorting = calibrate._sorting
-    calibrate.click(*places["error px"].mean(0))
-    assert calibrate._sorting == sorting, "no table is shown"
-
-
 def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
     views: StageViews, finished_project: Path
 ) -> None:
@@ -350,25 +189,6 @@ def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
     assert "surface seen by 0 or 1" in told
     views.choose("cameras")
     assert not has(shown(views, lambda picture: not has(picture, GOOD)), FAIR)
-
-
-def test_texts_have_the_windows_size_also_in_smaller_pictures(views: StageViews, finished_project: Path) -> None:
-    """On dense screens, what takes long is drawn with fewer pixels and enlarged; tables are not."""
-    opened(views, finished_project / "take")
-    views.select("calibrate")
-    dense = (2 * SIZE[0], 2 * SIZE[1])
-    for mode, size in (("cameras", SIZE), ("report", dense)):
-        views.choose(mode)
-        pictures: list[np.ndarray] = []
-
-        def there(pictures: list[np.ndarray] = pictures, size: tuple[int, int] = size) -> bool:
-            new = views.poll(dense, SIZE, 32.0)
-            pictures.extend([] if new is None else [new])
-            return bool(pictures) and views.settled and pictures[-1].shape[:2] == size[::-1]
-
-        wait_until("the picture", there)
-        assert views.stage_view is not None
-        assert views.stage_view.em == 32.0 * size[0] / dense[0]
 
 
 def test_coverage_is_of_the_take_that_is_open(views: StageViews, finished_project: Path, tmp_path: Path) -> None:
@@ -411,8 +231,6 @@ def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_
     assert [float(line[2].rstrip("%")) for line in copied] == pytest.approx(
         [100 * size / sum(rows) for size in rows], abs=0.051
     )
-    views.choose("planes")
-    assert views.stage_views["bake"].table_text == "", "no table is shown"
 
 
 def test_a_missing_image_is_named_and_the_others_are_shown(
@@ -478,15 +296,6 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
     assert "Nothing trained" in views.message
     assert not views.player.choose("decoded")
     assert "Bake" in views.player.message
-
-
-def test_shares_add_up_to_all_bytes(finished_project: Path) -> None:
-    with StreamReader.open(finished_project / "take" / "stream") as reader:
-        rows = shares(reader)
-        assert sum(row.bytes for row in rows) == reader.manifest.total_bytes
-        assert rows[-1].name == "manifest"
-        folder = finished_project / "take" / "stream"
-        assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) == reader.manifest.total_bytes
 
 
 def test_each_setting_has_a_field_with_words_and_its_text_reads_back() -> None:
@@ -606,17 +415,6 @@ def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
     assert Preferences.read(path) == Preferences()
 
 
-def test_the_accent_is_the_only_bright_color_of_the_list(views: StageViews, finished_project: Path) -> None:
-    from gui.widgets import stage_list
-
-    opened(views, finished_project / "take")
-    rows = views.workspace.rows()
-    picture = stage_list.picture(rows, "train", 280, 16.0)
-    assert has(picture[round(3 * stage_list.row_height(16.0)) :], ACCENT) > 50
-    assert stage_list.row_at(3.5 * stage_list.row_height(16.0), 16.0, 6) == 3
-    assert stage_list.row_at(-1, 16.0, 6) is None
-
-
 def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_project: Path) -> None:
     workspace, clock, gate = Workspace(), [0.0], threading.Event()
     gate.set()
@@ -681,12 +479,6 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     wait_in_loop("the new setting", lambda: views.workspace.config.bake.quality == 30)
     views.click(1.0, 1.0)
     assert load_config(take_copy / "config.yaml").bake.quality == 30, "not a point"
-
-
-def test_without_settings_the_capture_says_why(views: StageViews) -> None:
-    assert "No take is open" in views.workspace.without_settings
-    views.workspace.opening = "walk"
-    assert views.workspace.without_settings == "Opening walk ..."
 
 
 def test_a_change_of_settings_is_named_when_it_is_undone(take_copy: Path) -> None:

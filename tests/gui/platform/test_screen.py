@@ -41,10 +41,3 @@ def test_windows_grow_with_letters(
 def test_without_x_the_size_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":9999")
     assert screen.fitting_size((1280, 800)) == (1280, 800)
-
-
-def test_the_screen_is_asked(display: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DISPLAY", display)
-    found = screen._screen()
-    assert found is not None
-    assert found[:2] == (1400, 900)

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import pytest
 from open3d.visualization import gui
 
-from gui.widgets.hints import DELAY, LEAST_WINDOW, Hints
+from gui.widgets.hints import DELAY, Hints
 
 EM = 16.0
-VIEW = (300, 60, 700, 500)
 BAR = (360, 0, 900, 24)
-LONG = "Words that are so many that they do not fit into a line beside the buttons or in the bar of menus. " * 2
 
 
 class Clock:
@@ -59,18 +57,6 @@ def rest(hints: Hints, clock: Clock, at: tuple[int, int], hidden: bool = False) 
     return hints.text
 
 
-def box(hints: Hints) -> tuple[int, int, int, int]:
-    frame = hints.picture.widget.frame
-    return frame.x, frame.y, frame.width, frame.height
-
-
-def apart(one: tuple[int, int, int, int], other: gui.Rect) -> bool:
-    x, y, width, height = one
-    return bool(
-        x + width <= other.x or other.x + other.width <= x or y + height <= other.y or other.y + other.height <= y
-    )
-
-
 def test_none_after_a_click_until_the_pointer_has_left(hints: Hints, clock: Clock) -> None:
     row = row_of(hints, (300, 28, 700, 24), [button(300, 28), button(400, 28)], "what it does")
     assert rest(hints, clock, (310, 40)) == "what it does"
@@ -95,43 +81,6 @@ def test_a_list_is_open_from_the_click_on_it_to_the_next_click(hints: Hints) -> 
     lists[0].visible = False
     hints.press(310, 710, lists)
     assert not hints.listing
-
-
-def test_it_lies_in_the_menu_bar_for_the_row_below_it(hints: Hints, clock: Clock) -> None:
-    buttons = [button(300, 28), button(384, 28), button(900, 28)]
-    row = row_of(hints, (300, 28, 700, 24), buttons, "Footage of a capture camera (1)")
-    for one in buttons:
-        rest(hints, clock, (one.frame.x + 5, 40))
-        hints.place(VIEW)
-        x, y, width, height = box(hints)
-        assert BAR[0] <= x <= max(one.frame.x, BAR[0])
-        assert x + width <= BAR[0] + BAR[2]
-        assert y + max(height, LEAST_WINDOW) <= row.frame.y, "the toolkit would take clicks on the buttons for it"
-
-
-def test_it_lies_between_the_buttons_of_its_row_if_it_fits(hints: Hints, clock: Clock) -> None:
-    buttons = [button(300, 700), button(390, 700), button(900, 700), button(990, 700)]
-    row_of(hints, (300, 700, 780, 28), buttons, "Play or pause (Space)")
-    for one in buttons:
-        rest(hints, clock, (one.frame.x + 5, 710))
-        hints.place(VIEW)
-        assert box(hints)[1] >= 700
-        assert box(hints)[3] == round(1.4 * EM), "a line of text"
-        assert all(apart(box(hints), other.frame) for other in buttons)
-
-
-@pytest.mark.parametrize("top", [28, 700])
-def test_what_fits_nowhere_else_wraps_over_the_view(hints: Hints, clock: Clock, top: int) -> None:
-    row_of(hints, (300, top, 700, 24), [button(300, top), button(900, top)], LONG)
-    rest(hints, clock, (910, top + 5))
-    hints.place(VIEW)
-    x, y, width, height = box(hints)
-    assert VIEW[0] <= x
-    assert x + width <= VIEW[0] + VIEW[2]
-    assert VIEW[1] <= y
-    assert y + height <= VIEW[1] + VIEW[3]
-    assert 2 * EM < height < 8 * EM
-    assert hints.picture._shape[:2] == (height, width), "pixel for pixel"
 
 
 def test_where_the_pointer_is_not_known_the_toolkit_has_them() -> None:

@@ -22,13 +22,6 @@ def test_every_stage_has_help_and_pictures_that_are_small_files() -> None:
         assert found.settings
 
 
-@pytest.mark.parametrize("stage", sorted(HELP))
-def test_good_and_bad_differ(stage: str) -> None:
-    good, bad = (picture_of(stage, kind).astype(int) for kind in KINDS)
-    assert good.shape == bad.shape
-    assert np.abs(good - bad).mean() > 1
-
-
 @pytest.mark.parametrize(("width", "em"), [(800, 16.0), (1600, 32.0), (300, 16.0)])
 def test_the_help_shows_sentences_and_both_pictures(width: int, em: float) -> None:
     shown = help_picture("train", width, em)

@@ -5,22 +5,19 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
-from open3d.visualization import gui
 from starlette.applications import Starlette
 from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
-from gui.drawing.palette import FAIR, RAISED
-from gui.models.playback.filmstrip import Filmstrip, draw_strip, slots
+from gui.drawing.palette import RAISED
+from gui.models.playback.filmstrip import draw_strip, slots
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.thumbnails import Thumbnails
 from gui.models.playback.timeline import Timeline
-from gui.models.playback.timeline_plots import TimelinePlots
 from gui.widgets.timeline import TimelinePanel
 from studio.cameras import Camera
 from tests.support.players import settle
@@ -56,24 +53,6 @@ def test_a_picture_is_drawn_at_its_place() -> None:
     columns = np.flatnonzero((strip == color).all(axis=(0, 2)))
     assert (columns.min(), columns.max()) == (48, 94), "its ground fills its place but for a line"
     assert (strip[:, 95:] == RAISED).all()
-
-
-def test_a_narrow_picture_is_in_the_middle_of_its_place() -> None:
-    picture = np.zeros((30, 40, 3), np.uint8)
-    picture[:, 20] = 255
-    strip = draw_strip(Timeline(800, 20, 8), (40, 30), {1: picture})
-    assert np.flatnonzero((strip == 255).all(axis=(0, 2))).tolist() == [150]
-
-
-def test_the_selected_span_is_marked_where_it_is() -> None:
-    view = TimelinePlots(900, 160, 16.0, 40, strip=40, span=(10, 19))
-    picture = view.base([])
-    columns = np.flatnonzero((picture[1] == FAIR).all(axis=1))
-    assert view.frame_at(columns.min()) == 10
-    assert view.frame_at(columns.max()) == 19
-    assert view.in_strip(20)
-    assert not view.in_strip(60)
-    assert all(top >= 40 for top, _ in view._rows(4)), "the rows are below the pictures"
 
 
 def picture_of(thumbnails: Thumbnails, place: Path, contents: object, ask: bool = True) -> np.ndarray | None:
@@ -115,20 +94,6 @@ def player() -> Iterator[PlayerPresenter]:
     assert found.close()
 
 
-def test_none_is_asked_for_while_a_stage_runs(
-    monkeypatch: pytest.MonkeyPatch, player: PlayerPresenter, stream_folder: Path
-) -> None:
-    asked: list[bool] = []
-    monkeypatch.setattr(Thumbnails, "get", lambda *arguments: asked.append(arguments[-1]))
-    assert player.open(stream_folder)
-    player.transport.pause()
-    strip = Filmstrip()
-    for busy in (False, True):
-        assert set(strip.pictures(player, [0, 4], (40, 50), busy)) == {0, 4}
-    assert asked == [True, True, False, False]
-    assert strip.close()
-
-
 def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(player: PlayerPresenter, stream_folder: Path) -> None:
     asked: list[str] = []
 
@@ -151,21 +116,3 @@ def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(player: PlayerPrese
         assert len(asked) == before
     assert player.open(stream_folder)
     assert panel.plots_view.strip > 0
-
-
-def test_a_drag_whose_release_was_lost_selects_nothing_more(player: PlayerPresenter, stream_folder: Path) -> None:
-    assert player.open(stream_folder)
-    panel, view = TimelinePanel(player, 16.0, lambda: None), TimelinePlots(900, 160, 16.0, 12, strip=40)
-    kind = gui.MouseEvent.Type
-
-    def send(type_: Any, frame: int, y: float) -> bool:
-        event = SimpleNamespace(type=type_, is_button_down=lambda button: True, is_modifier_down=lambda key: False)
-        return panel._select(cast(gui.MouseEvent, event), view, view.left + sum(view.timeline.span(frame)) / 2, y)
-
-    assert send(kind.BUTTON_DOWN, 2, 20)
-    assert send(kind.DRAG, 5, 20)
-    assert player.transport.span == (2, 5)
-    assert not send(kind.BUTTON_DOWN, 8, 150), "below the pictures: a seek"
-    assert not send(kind.DRAG, 9, 150)
-    assert player.transport.span == (2, 5)
-    assert panel.filmstrip.close()

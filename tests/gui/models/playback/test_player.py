@@ -21,16 +21,14 @@ from gui.models.playback.sources import open_path
 from gui.models.playback.stream_source import StreamSource
 from gui.models.take.inspector import review_blocks
 from gui.models.worker import LatestWorker
-from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
-from studio.edits import EditList, Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream import CapturePlace, StreamReader
+from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.players import settle
-from tests.support.streams import group_files, set_capture
+from tests.support.streams import group_files
 from tests.support.waiting import wait_until
 
 
@@ -227,20 +225,6 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
     assert "footage" in player.message
 
 
-def test_a_take_without_a_stream_shows_what_is_trained_so_far(tmp_path: Path) -> None:
-    take = make_take(tmp_path / "take", 10)
-    take.trained_frame(1, 8).unlink()  # frame 9 exists, but not the one before it
-    opened = open_path(take.root)
-    assert list(opened.sources) == ["trained"]
-    assert opened.default is not None
-    assert opened.default.frame_count == 8
-    with refuses("take.frame_not_trained", frame=8):
-        opened.default.gaussians(8)
-    take.trained_frame(0, 3).write_bytes(b"not a tensor")
-    with pytest.raises(StudioError, match=r"frame_000003\.safetensors"):
-        opened.default.gaussians(3)
-
-
 def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_path: Path) -> None:
     take = Take.create(tmp_path / "take")
     assert player.open(take.root), player.message
@@ -271,21 +255,6 @@ def test_what_was_chosen_comes_back_after_a_bake(player: PlayerPresenter, stream
         shutil.copytree(stream_folder, take.stream)
         assert player.refresh(), player.message
         assert player.what == chosen
-
-
-def test_a_trimmed_stream_that_arrives_meanwhile_shows_up(
-    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
-) -> None:
-    take = Take.create(tmp_path / "take")
-    assert player.open(take.root), player.message
-    shutil.copytree(stream_folder, take.stream)
-    set_capture(take.stream, CapturePlace(first_frame=3))
-    change_edits(take.edits, EditList(trim=Trim(first=3, last=14)), "trim")
-    assert player.refresh(), player.message
-    assert (player.what, player.transport.frame_count, player.transport.group_starts[0]) == ("decoded", 15, 3)
-    assert player.transport.frame == 3, "the first that there is"
-    assert player.opened is not None
-    assert player.opened.trim == Trim(first=3, last=14)
 
 
 def test_foreign_takes_are_sentences(tmp_path: Path) -> None:
@@ -321,29 +290,3 @@ def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
     assert isinstance(done.error, ValueError)
     assert worker.take() is None
     assert worker.close()
-
-
-def test_the_scene_of_a_trimmed_stream_is_that_of_the_takes_group(
-    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
-) -> None:
-    """Groups of the take begin with frames 0, 8 and 16, those of its stream with 10 and 18."""
-    take = make_take(tmp_path / "take", 24, stream_folder)
-    set_capture(take.stream, CapturePlace(first_frame=10))
-    change_edits(take.edits, EditList(trim=Trim(first=10, last=21)), "trim")
-    assert player.open(take.root), player.message
-    assert player.choose_mode("scene")
-    assert (player.what, player.transport.group_starts) == ("decoded", (10, 18))
-
-    def group(frame: int) -> int:
-        player.transport.seek(frame)
-        request = player._request()
-        assert request is not None
-        assert request.scene is not None
-        return request.scene.group
-
-    assert [group(frame) for frame in (10, 15, 16, 18, 21)] == [1, 1, 2, 2, 2]
-    for path in take.train_group(1).iterdir():  # trained again from here
-        path.unlink()
-    assert player.refresh()
-    player.filmed_groups = (0, 8, 16)
-    assert [group(frame) for frame in (10, 15, 16, 18, 21)] == [1, 1, 2, 2, 2]

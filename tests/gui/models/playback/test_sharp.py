@@ -107,17 +107,3 @@ def test_a_picture_that_would_take_long_stays_small(views: Views, monkeypatch: p
         assert views.views.poll(FULL, DRAWN, 20.0) is None
     assert views.views.settled
     assert views.drawn == drawn
-
-
-def rows_of_text(picture: np.ndarray) -> int:
-    """Height of the dark background of the label in the upper left corner."""
-    return int((picture[:80, 14] != 90).any(-1).sum())
-
-
-def test_labels_have_the_same_size_on_screen(views: Views) -> None:
-    views.views.choose("side by side")
-    small = rows_of_text(views.picture())
-    views.clock += 2 * RESTS_AFTER
-    large = rows_of_text(views.picture())
-    assert small == 9 + 6, "half of 20 em would be 8.8 pixels"
-    assert large == 18 + 13

@@ -35,16 +35,6 @@ def test_playback_repeats_the_span() -> None:
     assert not transport.clear_span()
 
 
-def test_without_looping_the_span_is_left() -> None:
-    clock = Clock()
-    transport = Transport(20, 10.0, now=clock)
-    transport.select_span(5, 8)
-    transport.set_loop(False)
-    transport.play()
-    clock.now = 0.6
-    assert transport.frame == 11
-
-
 def test_the_sound_begins_again_with_the_span() -> None:
     class Sound:
         def __init__(self) -> None:
@@ -111,16 +101,3 @@ def test_figures_are_those_of_the_frames() -> None:
     assert dict(span_rows(found))["size"] == "5.0 KB"
     with pytest.raises(KeyError):
         dict(span_rows(found))["lowest"]
-
-
-def test_a_begin_whose_frame_is_gone_is_forgotten() -> None:
-    transport = Transport(20, 10.0, now=Clock())
-    transport.seek(5)
-    transport.step_span()
-    transport.resize(10, (0,), 10.0)
-    transport.seek(8)
-    assert "5 to 8" in transport.step_span(), "frame 5 is still there"
-    transport.clear_span()
-    transport.step_span()
-    transport.resize(6, (0,), 10.0)
-    assert "begins at frame 5" in transport.step_span(), "frame 8 is gone"

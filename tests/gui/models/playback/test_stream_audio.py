@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.drawing.palette import RAISED
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.stream_audio import peaks_of
-from gui.models.playback.timeline_plots import TimelinePlots, plots_of
 from pipelines.takes.take import Take
 from studio.stream import BakeSettings, CapturePlace
 from tests.support.sounds import ArrayPcm, FakeOutput, click_times, clicks
@@ -124,20 +122,6 @@ def test_the_sound_of_a_take_begins_at_its_in_point(stream: Path, device: Device
         assert player.transport.frame == 1, "looped after the last frame"
     finally:
         player.close()
-
-
-def test_the_waveform_shows_the_click(player: PlayerPresenter) -> None:
-    assert player.audio is not None
-    waveform = player.audio.waveform
-    assert waveform is not None
-    plots = (*plots_of({}), waveform)
-    view = TimelinePlots(640, 120, 16.0, FRAMES)
-    picture = view.picture(0, plots)
-    top, height = view._rows(4)[3]
-    drawn = (picture[top : top + height, view.left : view.left + view.timeline.width] != RAISED).any(axis=2).sum(axis=0)
-    drawn[view.timeline.span(0)[0] : view.timeline.span(0)[1]] = 0  # the playhead
-    assert view.timeline.frame_at(int(drawn.argmax())) == 5
-    assert drawn.max() > 0.8 * height
 
 
 def test_peaks() -> None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from gui.drawing.palette import ACCENT, BAD, FAIR, PANEL, RAISED, TEXT
-from gui.models.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, Waveform, clock_words, plots_of
+from gui.drawing.palette import BAD, FAIR, PANEL, RAISED, TEXT
+from gui.models.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, plots_of
 from gui.models.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
-from studio.edits import Trim
 
 VIEW = TimelinePlots(900, 160, 16.0, 4)
 
@@ -32,22 +29,6 @@ def test_bars_of_sizes_begin_at_zero() -> None:
     assert psnr.range[0] < 30.0 < 30.2 < psnr.range[1]
 
 
-@pytest.mark.parametrize("height", [110, 160, 400])
-def test_the_ends_of_the_axes_cover_neither_plots_nor_each_other(height: int) -> None:
-    view = TimelinePlots(900, height, 16.0, 4)
-    plots = plots_of({"psnr_trained": [30.0, 31.0, 32.0, 33.0], "bytes": [1000.0] * 4, "flicker": [9.0] * 4})
-    picture = view.base(plots)
-    right = view.left + view.timeline.width
-    blank = TimelinePlots(900, height, 16.0, 4).base(plots_of({}))
-    for number, (top, high) in enumerate(view._rows(4)):
-        words = (picture[top : top + high, right:] != PANEL).any(axis=2)
-        assert words.any() == (plots[number].range is not None)
-        assert not words[:, -1].any(), "not cut off"
-    assert (blank[:, right:] == PANEL).all()
-    between = [top + high for top, high in view._rows(4)]
-    assert (picture[between, right:] == PANEL).all(), "each stays in its row"
-
-
 @pytest.mark.parametrize(
     ("count", "first", "shown"), [(4, 0.0, None), (300, 0.0, None), (90_000, 0.0, None), (300, 117.4, 30.0)]
 )
@@ -64,13 +45,6 @@ def test_numbered_frames_are_apart_and_above_their_frames(count: int, first: flo
     columns = np.flatnonzero(words[:, view.left :].any(axis=0)) + view.left
     runs = np.split(columns, np.flatnonzero(np.diff(columns) > 12) + 1)
     assert [view.frame_at(run.mean()) // 1 for run in runs] == pytest.approx(numbered, abs=max(count * 0.03, 1))
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"), [(0, "0.00 s"), (0.56, "0.56 s"), (59.996, "1:00.00"), (83.5, "1:23.50")]
-)
-def test_times_in_words(seconds: float, words: str) -> None:
-    assert clock_words(seconds) == words
 
 
 def test_times_stand_beside_the_numbers_where_there_is_room() -> None:
@@ -99,28 +73,6 @@ def test_values_under_the_pointer() -> None:
     assert (hovered[10, changed.min()] == TEXT).all(), "the line"
     assert changed.max() > column + 20, "the values beside it"
     assert changed.max() < VIEW.left + VIEW.timeline.span(3)[1]
-
-
-@pytest.mark.parametrize("frame", range(4))
-def test_values_under_the_pointer_stay_in_the_plots(frame: int) -> None:
-    values: list[float | None] = [30.0, 31.0, 32.0, 33.0]
-    plots = plots_of({"psnr_trained": values, "psnr_decoded": values}, other={"psnr_trained": values})
-    base = VIEW.base(plots)
-    without, hovered = VIEW.with_head(base, 0, plots), VIEW.with_head(base, 0, plots, hover=frame)
-    changed = np.flatnonzero((without != hovered).any(axis=(0, 2)))
-    assert VIEW.left <= changed.min()
-    assert changed.max() < VIEW.left + VIEW.timeline.width
-
-
-def test_curves_are_as_thick_on_a_dense_screen() -> None:
-    thick = []
-    for scale in (1, 2):
-        view = TimelinePlots(900 * scale, 160 * scale, 16.0 * scale, 4)
-        plots = plots_of({"psnr_decoded": [30.0, 31.0, 32.0, 33.0]})
-        shown = view.with_head(view.base(plots), 2, plots)
-        column = shown[: view.height - view.track_height, view.left + view.timeline.span(2)[0] + 4 * scale]
-        thick.append(int((column == ACCENT).all(axis=1).sum()))
-    assert thick == [2, 4]
 
 
 def test_flicker_has_a_row_if_it_was_measured() -> None:
@@ -174,27 +126,3 @@ def test_a_zoomed_timeline_shows_its_part(first: float) -> None:
     (moved,) = {view.frame_at(x) for x in np.nonzero((shown == FAIR).all(axis=2))[1]}
     assert (marked, moved) == (inside, inside)
     assert view.with_head(base, outside, plots).shape == (160, 900, 3)
-
-
-@pytest.mark.parametrize(("first", "shown"), [(0.0, None), (3.0, 6.0), (9.0, 5.0)])
-def test_what_is_trimmed_off_is_darker(first: float, shown: float | None) -> None:
-    plots = plots_of({"psnr_decoded": [20.0 + frame for frame in range(20)], "bytes": [1000.0] * 20})
-    whole = TimelinePlots(900, 160, 16.0, 20, (0, 10), first, shown)
-    trimmed = replace(whole, trim=Trim(first=4, last=10))
-    pictures = [view.with_head(view.base(plots), 7, plots) for view in (whole, trimmed)]
-    changed = (pictures[0] != pictures[1]).any(axis=2)
-    darker = {whole.frame_at(x) for x in np.flatnonzero(changed.any(axis=0))}
-    frames = {whole.frame_at(x) for x in range(whole.left, whole.width - whole.right)}
-    assert darker == frames - set(range(4, 11))
-    assert not changed[:, : whole.left].any()
-    assert pictures[1][changed].sum() < pictures[0][changed].sum()
-    ended = replace(whole, trim=Trim(first=0, last=40))
-    assert np.array_equal(ended.base(plots), whole.base(plots)), "an out point after the last frame"
-
-
-def test_a_zoomed_waveform_is_that_of_its_part() -> None:
-    peaks = np.stack([-np.arange(200.0), np.arange(200.0)], axis=1)
-    waveform = Waveform("sound", (), TEXT, "", peaks=peaks)
-    part = waveform.columns(50, 0.25, 0.5)
-    assert (part[0, 1], part[-1, 1]) == (50, 99)
-    assert len(waveform.columns(50)) == 50

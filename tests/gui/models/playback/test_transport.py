@@ -7,7 +7,6 @@ import pytest
 
 from gui.models.playback.timeline import Timeline
 from gui.models.playback.transport import Transport
-from gui.platform.redraw import FRAMES, Redraws
 
 
 class HandClock:
@@ -34,14 +33,6 @@ def test_frames_come_from_the_clock(clock: HandClock) -> None:
     transport.pause()
     clock.time += 10.0
     assert transport.frame == 5
-
-
-def test_each_frame_is_due_exactly_at_its_time(clock: HandClock) -> None:
-    transport = Transport(1000, 30.0, now=clock)
-    transport.play()
-    for frame in range(1000):
-        clock.time = 100.0 + frame / 30.0
-        assert transport.frame == frame
 
 
 def test_without_loop_it_ends_at_the_last_frame_and_starts_again(clock: HandClock) -> None:
@@ -112,59 +103,3 @@ def test_timeline_shows_groups_and_the_current_frame() -> None:
     first_group, second_group = row[150], row[250]
     assert not (first_group == second_group).all()
     assert len(np.unique(timeline.picture(None)[8], axis=0)) == 1
-
-
-def test_redraws_are_asked_for_again(clock: HandClock) -> None:
-    redraws = Redraws(clock)
-    assert not redraws.due()
-    redraws.changed()
-    assert redraws.due()
-    assert not redraws.due()
-    count = 0
-    for _ in range(500):
-        clock.time += 0.01
-        count += redraws.due()
-    assert count == 7
-
-
-def asked(redraws: Redraws, clock: HandClock, seconds: float) -> int:
-    """How often the window is asked to draw itself in some seconds."""
-    count = 0
-    for _ in range(round(100 * seconds)):
-        clock.time += 0.01
-        count += redraws.due()
-    return count
-
-
-def test_no_redraw_is_asked_for_once_enough_frames_are_on_the_screen(clock: HandClock) -> None:
-    redraws = Redraws(clock, pause=0.1)
-    redraws.changed()
-    for _ in range(FRAMES):
-        assert redraws.due()
-        redraws.drawn()
-        redraws.drawn()  # a frame may be told in parts
-        clock.time += 0.1
-    assert asked(redraws, clock, 20) == 0
-    redraws.changed()
-    assert redraws.due(), "the next change is drawn again"
-
-
-def test_frames_that_were_begun_before_a_change_do_not_count(clock: HandClock) -> None:
-    redraws = Redraws(clock, pause=0.1)
-    redraws.changed()
-    assert redraws.due()
-    for _ in range(FRAMES):
-        redraws.changed()
-        redraws.drawn()
-    assert asked(redraws, clock, 20) > FRAMES
-
-
-def test_a_window_whose_frames_are_dropped_is_asked_until_they_are_not(clock: HandClock) -> None:
-    redraws = Redraws(clock, pause=0.1)
-    redraws.changed()
-    asked(redraws, clock, 3)  # it is busy with a frame all the time
-    redraws.drawn()
-    assert asked(redraws, clock, 3) > 0
-    redraws.drawn()
-    redraws.changed()
-    assert asked(redraws, clock, 1) > FRAMES

@@ -11,7 +11,7 @@ import torch
 
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import drawn_by_open3d
-from gui.models.scene.native import encoded, splat_arrays, tiled
+from gui.models.scene.native import splat_arrays
 from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
 from gui.widgets.raycast import MeshPicture
@@ -47,21 +47,6 @@ def test_splats_are_handed_over_with_linear_scales_logits_and_at_most_degree_2()
     assert np.array_equal(arrays["f_dc"], sh[:, 0])
     assert np.array_equal(arrays["f_rest"], sh[:, 1:9])
     assert all(array.dtype == np.float32 and array.flags.c_contiguous for array in arrays.values())
-
-
-def test_encoding_is_the_inverse_of_srgb_decoding() -> None:
-    values = np.linspace(0, 1, 50)
-    out = encoded(values)
-    decoded = np.where(out <= 0.04045, out / 12.92, ((out + 0.055) / 1.055) ** 2.4)
-    assert np.allclose(decoded, values, atol=1e-6)
-
-
-def test_tiled_images_are_found_at_their_corners() -> None:
-    images = [np.full((8, 12, 3), value, np.uint8) for value in (10, 20, 30)] + [np.full((6, 10, 3), 40, np.uint8)]
-    whole, corners = tiled(images)
-    for image, places in zip(images, corners, strict=True):
-        columns, rows = (places * (whole.shape[1], whole.shape[0])).astype(int).T
-        assert (whole[rows, columns] == image[0, 0]).all()
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from gui.drawing.palette import ACCENT
 from gui.models.held_out import HeldOut
 from gui.models.loop import LOOP
 from gui.models.playback.player import PlayerPresenter
@@ -18,7 +17,6 @@ from gui.models.scene.contents import SceneWanted
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.reader import SceneReader
 from gui.models.scene.rest import RESTS_AFTER
-from gui.models.take.inspector import camera_rows
 from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
 from gui.widgets.raycast import MeshPicture
@@ -26,8 +24,7 @@ from pipelines.config import load_config
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
-from studio.yaml_text import dump_yaml, parse_yaml
-from tests.support.looping import heard, wait_in_loop
+from tests.support.looping import heard
 from tests.support.waiting import wait_until
 
 FULL, DRAWN = (720, 500), (360, 250)
@@ -171,33 +168,6 @@ def test_the_camera_in_whose_place_the_view_is_does_not_cover_it(scene: Scene) -
     assert first.name not in {name for name, _ in found.cameras}
 
 
-@pytest.fixture
-def nth_scene(finished_project: Path, take_copy: Path) -> Iterator[Scene]:
-    """A take that holds out every third camera, none by name."""
-    settings = parse_yaml((take_copy / "config.yaml").read_text())
-    settings["capture"] |= {"held_out": ["every 3"]}
-    (take_copy / "config.yaml").write_text(dump_yaml(settings))
-    found = Scene(take_copy)
-    yield found
-    assert found.views.close()
-    assert found.workspace.close()
-
-
-def test_every_nth_camera_is_held_out_everywhere(nth_scene: Scene) -> None:
-    player = nth_scene.player
-    nth_scene.picture()
-    assert player.held_out == ("cam2", "cam5")
-    rig = player.opened.rig if player.opened is not None else None
-    wanted = player._scene()
-    assert rig is not None
-    assert wanted is not None
-    found = SceneReader(MeshPicture).read(wanted, 0)
-    assert {one.camera.name for one in found.cameras if one.color == ACCENT} == {"cam2", "cam5"}
-    assert player.choose("truth")
-    assert player.camera == "cam2", "a comparison begins with what was not trained on"
-    assert camera_rows(player)[0] == ("camera", "cam2, held out")
-
-
 def test_cameras_held_out_by_name_are_known_without_the_footage(finished_project: Path, tmp_path: Path) -> None:
     take = Take.open(finished_project / "take")
     config = load_config(take.config)
@@ -249,19 +219,10 @@ def test_the_box_surrounds_the_initial_points(scene: Scene, finished_project: Pa
     assert rows.min() <= pixels[inside, 1].min() + 2
 
 
-def test_the_groups_are_those_of_the_footage(scene: Scene) -> None:
-    wait_in_loop("the footage", lambda: scene.workspace.assessment.numbers)
-    scene.picture()
-    groups = scene.workspace.context.groups if scene.workspace.context is not None else ()
-    assert len(groups) > 1
-    assert tuple(scene.player.filmed_groups) == tuple(group.first for group in groups)
-
-
 def test_it_is_left_with_review_and_is_back_with_it(scene: Scene) -> None:
     views = scene.views
     views.select("train")
-    views.choose("gaussians")
-    assert (views.shows_player, scene.player.mode) == (True, "single")
+    assert (views.shows_player, scene.player.mode) == (False, "single")
     views.select("review")
     assert views.shows_scene
     views.choose("wipe")
@@ -273,19 +234,3 @@ def test_it_is_left_with_review_and_is_back_with_it(scene: Scene) -> None:
     assert scene.player.choose_mode("wipe")
     views.select("review")
     assert scene.player.mode == "wipe", "chosen meanwhile"
-
-
-def test_its_key_ends_the_edits_and_shows_it(scene: Scene) -> None:
-    views = scene.views
-    for before in ("scene", "single"):
-        scene.player.choose_mode(before)
-        views.edit()
-        assert views.row == "edit"
-        views.choose("scene")
-        assert (views.row, views.editing) == ("scene", False), before
-    views.edit()
-    views.choose("trained")
-    assert (views.row, scene.player.what) == ("scene", "trained")
-    views.edit()
-    views.choose("crop")
-    assert views.row == "edit"

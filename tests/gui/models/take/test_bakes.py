@@ -17,7 +17,6 @@ from gui.models.take.bakes import Bakes
 from pipelines.takes.take import Take
 from studio.edits import World
 from studio.stream import CapturePlace
-from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
 from tests.support.players import settle
 from tests.support.streams import bake_numbered, set_capture
@@ -137,9 +136,3 @@ def test_bakes_are_kept_and_deleted_on_a_thread(take_copy: Path) -> None:
     assert "deleted" in done()
     assert (bakes.rows, bakes.failed) == ([], False)
     assert bakes.close()
-
-
-def test_nothing_to_compare_with_is_told(tmp_path: Path) -> None:
-    Take.create(tmp_path / "new")
-    with refuses("gui.nothing_to_compare"):
-        open_other(tmp_path / "new")

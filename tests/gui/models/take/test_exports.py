@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
@@ -69,22 +68,6 @@ def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
     assert exports.failed
     assert "nothing" in exports.result
     assert not (tmp_path / "out").exists()
-
-
-def test_views_become_a_camera_path(tmp_path: Path) -> None:
-    from studio.formats.camera_path import read_path_keys
-
-    exports = Exports()
-    orbit = OrbitCamera()
-    exports.path.add(orbit.camera(700, 560), 0)
-    with refuses("export.too_few_views", value=1):
-        exports.start(request("camera-path", "x", tmp_path / "out.mp4"))
-    exports.path.add(orbit.orbit(90, 0).camera(700, 560), 9)
-    path = exports._write_path(tmp_path, exports._keys(request("camera-path", "x", tmp_path / "out.mp4")))
-    assert json.loads(path.read_text())["format"] == "v3studio-camera-path"
-    keys = read_path_keys(path, 10.0)
-    assert [(key.time, key.frame) for key in keys] == [(0.0, 0.0), (2.0, 9.0)]
-    assert (keys[0].camera.width, keys[0].camera.height) == (1280, 720)
 
 
 @pytest.mark.parametrize("of", ["decoded", "trained"])

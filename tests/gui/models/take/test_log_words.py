@@ -46,18 +46,7 @@ def test_figures_of_each_stage_are_words_with_units() -> None:
     }
 
 
-def test_unknown_figures_keep_their_names() -> None:
-    event = Metrics(stage="stylize", group=2, values={"brush_size": 0.51234, "colors": {"a": 1}})
-    assert metrics_words(event) == "Stylize, group 2: brush size 0.5123, colors of 1"
-
-
 def test_a_finished_stage_says_what_it_made() -> None:
     run = RunState()
     run.apply(StageFinished(stage="bake", seconds=9, summary={"frames": 30, "groups": 2, "bytes": 925_207}))
     assert run.lines[-1] == ("", "Bake: done in 9.0 s. 30 frames in 2 groups, 925.2 KB")
-
-
-def test_flicker_has_its_unit() -> None:
-    event = Metrics(stage="evaluate", values={"flicker": 8.534, "flicker_at_group_borders": 9.866})
-    assert metrics_words(event) == "Evaluate: flicker 8.5 of 255 levels (9.9 at group borders)"
-    assert metrics_words(Metrics(stage="evaluate", values={"flicker": 8.534})) == "Evaluate: flicker 8.5 of 255 levels"

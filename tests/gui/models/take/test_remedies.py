@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.drawing.canvas import text_width
 from gui.drawing.palette import RAISED
 from gui.models.take.log import LogLine, LogView, grouped, log_rows
 from gui.models.take.remedies import NO_SETTING, REMEDIES, Fix, fix_of
 from gui.models.take.run_state import RunState
 from gui.models.take.settings import SECTIONS, fields_of, stage_of
-from gui.pages.start.cards import date_words
 from gui.widgets.stage_help import HELP
 from pipelines.config import Config
 from pipelines.config.loading import load_config
@@ -157,14 +155,6 @@ def test_the_heading_has_a_switch_to_warnings_only_where_there_are_some() -> Non
     assert LogView(rows, 150, 200, 16.0, warnings=3).filter is None, "it would cover other words"
 
 
-@pytest.mark.parametrize("told", [1e30, -1e30, float("inf"), float("nan"), 0.0])
-def test_what_is_no_time_has_no_clock(told: float) -> None:
-    """Runs are read from files, which may be damaged."""
-    (row,) = log_rows([("", "a line")], 400, 16.0, [told])
-    assert (row.text, row.clock) == ("a line", "")
-    assert date_words(told if told else None) == ""
-
-
 def told_of(run: RunState) -> list[LogLine]:
     """The log of a run as the window shows it."""
     lines = zip(run.lines, run.times, run.notices, strict=True)
@@ -189,24 +179,3 @@ def test_the_same_warning_about_several_cameras_is_one_line() -> None:
     ]  # fmt: skip
     assert told[0].notice is run.notices[0], "it has the same remedy"
     assert len(run.lines) == 6, "the run itself keeps all"
-
-
-@pytest.mark.parametrize("figures", [{"cam01": 12, "cam02": 55}, {"12": 12, "55": 55}])
-def test_no_figure_is_hidden_behind_that_of_another_camera(figures: dict[str, int]) -> None:
-    """Also where cameras have numbers for names, which could be taken for the figures."""
-    run = RunState()
-    texts = [f"Camera '{name}': the hull's silhouette and the mask differ by {by}%" for name, by in figures.items()]
-    for text, name in zip(texts, figures, strict=True):
-        run.apply(Warned(message=text, code="hull.mask_mismatch", fields={"camera": name}))
-    assert [line.text for line in told_of(run)] == texts
-
-
-@pytest.mark.parametrize("width", [230, 260, 400])
-def test_the_button_shows_the_whole_name_of_its_setting(width: int) -> None:
-    fix = Fix("capture.mask_sensitivity")
-    view = LogView(log_rows([("warning", "m")], width, 14.0, [1.0], [fix]), width, 120, 14.0)
-    left, wide = view._button(view.rows[1])
-    assert left >= 0
-    assert wide >= text_width(fix.words, round(0.82 * 14.0)) + 14.0
-    assert left + wide <= width
-    assert view.fix_at(left + 1, view.places[fix.words][1] * 120) == fix

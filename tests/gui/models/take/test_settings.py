@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +45,6 @@ VALUES = {
 }
 
 
-def test_optional_settings_of_all_kinds_are_tried() -> None:
-    assert {field.name for field in OPTIONAL} > set(VALUES)
-    assert {field.kind for field in OPTIONAL} == {"choice", "text"}, "a checkbox has no third state"
-
-
 @pytest.mark.parametrize("field", OPTIONAL, ids=lambda field: field.name)
 def test_a_setting_without_a_value_shows_a_word_and_can_be_without_a_value_again(field: SettingField) -> None:
     empty = load_config(None, [(field.name, None)])
@@ -80,14 +74,6 @@ CHOSEN = [field for stage in SECTIONS for field in fields_of(stage) if field.kin
 def test_every_choice_is_a_value_that_is_shown_as_itself(field: SettingField) -> None:
     for word in field.choices or ("true", "false"):
         assert field.shown(load_config(None, [(field.name, field.parsed(word))])) == word
-
-
-def test_letters_beyond_ascii_are_shown_as_they_are() -> None:
-    held_out = next(field for field in fields_of("capture") if field.name == "capture.held_out")
-    config = load_config(None, [("capture.held_out", ["caméra 1", "影"])])
-    assert held_out.shown(config) == "caméra 1, 影"
-    assert held_out.parsed(held_out.shown(config)) == ["caméra 1", "影"]
-    assert held_out.parsed("[caméra 1, 影]") == ["caméra 1", "影"], "as in the file"
 
 
 def test_words_units_and_choices_of_paths_belong_to_settings() -> None:
@@ -140,116 +126,6 @@ def test_numbers_are_stepped_between_the_limits_of_their_settings() -> None:
     assert dropout.stepped("a lot", 1) is None
     assert dropout.stepped("nan", 1) is None
     assert fields["train.max_splats"].stepped("1000", 1) is None
-
-
-def opened(open_window: Callable, take: Path, stage: str) -> Any:
-    """A window on the take, paused, with a finished stage selected."""
-    window = open_window(str(take))
-    window.wait_for("a take", lambda s: s["stages"][stage][0] == "done")
-    window.stage(stage)
-    return window
-
-
-def test_the_window_shows_that_nothing_is_chosen_and_lets_it_be_chosen_again(
-    open_window: Callable, take_copy: Path, artifacts: Path
-) -> None:
-    window = opened(open_window, take_copy, "review")
-    window.click("settings filter")
-    window.enter_text("settings filter", "lpips")
-    name = "setting evaluate.lpips"
-    window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == [name])
-
-    def choose(row: int) -> None:
-        """The toolkit draws a list of choices right below its box; measured at its default font size."""
-        window.click(name)
-        window.ticks(20)  # the toolkit does not report when its list is open
-        window.screenshot(artifacts / f"optional_setting_{row}.png")
-        left, bottom = window.point(name, 0.3, 1.0)
-        window.press(left, bottom + 9 + 20 * row)
-
-    def lpips() -> str | None:
-        return load_config(take_copy / "config.yaml").evaluate.lpips
-
-    assert lpips() is None
-    choose(1)
-    window.wait_for("a stale evaluation", lambda s: s["stages"]["review"][0] != "done")
-    assert lpips() == "alex"
-    choose(0)
-    window.wait_for("an evaluation that is up to date", lambda s: s["stages"]["review"][0] == "done")
-    assert lpips() is None
-    assert window.close() == 0, window.stderr.read_text()[-2000:]
-
-
-def test_a_setting_is_found_and_changed_through_the_filter(
-    open_window: Callable, take_copy: Path, artifacts: Path
-) -> None:
-    window = opened(open_window, take_copy, "train")
-    state = window.wait_for("few settings", lambda s: "setting train.dropout" in s["widgets"])
-    assert len([name for name in state["widgets"] if name.startswith("setting ")]) < 20
-    window.click("settings filter")
-    window.enter_text("settings filter", "rates opacity")
-    state = window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == FOUND)
-    assert state["stage"] == "train", "letters typed into the field are not shortcuts"
-    window.screenshot(artifacts / "settings_filter.png")
-    window.retype(FOUND[0], "0.025")
-    window.key("Return")
-    window.wait_for("a stale training", lambda s: s["stages"]["train"][0] != "done")
-    assert load_config(take_copy / "config.yaml").train.rates.opacity == 0.025
-    window.click("reset train.rates.opacity")
-    window.wait_for("the usual value", lambda s: s["texts"][FOUND[0]] == "0.05" and s["stages"]["train"][0] == "done")
-    window.chord("z")
-    window.wait_for("the change", lambda s: s["texts"][FOUND[0]] == "0.025")
-    window.chord("z", "Shift_L")
-    window.wait_for("no change", lambda s: s["texts"][FOUND[0]] == "0.05")
-    window.saw("a notice", lambda s: "Redone" in s["notice"])
-    assert load_config(take_copy / "config.yaml").train.rates.opacity == 0.05
-    before = window.states()[-1]["widgets"]["stages"][2]
-    window.drag("stages", (0.99, 0.5), (1.25, 0.5))
-    state = window.wait_for("a wider panel", lambda s: s["widgets"]["stages"][2] > before + 40)
-    assert state["stage"] == "train", "dragging the edge selects no stage"
-    window.screenshot(artifacts / "settings_wide.png")
-    window.retype("settings filter", "")
-    window.click("all settings", 0.2)
-    window.wait_for("all of them", lambda s: len([n for n in s["widgets"] if n.startswith("setting ")]) > 40)
-    assert window.close() == 0, window.stderr.read_text()[-2000:]
-
-
-FOUND = ["setting train.rates.opacity"]
-
-
-WITH_A_FOOTAGE_ERROR = """
-import sys
-from gui.models.take import workspace
-from gui.models.stage_rows import Assessment
-from studio.errors import Message
-
-error = Message("footage.all_held_out", "all 6 cameras are held out", fix="Change it.", fields={"setting": SETTING})
-workspace.assess = lambda context: Assessment(footage_error=error)
-from gui.app import main
-sys.exit(main())
-"""
-
-
-def test_the_window_leads_from_an_error_to_the_setting_that_fixes_it(
-    open_window: Callable, take_copy: Path, artifacts: Path
-) -> None:
-    program = ("-c", WITH_A_FOOTAGE_ERROR.replace("SETTING", repr("capture.held_out"), 1))
-    window = open_window(str(take_copy), program=program)
-    window.wait_for("the error", lambda s: s["stages"]["capture"][0] == "failed")
-    assert window.states()[-1]["error_setting"] == "", "the error is another stage's"
-    window.stage("capture")
-    state = window.wait_for("the button", lambda s: "error setting" in s["widgets"])
-    assert state["error_setting"] == "capture.held_out"
-    assert "all 6 cameras are held out. Change it." in state["stages"]["capture"][2]
-    window.screenshot(artifacts / "setting_link.png")
-    window.click("error setting")
-    window.wait_for(
-        "the setting alone",
-        lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == ["setting capture.held_out"],
-    )
-    assert window.states()[-1]["texts"]["settings filter"] == "capture.held_out"
-    window.screenshot(artifacts / "setting_link_followed.png")
-    assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 
 def test_every_setting_has_a_stage() -> None:

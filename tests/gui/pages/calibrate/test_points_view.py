@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gui.drawing.palette import ACCENT, BORDER, FAIR
+from gui.drawing.palette import ACCENT, FAIR
 from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.magnifier import Magnifier
-from gui.pages.calibrate.marks import TieMarks, advice, expected
+from gui.pages.calibrate.marks import TieMarks, expected
 from gui.pages.calibrate.points_view import PointsView
 from pipelines.takes.take import Take
 from studio.calibration import TiePoint, read_tie_points
 from studio.camera_files import read_rig
-from tests.support.looping import heard
 from tests.support.waiting import wait_until
 
 SIZE = (900, 600)
@@ -49,11 +48,6 @@ def is_close(pixel: np.ndarray, color: tuple[int, int, int]) -> bool:
     return bool(np.abs(pixel.astype(int) - color).max() < 60)
 
 
-def test_buttons_have_borders(stage_view: PointsView) -> None:
-    lines = (picture(stage_view)[:, :160] == BORDER).all(axis=2).sum(axis=1) > 120
-    assert lines.sum() == 2 * len(stage_view._buttons()), "one above and one below each"
-
-
 def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:
     before = picture(stage_view)
     stage_view.snaps = False
@@ -82,28 +76,6 @@ def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> N
     assert set(read_tie_points(stage_view.path)[0].pixels) == {first}
     stage_view.remove()
     assert read_tie_points(stage_view.path) == ()
-
-
-def test_buttons_and_list_in_the_picture(stage_view: PointsView) -> None:
-    picture(stage_view)
-    for label, action in stage_view._buttons()[:1]:
-        assert label.startswith("New point")
-        action()
-        action()
-    assert stage_view.marks is not None
-    assert [point.name for point in stage_view.marks.points] == ["point 1", "point 2"]
-    assert stage_view.marks.chosen == 1
-    picture(stage_view)
-    step = 0.85 * stage_view.em * 1.45 + 3
-    stage_view.click(20, 1.5 * step)  # the first row
-    assert stage_view.marks.chosen == 0
-    stage_view.step_point(1)
-    stage_view.step_point(1)
-    assert stage_view.marks.chosen == 1
-    picture(stage_view)
-    runs = heard(stage_view.run)
-    stage_view.click(20, SIZE[1] - 12)  # the last button
-    assert runs == [()]
 
 
 def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Path) -> None:
@@ -210,15 +182,6 @@ def test_changes_are_taken_back(tmp_path: Path) -> None:
     assert read_tie_points(marks.path) == ()
 
 
-def test_what_a_click_does_is_said(tmp_path: Path) -> None:
-    marks, names = TieMarks(tmp_path / "points.yaml"), [f"cam{number}" for number in range(9)]
-    assert advice(marks, names, "cam0", 0) == ("click to add a point; fewer than 6 marks: cam0, cam1, cam2 and 6 more")
-    marks.mark("cam0", 1, 2, 7)
-    assert "click to move 'point 1' in cam0" in advice(marks, names, "cam0", 7)
-    assert "click to mark 'point 1' in cam1" in advice(marks, names, "cam1", 7)
-    assert "was marked in frame 7, but this is frame 9" in advice(marks, names, "cam1", 9)
-
-
 def test_zoom_keeps_the_place_under_the_mouse() -> None:
     magnifier = Magnifier((1000, 500))
     magnifier.place((100, 50, 400, 400))
@@ -232,30 +195,3 @@ def test_zoom_keeps_the_place_under_the_mouse() -> None:
     assert magnifier.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
     magnifier.zoom(-100, 0, 0)
     assert (magnifier.scale, magnifier.center) == (1.0, (500, 250))
-
-
-def test_points_in_the_window(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
-    window = open_window(str(take_copy))
-    window.wait_for("the take", lambda s: s["stages"]["calibrate"][0] == "done")
-    window.stage("calibrate")
-    window.click("points by hand")
-    window.wait_for("the view", lambda s: s["mode"] == ["points by hand"] and s["settled"])
-    file = take_copy / "points.yaml"
-    window.click("viewport", 0.6, 0.5)
-    wait_until("a point in the file", file.is_file)
-    (point,) = read_tie_points(file)
-    assert len(point.pixels) == 1
-    pictures = window.states()[-1]["pictures"]
-    window.key("c")
-    window.wait_for("the next camera", lambda s: s["pictures"] > pictures and s["settled"])
-    window.click("viewport", 0.6, 0.55)
-    wait_until("two marks in the file", lambda: len(read_tie_points(file)[0].pixels) == 2)
-    window.key("e")
-    window.wait_for("the dialog", lambda s: s["dialog"] == "point" and s["typing"])
-    window.retype("dialog line", "corner; 0 0 1")
-    window.key("Return")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
-    window.screenshot(artifacts / "points_by_hand.png")
-    assert read_tie_points(file)[0].name == "corner"
-    assert read_tie_points(file)[0].world == (0, 0, 1)
-    assert window.close() == 0

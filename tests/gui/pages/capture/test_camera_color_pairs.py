@@ -13,8 +13,7 @@ import torch
 
 from gui.models.take.workspace import Workspace
 from gui.pages.capture import camera_color_pairs
-from gui.pages.capture.camera_color_pairs import NOT_YET, OFF, CameraColorPairs, pair, told
-from gui.pages.stage_view import sentence
+from gui.pages.capture.camera_color_pairs import CameraColorPairs, pair
 from pipelines.takes.atomic_files import write_model
 from pipelines.takes.stage_files import CameraColors
 from pipelines.takes.take import Take
@@ -46,13 +45,6 @@ def test_the_correction_is_the_inverse_of_what_the_camera_did() -> None:
     assert np.abs(left / 255 - truth[rows, columns]).max() > 0.1
 
 
-def test_a_camera_is_told_with_its_figures() -> None:
-    colors = colors_of(cam0=MATRIX, cam1=((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0)))
-    # gray 0.5 becomes 0.445, 0.54 and 0.5
-    assert told(colors, "cam0") == "cam0: 14; -40%"
-    assert told(colors, "cam1") == "cam1: 0"
-
-
 @pytest.fixture
 def workspace(finished_project: Path, tmp_path: Path) -> Iterator[Workspace]:
     shutil.copytree(finished_project, tmp_path / "project")
@@ -60,15 +52,6 @@ def workspace(finished_project: Path, tmp_path: Path) -> Iterator[Workspace]:
     found.open(Take.open(tmp_path / "project" / "take"))
     yield found
     assert found.close()
-
-
-def test_what_is_missing_is_said(workspace: Workspace) -> None:
-    pairs = CameraColorPairs(workspace)
-    assert (pairs.draw(SIZE, 16.0) == sentence(SIZE, OFF, 16.0)).all()
-    before = pairs.stamp
-    workspace.change_setting("train.camera_colors", True)
-    assert pairs.stamp != before
-    assert (pairs.draw(SIZE, 16.0) == sentence(SIZE, NOT_YET, 16.0)).all()
 
 
 def test_cameras_appear_as_they_are_read(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:

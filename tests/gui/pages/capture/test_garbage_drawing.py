@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -16,17 +13,13 @@ import pytest
 
 from gui.drawing.palette import BAD
 from gui.models.playback.player import PlayerPresenter
-from gui.models.take.new_take import NewTake
 from gui.models.take.workspace import Workspace
-from gui.pages.capture.garbage_drawing import GarbageDrawing
 from gui.pages.capture.view import GARBAGE
 from gui.pages.stage_views import StageViews
 from gui.widgets.raycast import MeshPicture
 from pipelines.config import load_config
 from pipelines.runs.runner import status
 from pipelines.stages.footage import TakeFootage
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.drawn_masks import DRAWN
 from pipelines.takes.take import Take
 from studio.yaml_text import parse_yaml
 from tests.support.looping import heard, wait_in_loop
@@ -220,65 +213,3 @@ def test_they_stay_with_a_take_that_is_moved_or_copied(views: StageViews, take_c
 
 def digest(take: Path) -> str:
     return TakeFootage(Take.open(take), load_config(take / "config.yaml")).digest
-
-
-def test_a_new_take_with_the_settings_of_another_has_its_garbage_masks(
-    views: StageViews, take_copy: Path, tmp_path: Path
-) -> None:
-    draw(views)
-    made = NewTake("", str(take_copy / "config.yaml"), str(tmp_path / "new")).create()
-    np.testing.assert_array_equal(masks(made)["cam1"], masks(take_copy)["cam1"])
-
-
-def test_polygons_drawn_after_the_setting_was_emptied_join_the_earlier_ones(views: StageViews, take_copy: Path) -> None:
-    lower = tuple((x, y + 16) for x, y in CORNERS)
-    right = tuple((x + 20, y) for x, y in CORNERS)
-    draw(views)
-    draw(views, lower)
-    before = (take_copy / "garbage.yaml").read_bytes()
-    assert views.workspace.change_setting("capture.garbage_masks", "") is None
-    draw(views, right)
-    found = parse_yaml((take_copy / "garbage.yaml").read_text())["cam1"]["remove"]
-    assert np.allclose(found, (CORNERS, lower, right), atol=0.2)
-    views.workspace.history.undo()
-    assert (take_copy / "garbage.yaml").read_bytes() == before
-    assert load_config(take_copy / "config.yaml").capture.garbage_masks == ""
-
-
-@pytest.mark.parametrize("earlier", [False, True])
-def test_a_refused_change_leaves_the_file_as_it_was(views: StageViews, take_copy: Path, earlier: bool) -> None:
-    polygons = take_copy / "garbage.yaml"
-    if earlier:
-        draw(views)
-    before = polygons.read_bytes() if earlier else None
-    (take_copy / "config.yaml").write_text("capture: [", encoding="utf-8")
-    refused = heard(views.capture.garbage.refused)
-    draw(views, tuple((x + 20, y) for x, y in CORNERS))
-    assert "config.yaml" in str(refused[-1])
-    assert (polygons.read_bytes() if polygons.exists() else None) == before
-    assert len(views.capture.garbage.corners) == 4, "they can be closed again"
-    assert ("garbage mask" in views.workspace.history.undo()) is False
-
-
-def test_another_mode_forgets_the_corners(views: StageViews) -> None:
-    picture(views)
-    clicked(views, CORNERS[:3], views.click)
-    views.choose(GARBAGE)
-    assert len(views.capture.garbage.corners) == 3
-    views.choose("images")
-    assert views.capture.garbage.corners == ()
-
-
-def test_polygons_of_footage_in_object_storage_are_seen_to_change(take_copy: Path) -> None:
-    """Without a store: it is not asked."""
-    settings: list[tuple[str, Any]] = [("capture.root", "s3://none/footage"), ("capture.garbage_masks", DRAWN)]
-    take = Take.open(take_copy)
-    context = Inputs(take, load_config(take.config, settings))
-    drawing = GarbageDrawing(cast(Workspace, SimpleNamespace(context=context, take=take)))
-    assert drawing.stamp is None
-    take.garbage.write_text("cam1: {remove: [[[0, 0], [64, 0], [64, 48]]]}")
-    os.utime(take.garbage, ns=(1, 1))
-    first = drawing.stamp
-    os.utime(take.garbage, ns=(2, 2))
-    assert None is not first != drawing.stamp
-    assert list(drawing.polygons()) == ["cam1"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -61,32 +60,3 @@ def test_what_capture_keeps_is_bounded_and_its_pictures_stay_the_same(
         assert kept() - before <= 8 * image < used
     usual.close()
     tight.close()
-
-
-def test_capture_lets_go_of_the_take_that_was_open(
-    workspace: Workspace, finished_project: Path, take_copy: Path
-) -> None:
-    workspace.open(Take.open(finished_project / "take"))
-    view = CaptureView(workspace)
-    first = drawn(view, "images", 0)
-    opened = view._open()
-    assert opened is not None
-    footage = weakref.ref(opened.footage)
-    del opened
-    gc.collect()
-    assert footage() is not None
-    workspace.open(Take.open(take_copy))
-    assert np.array_equal(drawn(view, "images", 0), first), "a copy of the same footage"
-    gc.collect()
-    assert footage() is None
-    opened = view._open()
-    assert opened is not None
-    footage = weakref.ref(opened.footage)
-    del opened
-    workspace.open(None)
-    gc.collect()
-    assert footage() is not None, "the view keeps it"
-    view.forget()
-    gc.collect()
-    assert footage() is None
-    view.close()

@@ -8,29 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.drawing.canvas import Canvas
 from gui.models.playback.sources import TrainedSource, open_path
 from gui.models.playback.stream_source import LeftOut, StreamSource
-from gui.models.scene.compose import SplatLayer
-from gui.models.scene.contents import Lines
-from gui.models.scene.handles import crop_handles, default_crop, grabbed, moved_crop, picked
+from gui.models.scene.handles import crop_handles
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
-from gui.pages.review.frame import EditedFrame
-from gui.pages.review.numbers import brush_field, brush_of, fields_of, with_numbers
-from gui.pages.review.picture import draw_lines
+from gui.pages.review.numbers import fields_of, with_numbers
 from gui.pages.review.session import edits_of
-from gui.pages.review.tools import FLOATERS, LEAST_BRUSH, MOST_BRUSH, hint
+from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
 from gui.pages.review.view import EditView
-from gui.pages.stage_view import OrbitView
 from pipelines.takes.edits import change_edits, read_edits
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
-from studio.edits import CropBox, EditList, Floaters, Ground, Trim, World
-from studio.edits.selection import Paths
+from studio.edits import EditList, Floaters, Ground, Trim, World
 from studio.stream import CapturePlace
 from tests.support.looping import heard
-from tests.support.rigs import camera_at
 from tests.support.waiting import wait_until
 
 SIZE = (320, 240)
@@ -243,99 +235,6 @@ def test_the_brush_is_a_circle_at_the_pointer_and_selects_what_it_covers(view: E
     assert view.brush == LEAST_BRUSH
 
 
-def test_the_radius_of_the_brush_is_typed_in_percent() -> None:
-    assert brush_field(0.03)[2] == "3"
-    assert brush_of(" 4.5 ") == pytest.approx(0.045)
-    assert brush_of("4.5%") == pytest.approx(0.045)
-    for wrong in ("", "wide", "0", "-3", "nan", "60"):
-        assert isinstance(brush_of(wrong), str), wrong
-
-
-def limits(view: EditView, floaters: Floaters) -> None:
-    """Type limits of floaters in Numbers."""
-    view.press("floaters")
-    view.pending = view.edits.with_(floaters=floaters)
-    drawn(view)
-
-
-def test_limits_are_lowered(view: EditView) -> None:
-    drawn(view)
-    least = view._edited.paths.opacities.max(axis=0)
-    high, low = (float(np.quantile(least, share)) for share in (0.3, 0.1))
-    limits(view, Floaters(opacity=high))
-    view.press("remove")
-    drawn(view)
-    removed = view.counts["removed"]
-    view.press("floaters")
-    drawn(view)
-    assert view.idle_buttons == {"remove", "remove here"}, "as they are"
-    limits(view, Floaters(opacity=low))
-    back = view.counts["back"]
-    assert view.counts["selected"] == 0
-    assert back == removed - (least < low).sum() > 0
-    assert view.idle_buttons == {"remove here"}
-    view.press("remove")
-    drawn(view)
-    assert (view.refused, view.edits.floaters) == ("", Floaters(opacity=low))
-    assert view.counts["removed"] == removed - back
-
-
-def test_limits_may_select_in_other_groups_only(view: EditView) -> None:
-    drawn(view)
-    limits(view, Floaters(splats=1))
-    assert (view.counts["selected"], view.counts["back"]) == (0, 0)
-    assert view.idle_buttons == {"remove here"}
-    view.press("remove")
-    assert (view.refused, view.edits.floaters) == ("", Floaters(splats=1))
-
-
-def test_of_two_pictures_in_a_poll_the_newer_is_shown(view: EditView, monkeypatch: pytest.MonkeyPatch) -> None:
-    pictures = [np.full((2, 2, 3), number, np.uint8) for number in (1, 2)]
-    for second, shown in ((pictures[1], 2), (None, 1)):
-        polled, suggested = iter((pictures[0], second)), iter((False, True))
-        monkeypatch.setattr(OrbitView, "poll", lambda self, size, polled=polled: next(polled))
-        monkeypatch.setattr(view, "_suggest", lambda suggested=suggested: next(suggested))
-        assert view.poll(SIZE)[0, 0, 0] == shown
-
-
-def test_the_first_limits_that_select_something_are_proposed() -> None:
-    frame = EditedFrame()
-    frame.indices = range(1)
-    means = np.linspace((0, 0, 0), (1, 1, 1), 2000, dtype=np.float32)[None]  # one cluster
-    for faintest, opacity in ((0.01, 0.02), (0.03, 0.05), (0.08, 0.1), (0.5, 0.1)):
-        opacities = np.full((1, 2000), 0.9, np.float32)
-        opacities[0, :4] = faintest
-        frame.paths = Paths(range(1), means, opacities)
-        frame._selections = {}
-        assert frame.proposed_floaters(EditList()).opacity == opacity
-    none = hint("floaters", 0, 0, FLOATERS[-1], False)
-    assert none.startswith("No splats selected in this group")
-    assert "opacity below 0.1" in none
-    assert "Raise the limits" in none
-    assert hint("floaters", 1, 0, FLOATERS[0], False).startswith("1 splat selected: ")
-    assert "Removed already" in hint("floaters", 0, 0, FLOATERS[0], True)
-    assert hint("floaters", 0, 1200, FLOATERS[0], False).startswith("1,200 splats come back: opacity below 0.02")
-    assert hint("floaters", 3, 1, None, False).startswith("3 splats selected, 1 splat comes back: no limits.")
-
-
-def test_lines_behind_opaque_splats_are_faint() -> None:
-    view = camera_at("a", (4.0, 0.0, 0.0))
-    lines = Lines.of([[np.array([0.0, -1, 0]), np.array([0.0, 1, 0])]], (255, 255, 255), 2.0)
-    shape = (view.height, view.width)
-    row, middle = shape[0] // 2, shape[1] // 2
-
-    def brightness(depth: float, alpha: float) -> int:
-        canvas = Canvas(view.width, view.height, (0, 0, 0))
-        splats = SplatLayer(np.zeros((*shape, 3), np.float32), np.full(shape, alpha), np.full(shape, depth))
-        draw_lines(canvas, view, lines, splats)
-        return int(canvas.pixels[row - 2 : row + 3, middle].max())
-
-    in_front, behind = brightness(5.0, 1.0), brightness(3.0, 1.0)
-    assert in_front > 200
-    assert 20 < behind < 0.3 * in_front
-    assert brightness(3.0, 0.1) == in_front, "transparent splats hide nothing"
-
-
 def test_points_are_picked_for_the_world(view: EditView) -> None:
     drawn(view)
     camera = view.orbit.camera(*SIZE)
@@ -401,23 +300,6 @@ def test_trained_frames_are_shown_without_what_is_removed(take_copy: Path) -> No
     shutil.rmtree(take_copy)
 
 
-def test_handles_and_points_under_the_pointer() -> None:
-    view = camera_at("a", (4.0, 0.0, 0.0))
-    box = CropBox(center=(0, 0, 0), size=(1, 1, 1))
-    handles = crop_handles(box)
-    near, far = (view.project(handles[number].place[None])[0][0] for number in (1, 0))
-    assert np.allclose(near, far)  # one behind the other
-    assert grabbed(handles, view, *near).name == "crop 0 1"
-    assert grabbed(handles, view, near[0] + 40, near[1] + 40) is None
-    thin = moved_crop(box, handles[3], -5)
-    assert thin.size[1] == pytest.approx(0.01)
-    points = np.random.default_rng(1).normal(size=(500, 3)) * (0.5, 0.3, 1)
-    held = default_crop(points, EditList(), UP)
-    assert held.holds(points).mean() > 0.98
-    assert np.abs(held.axes @ UP).max() == pytest.approx(1)
-    assert picked(view, np.zeros((0, 3)), 80, 60) is None
-
-
 def test_numbers_in_fields_say_what_is_there_and_set_it() -> None:
     up = np.array([0.0, 0.0, 1.0])
     edits = EditList(world=World(up=(0, 0, 1), origin=(0, 0, 1), scale=2))
@@ -446,10 +328,3 @@ def test_numbers_in_fields_say_what_is_there_and_set_it() -> None:
         words = with_numbers(edits, kind, texts, up)
         assert isinstance(words, str)
         assert words.endswith(".")
-
-
-def test_what_a_box_cuts_off_is_not_called_selected() -> None:
-    assert hint("crop", 1, 0, None, False).startswith("1 splat outside of the box")
-    assert hint("ground", 1200, 0, None, False).startswith("1,200 splats below the plane")
-    assert hint("crop", 0, 0, None, False) == hint("crop", None, 0, None, False)
-    assert hint("lasso", 1, 0, None, False).startswith("1 splat selected")

@@ -7,17 +7,15 @@ import os
 import re
 import shutil
 import time
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gui.pages.start import thumbnail as thumbnails
-from gui.pages.start.cards import Card, date_words, describe, folder_bytes, megabytes, state_words
-from gui.pages.start.thumbnail import SIZE, cropped, thumbnail
+from gui.pages.start.cards import describe, folder_bytes, state_words
+from gui.pages.start.thumbnail import SIZE, thumbnail
 from pipelines.runs.staleness import StageStatus
-from pipelines.takes.take import Take
 
 STAGES = ("calibrate", "initialize", "train", "bake", "evaluate")
 
@@ -57,22 +55,6 @@ def test_what_is_not_a_take_is_told(take_copy: Path, tmp_path: Path) -> None:
     assert "neither a take nor a stream" in describe(str(tmp_path / "empty")).state
 
 
-def test_a_running_take_is_not_measured_at_each_look(take_copy: Path) -> None:
-    measured = describe(str(take_copy))
-    sizes = (measured.stream_bytes, measured.total_bytes)
-    (take_copy / "new.bin").write_bytes(bytes(1000))
-    with Take(take_copy).locked("v3studio run"):
-        running = describe(str(take_copy), sizes)
-        again = describe(str(take_copy))
-    assert (running.tone, (running.stream_bytes, running.total_bytes)) == ("running", sizes)
-    assert again.total_bytes is not None
-    assert sizes[1] is not None
-    assert again.total_bytes >= sizes[1] + 1000
-    after = describe(str(take_copy), sizes)
-    assert after.total_bytes is not None
-    assert (after.tone, after.total_bytes >= sizes[1] + 1000) == ("done", True)
-
-
 @pytest.mark.parametrize(
     ("states", "words"),
     [
@@ -87,33 +69,6 @@ def test_a_running_take_is_not_measured_at_each_look(take_copy: Path) -> None:
 def test_states_are_words(states: tuple[str, ...], words: tuple[str, str]) -> None:
     found = {name: StageStatus(name, state, "", 3, 30, "frames") for name, state in zip(STAGES, states, strict=True)}
     assert state_words(found) == words
-
-
-def test_sizes_and_dates_are_words() -> None:
-    assert [megabytes(count) for count in (84_900, 1_930_000, 213_600_000, 1_200_000_000)] == [
-        "84.9 KB", "1.93 MB", "214 MB", "1.20 GB",
-    ]  # fmt: skip
-    now = datetime(2026, 3, 12, 10, 0).timestamp()
-    moments = [(2026, 3, 12, 9, 5), (2026, 3, 11, 23, 59), (2026, 3, 3, 8, 0), (2025, 12, 31, 8, 0)]
-    words = [date_words(datetime(*moment).timestamp(), now) for moment in moments]
-    assert words == ["today 09:05", "yesterday 23:59", "3 Mar", "31 Dec 2025"]
-    assert date_words(None) == ""
-
-
-def test_a_card_tells_its_sizes_in_fewer_words_where_there_is_less_room() -> None:
-    words = Card("/takes/walk", "take", stream_bytes=84_900, total_bytes=8_150_000).sizes()
-    assert all("84.9 KB" in one and "8.15 MB" in one for one in words)
-    assert [len(one) for one in words] == sorted({len(one) for one in words}, reverse=True)
-    assert Card("/takes/walk", "take", total_bytes=8_150_000).sizes() == ("8.15 MB in all",)
-    assert Card("/walk", "stream", stream_bytes=84_900, total_bytes=84_900).sizes() == ("84.9 KB stream",)
-    assert Card("https://example.org/walk", "web").sizes() == ()
-
-
-def test_the_home_folder_is_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HOME", str(tmp_path / "anna"))
-    assert Card(str(tmp_path / "anna" / "takes" / "walk"), "take").folder == "~/takes"
-    assert Card(str(tmp_path / "annabel" / "walk"), "take").folder == str(tmp_path / "annabel")
-    assert Card("https://example.org/walk/", "web").name == "walk"
 
 
 def test_a_thumbnail_is_drawn_once(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,13 +102,3 @@ def test_a_take_without_results_shows_its_footage(
     assert filmed is not None
     assert drawn is not None
     assert np.abs(filmed.astype(int) - drawn).mean() > 5
-
-
-def test_images_fill_a_thumbnail_without_being_distorted() -> None:
-    tall = np.zeros((400, 200, 3), np.uint8)
-    tall[190:210] = 255
-    found = cropped(tall)
-    assert found.shape == (SIZE[1], SIZE[0], 3)
-    rows = np.flatnonzero(found[:, 240, 0] > 127)
-    assert len(rows) == pytest.approx(20 * SIZE[0] / 200, abs=3)
-    assert rows.mean() == pytest.approx(SIZE[1] / 2, abs=2)

@@ -100,38 +100,3 @@ def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None
             page.step(picture.boxes, 1)
             walked.append(page.focus)
         assert sorted(walked) == sorted(names)
-
-
-def test_boxes_do_not_overlap_and_the_focus_is_scrolled_to(page: StartPage) -> None:
-    page.places = tuple(f"/takes/{number}" for number in range(10))
-    page.back = "a take with a long name " * 20
-    for size, em in (((1280, 760), 16), ((1920, 1040), 16), ((3840, 2100), 32), ((820, 600), 16)):
-        picture = StartPicture(*size, em)
-        pixels = picture.draw(page)
-        assert pixels.shape == (size[1], size[0], 3)
-        for number, ((x, y, wide, high), name) in enumerate(picture.boxes):
-            assert x >= 0, name
-            assert x + wide <= size[0], name
-            for (left, top, width, height), other in picture.boxes[number + 1 :]:
-                apart = x + wide <= left or left + width <= x or y + high <= top or top + height <= y
-                assert apart, (name, other)
-        down = picture.scrolled_to("card 9")
-        scrolled = StartPicture(*size, em, down)
-        scrolled.draw(page)
-        ((_, top, _, high),) = [box for box, name in scrolled.boxes if name == "card 9"]
-        assert top >= 0
-        assert top + high <= size[1] - 2 * em, "above the line with the keys"
-        assert scrolled.at(*_middle(scrolled, "card 9")) == "card 9"
-
-
-def test_without_the_sample_it_cannot_be_chosen(page: StartPage) -> None:
-    page.sample = False
-    picture = StartPicture(1280, 760, 16)
-    picture.draw(page)
-    assert "sample" not in [name for _, name in picture.boxes]
-    assert "queue" in [name for _, name in picture.boxes]
-
-
-def _middle(picture: StartPicture, name: str) -> tuple[float, float]:
-    ((x, y, wide, high),) = [box for box, one in picture.boxes if one == name]
-    return x + wide / 2, y + high / 2

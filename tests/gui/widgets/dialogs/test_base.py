@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -72,54 +70,3 @@ def test_what_cannot_be_had_is_a_sentence(tree: Path) -> None:
 def test_recent_ones_that_are_gone(tree: Path) -> None:
     there, gone, address = str(tree / "a take"), str(tree / "gone"), "https://example.org/walk"
     assert Preferences(recent=[gone, there, address]).recent_there() == [there, address]
-
-
-def test_a_marked_folder_is_opened_and_enter_confirms(
-    open_window: Callable, take_copy: Path, tmp_path: Path, artifacts: Path
-) -> None:
-    settings = tmp_path / "config" / "v3studio"
-    settings.mkdir(parents=True)
-    (settings / "window.json").write_text(json.dumps({"recent": [str(take_copy)]}))
-    window = open_window("--size", "1100x760")
-    window.wait_for("an empty window", lambda s: s["dialog"] == "" and s["message"])
-
-    # the list starts next to the newest take: select the take, press Open
-    window.menu("File", "open")
-    window.wait_for("the folders", lambda s: s["dialog"] == "path")
-    names = [entry.path.name for entry in FolderList(take_copy.parent, "take").entries]
-    row = 0.011 + (names.index("take") + 0.5) / 14
-    window.click("dialog list", 0.2, row)
-    window.screenshot(artifacts / "dialog_path.png")
-    window.click("dialog open")
-    state = window.wait_for("the take", lambda s: s["frames"] > 1 and s["dialog"] == "" and s["opening"] == "")
-    assert state["title"].startswith("take ")
-
-    window.key("Home")
-    window.wait_for("the first frame", lambda s: s["shown"] == 0)
-    window.key("m")
-    window.wait_for("the question", lambda s: s["dialog"] == "mark")
-    window.wait_for("a line with the keyboard", lambda s: s["typing"])
-    window.enter_text("dialog line", "by enter")
-    window.key("Return")
-    window.wait_for("the mark", lambda s: s["marks"] == {"0": "by enter"} and s["dialog"] == "")
-
-    # losing the keyboard focus does not confirm
-    window.key("m")
-    window.wait_for("the question", lambda s: s["dialog"] == "mark")
-    window.wait_for("a line with the keyboard", lambda s: s["typing"])
-    window.enter_text("dialog line", "more", selected=True)  # Tab selects the text of the field that it focuses
-    window.click("dialog line", 0.5, -1.0)
-    assert window.states()[-1]["dialog"] == "mark"
-    window.click("dialog close")
-    state = window.wait_for("no dialog", lambda s: s["dialog"] == "")
-    assert state["marks"] == {"0": "by enter"}
-
-    # one Escape closes it, although the field that is typed into keeps the key to itself
-    window.key("m")
-    window.wait_for("a line with the keyboard", lambda s: s["dialog"] == "mark" and s["typing"])
-    window.enter_text("dialog line", "more", selected=True)
-    window.key("Escape")
-    state = window.wait_for("no dialog", lambda s: s["dialog"] == "")
-    assert state["marks"] == {"0": "by enter"}
-    assert window.close() == 0, window.stderr.read_text()[-2000:]
-    assert "top-level" not in window.stderr.read_text()

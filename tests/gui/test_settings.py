@@ -1,4 +1,4 @@
-"""In the real window: what to look for in a stage, the buttons below warnings, and spans on the timeline."""
+"""In the real window: settings, help on a stage, the buttons below warnings, and spans on the timeline."""
 
 from __future__ import annotations
 
@@ -10,8 +10,12 @@ from pipelines.events import Warned
 from pipelines.takes.take import Take
 from tests.gui.conftest import RunningWindow
 
+FOUND = ["setting train.rates.opacity"]
 
-def test_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow], take_copy: Path, artifacts: Path) -> None:
+
+def test_settings_help_a_fix_and_a_span(
+    open_window: Callable[..., RunningWindow], take_copy: Path, artifacts: Path
+) -> None:
     take = Take(take_copy)
     warning = Warned(
         stage="train",
@@ -60,3 +64,32 @@ def test_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow], take_c
     window.screenshot(artifacts / "help_span.png")
     window.key("Escape")
     window.wait_for("no span", lambda s: s["span"] is None)
+
+    window.stage("train")
+    state = window.wait_for("few settings", lambda s: "setting train.dropout" in s["widgets"])
+    assert len([name for name in state["widgets"] if name.startswith("setting ")]) < 20
+    window.click("settings filter")
+    window.enter_text("settings filter", "rates opacity")
+    state = window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == FOUND)
+    assert state["stage"] == "train", "letters typed into the field are not shortcuts"
+    window.retype(FOUND[0], "0.025")
+    window.key("Return")
+    window.wait_for("a stale training", lambda s: s["stages"]["train"][0] != "done")
+    assert load_config(take.root / "config.yaml").train.rates.opacity == 0.025
+    window.click("reset train.rates.opacity")
+    window.wait_for("the usual value", lambda s: s["texts"][FOUND[0]] == "0.05" and s["stages"]["train"][0] == "done")
+    window.chord("z")
+    window.wait_for("the change", lambda s: s["texts"][FOUND[0]] == "0.025")
+    window.chord("z", "Shift_L")
+    window.wait_for("no change", lambda s: s["texts"][FOUND[0]] == "0.05")
+    window.saw("a notice", lambda s: "Redone" in s["notice"])
+    assert load_config(take.root / "config.yaml").train.rates.opacity == 0.05
+    before = window.states()[-1]["widgets"]["stages"][2]
+    window.drag("stages", (0.99, 0.5), (1.25, 0.5))
+    state = window.wait_for("a wider panel", lambda s: s["widgets"]["stages"][2] > before + 40)
+    assert state["stage"] == "train", "dragging the edge selects no stage"
+    window.screenshot(artifacts / "settings_wide.png")
+    window.retype("settings filter", "")
+    window.click("all settings", 0.2)
+    window.wait_for("all of them", lambda s: len([n for n in s["widgets"] if n.startswith("setting ")]) > 40)
+    assert window.close() == 0, window.stderr.read_text()[-2000:]

@@ -1,4 +1,4 @@
-"""The menu Share: a folder is written, and a take is served with a QR code that says its address."""
+"""The menus Export and Share: files and folders are written, and a take is served with a QR code of its address."""
 
 from __future__ import annotations
 
@@ -13,10 +13,24 @@ import cv2
 from tests.support.waiting import wait_until
 
 
-def test_share_and_serve(open_window: Callable[..., Any], stream_folder: Path, tmp_path: Path, artifacts: Path) -> None:
+def test_export_share_and_serve(
+    open_window: Callable[..., Any], stream_folder: Path, tmp_path: Path, artifacts: Path
+) -> None:
     folder = Path(shutil.copytree(stream_folder, tmp_path / "walk"))
     window = open_window(str(folder))
     window.wait_for("the stream", lambda s: s["frames"] == 12)
+    # an export that is refused keeps what was typed
+    window.menu("Export", "export")
+    window.wait_for("the options", lambda s: s["dialog"] == "export" and s["typing"])
+    window.retype("dialog line", str(folder))
+    window.click("dialog save")
+    window.wait_for("a refusal", lambda s: s["dialog"] == "export" and s["texts"]["dialog line"] == str(folder))
+    window.screenshot(artifacts / "export_refused.png")
+    window.retype("dialog line", str(tmp_path / "frames"))
+    window.click("dialog save")
+    window.saw("what was written", lambda s: s["notice"].startswith("Written: "), 0, 180)
+    assert len(list((tmp_path / "frames").glob("*.ply"))) == 12
+
     window.menu("Share", "share folder")
     window.wait_for("dialog", lambda s: s["dialog"] == "share")
     assert window.states()[-1]["texts"]["dialog line"] == str(tmp_path / "walk-share")
