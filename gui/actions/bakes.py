@@ -1,15 +1,16 @@
-"""Bakes that are kept under names: list, compare, choose, delete."""
+"""Bakes that the take keeps: list, compare, choose, keep."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from gui.models.playback.other_source import OtherSource, open_other
-from gui.models.take.bakes import BakeRow, Bakes
+from gui.models.take.bakes import Bakes
 from gui.models.worker import Done, LatestWorker
 from gui.shell import Shell
 from gui.widgets.dialogs.bakes import NAME, BakeChoices, BakesDialog
 from gui.widgets.dialogs.folder import ask_path
+from pipelines.takes.kept_bakes import KeptBake
 from studio.errors import StudioError
 
 Place = tuple[Path, str, Path | None, bool]
@@ -29,24 +30,21 @@ class BakeActions:
             lambda place: open_other(*place), "v3studio other", self._opened
         )
         self.bakes.changed.connect(self._changed)
-        choices = BakeChoices(self._compare, self._ask_take, self.stop, self._choose, self._ask_remove, self._ask_keep)
+        choices = BakeChoices(self._compare, self._ask_take, self.stop, self._choose, self._ask_keep)
         self._dialog = BakesDialog(window.dialogs, self.bakes, choices)
 
     def show(self) -> None:
         """Show the dialog."""
         window = self._window
         take = window.workspace.take
-        if take is not None:
-            self.bakes.look(take)
-        else:
-            self.bakes.rows = []
+        self.bakes.look(take)
         other = window.player.other
         baked = take is not None and window.workspace.row("bake").state == "done"
-        self._dialog.show(other.label if other is not None else "", take is not None, baked)
+        self._dialog.show(other.label if other is not None else "", baked)
 
-    def _compare(self, row: BakeRow) -> None:
+    def _compare(self, row: KeptBake) -> None:
         self._window.dialogs.close()
-        self._open(row.stream, row.name, row.evaluation)
+        self._open(row.take.stream, row.name, row.take.evaluation)
 
     def _ask_take(self) -> None:
         opened = self._window.player.opened
@@ -64,12 +62,12 @@ class BakeActions:
         self._window.dialogs.close()
         self._window.player.compare_with(None)
 
-    def _choose(self, row: BakeRow) -> None:
+    def _choose(self, row: KeptBake) -> None:
         window = self._window
         take = window.workspace.take
         if take is None:
             return
-        if self.bakes.chosen is not None or not take.stream.exists():
+        if self.bakes.is_kept or not take.stream.exists():
             self.bakes.choose(take, row.name)
             self._dialog.update()
             return
@@ -80,27 +78,8 @@ class BakeActions:
 
         window.dialogs.ask(
             f"Replace the stream by '{row.name}'?",
-            "The present stream is not kept under a name and would be lost. Keep it first, if you may need it.",
+            "The present stream is not kept and would be lost. Keep it first if you may need it.",
             [("keep", "Keep it...", self._ask_keep), ("discard", "Replace", discard), ("stay", "Cancel", self.show)],
-        )
-
-    def _ask_remove(self, row: BakeRow) -> None:
-        take = self._window.workspace.take
-        if take is None:
-            return
-
-        def remove() -> None:
-            other = self._window.player.other
-            if other is not None and other.label == row.name:
-                self._window.player.compare_with(None)
-            self.bakes.remove(take, row.name)
-            self.show()
-
-        left = "The take's stream stays." if row.chosen else "It can only be made again with its settings."
-        self._window.dialogs.ask(
-            f"Delete the bake '{row.name}'?",
-            f"{row.frees / 1e6:.2f} MB become free. {left}",
-            [("remove", "Delete", remove), ("stay", "Cancel", self.show)],
         )
 
     def _ask_keep(self) -> None:
@@ -124,9 +103,8 @@ class BakeActions:
         if not self.bakes.failed:
             window.notices.clear("bakes")
         window.notices.tell(self.bakes.message, bad=self.bakes.failed, topic="bakes")
-        if window.workspace.take is not None:
-            self.bakes.look(window.workspace.take)
-            window.player.refresh()
+        self.bakes.look(window.workspace.take)
+        window.player.refresh()
         if window.dialogs.name == NAME:
             self._dialog.update()
 
