@@ -28,7 +28,6 @@ from gui.widgets.modes import ModesPanel
 from gui.widgets.notice_bar import NoticeBar
 from gui.widgets.path_panel import PathPanel
 from gui.widgets.picture import color
-from gui.widgets.scene_view import SceneView
 from gui.widgets.stages import StagesPanel
 from gui.widgets.timeline import STRIP, TimelinePanel
 from gui.widgets.viewport import Viewport
@@ -76,7 +75,6 @@ class Shell(Protocol):
     dialogs: Dialogs
     input: InputOrder
     viewport: Viewport
-    scene_view: SceneView
     timeline: TimelinePanel
     controls: ControlsPanel
     modes: ModesPanel
@@ -248,7 +246,6 @@ class Layout:
         if alone:
             picture = panels.start.picture if panels.start.shown else panels.viewport.picture
             picture.place(x, y, width, height)
-            panels.scene_view.place(x, y, width, height)
             self._place_over(context, x, y, width, height)
             return
         left = min(round(self.left * em), width // 3)
@@ -271,7 +268,6 @@ class Layout:
         modes = panels.modes.place(panels.views.row, inner + pad, y + 0.25 * em, view_width - pad, context)
         row = round(modes + 0.5 * em)
         panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
-        panels.scene_view.place(inner, y + row, view_width, bottom - y - row)
         if figures or panels.inspector.large:
             over = (inner, y + row, inner_width, bottom - y - row)
             panels.inspector.place(inner + view_width + gap, y, right, bottom - y, over)

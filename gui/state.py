@@ -44,7 +44,6 @@ class WindowState:
         places: the middle of what shows a camera, and of the ends of the scene's axes, 0 to 1 across and down the
             viewport; those in front last.
         shown: frame of the newest picture; None if there is none.
-        open3d: the frame of the scene that Open3D draws; None if it draws none.
         settled: whether the newest picture shows what was last requested.
         pictures: number of pictures shown so far.
         handed_over: pictures per second.
@@ -99,7 +98,6 @@ class WindowState:
     menu_camera: str
     places: dict[str, list[float]]
     shown: int | None
-    open3d: int | None
     settled: bool
     pictures: int
     handed_over: int
@@ -160,7 +158,6 @@ class WindowState:
             menu_camera=window.camera_menu.camera,
             places=_places(window),
             shown=player.picture.frame if player.picture else None,
-            open3d=player.picture.frame if player.picture and window.scene_view.drawn(player.picture.native) else None,
             settled=window.views.settled,
             pictures=window.pictures,
             handed_over=round(player.rate),

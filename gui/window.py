@@ -47,7 +47,6 @@ from gui.widgets.notice_bar import NoticeActions, NoticeBar
 from gui.widgets.path_panel import PathPanel
 from gui.widgets.picture import color, holds, plain_label
 from gui.widgets.raycast import MeshPicture
-from gui.widgets.scene_view import SceneView
 from gui.widgets.stages import StagesPanel
 from gui.widgets.swap_guard import SwapGuard
 from gui.widgets.timeline import TimelinePanel
@@ -126,7 +125,7 @@ class MainWindow:
         self.dialogs = Dialogs(self.window, titles)
         self.input.pressed = self.dialogs.pressed
         self.dialogs.last_folder, self.dialogs.remembered = self.preferences.folder, self._remember_folder
-        self.actions = Actions(self, software)
+        self.actions = Actions(self)
         self.places = Opening(self, self._opening_ended)
         self._build()
         menu_bar = MenuBar(self.em, menus.boxes(self.em))
@@ -145,7 +144,6 @@ class MainWindow:
     def _build(self) -> None:
         em, changed = self.em, self.changed
         self.viewport = Viewport(lambda: self.views, changed)
-        self.scene_view = SceneView(self.window, self.viewport.on_mouse, self.over_view)
         self.timeline = TimelinePanel(self.player, em, changed)
         hints = self.hints = Hints(self.input.active, em)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed, hints)
@@ -348,7 +346,6 @@ class MainWindow:
         if copied is not None:
             self.actions.start.copied(copied)
         changed = self.actions.path.advance()
-        changed |= self.actions.scene.follow()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:
@@ -387,7 +384,6 @@ class MainWindow:
                 self._redraws.pause = 0.0
         due = not pausing and self._redraws.due()
         if due:
-            self.actions.scene.draw()
             shown = self.player.picture.frame if self.player.picture is not None and self.views.shows_player else None
             self.numbers = [shown, self.inspector.frame, self.timeline.frame]
             self.drawn.hit()
@@ -440,7 +436,7 @@ class MainWindow:
             changed = True
         status = self.player.status if stage_view is None else stage_view.status
         notice = self.overlays.line
-        words = [notice or status, self.scene_view.words, self.exports.words, self.serving.words]
+        words = [notice or status, self.exports.words, self.serving.words]
         self.status.text_color = color(TEXT if notice else DIM)
         return changed | self._set_text(self.status, "   ".join(filter(None, words)))
 

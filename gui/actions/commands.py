@@ -19,7 +19,6 @@ from gui.actions.output import OutputActions
 from gui.actions.path import PathActions
 from gui.actions.points import PointActions
 from gui.actions.queue import QueueActions
-from gui.actions.scene import SceneActions
 from gui.actions.search import SearchActions, opens_list
 from gui.actions.shares import ShareActions
 from gui.actions.start import StartActions
@@ -57,10 +56,9 @@ class Actions:
 
     Args:
         window: the main window.
-        software: whether the CPU draws it.
     """
 
-    def __init__(self, window: Shell, software: bool = False) -> None:
+    def __init__(self, window: Shell) -> None:
         self._window = window
         self._marks, self._outputs = MarkActions(window), OutputActions(window)
         self.help = HelpActions(window)
@@ -71,7 +69,6 @@ class Actions:
         self.bakes = BakeActions(window)
         window.views.bake_wanted.connect(later(self.bakes.show))
         self.edits = EditActions(window)
-        self.scene = SceneActions(window, software)
         self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
         self.clipboard = Clipboard()
         self.notices = NoticeKeys(window, self.clipboard)
@@ -96,7 +93,6 @@ class Actions:
             "reset": window.views.reset,
             "background": window.player.next_background,
             "scene": lambda: self._review("scene"),
-            "open3d": self.scene.toggle,
             "camera": window.player.next_camera,
             "cameras": self.cameras.ask,
             "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),

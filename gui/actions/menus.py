@@ -34,7 +34,6 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("span", "Select span: from here, to here, none (T)"),
             ("", ""),
             ("scene", "Scene: splats, cameras, points (O)"),
-            ("open3d", "Draw the scene with Open3D"),
             ("", ""),
             ("cameras", "Cameras: use, hold out..."),
             ("bakes", "Bakes: compare, choose, delete..."),

@@ -32,8 +32,6 @@ class OutputActions:
         if picture is None:
             window.notices.tell("No picture to save yet.")
             return
-        # as the rasterizer of the evaluation draws it, also where Open3D draws the scene
-        pixels = window.player.composed() if picture.native is not None else picture.image
         name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
         opened = window.player.opened
         folder = opened.take.root.parent if opened is not None and opened.take is not None else Path.home()
@@ -43,7 +41,7 @@ class OutputActions:
             if path.suffix.lower() != ".png":
                 path = path.with_name(path.name + ".png")
             try:
-                write_picture(path, pixels)
+                write_picture(path, picture.image)
             except OSError as error:
                 words = f"{path}: cannot be written ({error.strerror}). Choose another folder."
                 window.notices.tell(words, bad=True, topic="screenshot")

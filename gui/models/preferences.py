@@ -22,10 +22,6 @@ PICTURE_SIZES = {
 }
 BACKGROUND_NAMES = ("dark", "black", "white")
 
-AUTOMATIC, BY_OPEN3D, BY_RASTERIZER = "automatic", "Open3D", "rasterizer"
-DRAWN_BY = (AUTOMATIC, BY_OPEN3D, BY_RASTERIZER)
-"""Who draws the scene; automatic: Open3D where a graphics card draws the window."""
-
 
 def preferences_path() -> Path:
     """Following the XDG base directory rules."""
@@ -40,7 +36,6 @@ class Preferences:
     Attributes:
         picture_size: maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`.
         background: initial background, one of `BACKGROUND_NAMES`.
-        scene_drawn_by: who draws the scene, one of `DRAWN_BY`.
         play_on_opening: whether playback starts when a take or stream is opened.
         panel_width: width of the left panel, em.
         recent: folders, files and URLs, newest first.
@@ -50,7 +45,6 @@ class Preferences:
 
     picture_size: str = "960 x 540"
     background: str = "dark"
-    scene_drawn_by: str = BY_RASTERIZER
     play_on_opening: bool = True
     panel_width: float = 18.0
     recent: list[str] = field(default_factory=list)
@@ -70,8 +64,6 @@ class Preferences:
             found.picture_size = cls.picture_size
         if found.background not in BACKGROUND_NAMES:
             found.background = cls.background
-        if found.scene_drawn_by not in DRAWN_BY:
-            found.scene_drawn_by = cls.scene_drawn_by
         found.recent = [str(name) for name in found.recent][:RECENT]
         return found
 
@@ -105,13 +97,3 @@ class Preferences:
     def forget(self, name: str) -> None:
         """Remove an entry from the recent list."""
         self.recent = [other for other in self.recent if other != name]
-
-
-def drawn_by_open3d(preference: str, software: bool) -> bool:
-    """Whether Open3D draws the scene.
-
-    Args:
-        preference: one of `DRAWN_BY`.
-        software: whether the CPU draws the window.
-    """
-    return preference == BY_OPEN3D or (preference == AUTOMATIC and not software)

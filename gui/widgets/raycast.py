@@ -11,9 +11,6 @@ from gui.drawing.palette import GROUND, SECOND
 from studio.cameras import Camera
 from studio.errors import StudioError
 
-LIGHT = np.array([0.3, 0.4, 0.866])
-"""Direction to the light in world coordinates where it does not move with the viewer."""
-
 
 class MeshPicture:
     """A triangle mesh that can be rendered from any camera.
@@ -33,19 +30,10 @@ class MeshPicture:
             )
         mesh.compute_vertex_normals()
         self.faces = len(mesh.triangle.indices)
-        self._mesh = mesh
         self._triangles = mesh.triangle.indices.numpy()
         self._normals = mesh.vertex.normals.numpy()
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(mesh)
-
-    def shaded(self) -> o3d.t.geometry.TriangleMesh:
-        """A copy with vertex colors: gray, lit from above, so that it needs no light where it is drawn."""
-        mesh = self._mesh.clone()
-        shade = 0.22 + 0.78 * np.clip(0.6 + 0.4 * (self._normals @ LIGHT), 0, 1)
-        srgb = shade[:, None] * np.array(SECOND) / 255
-        mesh.vertex.colors = o3d.core.Tensor(srgb.astype(np.float32))
-        return mesh
 
     def draw(self, camera: Camera) -> np.ndarray:
         """(H, W, 3) uint8 RGB: gray, lit from the viewer's upper left."""

@@ -16,7 +16,6 @@ from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.other_source import OTHER, OtherSource
 from gui.models.playback.sources import FrameSource
 from gui.models.scene.contents import SceneWanted
-from gui.models.scene.native import NativeScene
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.render import Place, SceneRenderer
 from gui.models.stages import Inputs, performer_over
@@ -94,8 +93,7 @@ class RenderRequest:
     @property
     def label(self) -> tuple[object, ...]:
         """What it is a picture of, apart from frame and view: pictures with different labels must not be confused."""
-        native = self.scene is not None and self.scene.native
-        return (self.mode, native, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
+        return (self.mode, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
 
     def shown(self, name: str) -> str:
         """What a picture is called on screen."""
@@ -131,7 +129,6 @@ class Picture:
         camera: the capture camera; "" for the free view.
         label: `RenderRequest.label`.
         cameras, ends: of a scene: name and (N, 2) pixels of frusta and of the ends of the view axes.
-        native: what Open3D draws over the image, which is only the background then; None if all is in the image.
     """
 
     image: np.ndarray
@@ -146,7 +143,6 @@ class Picture:
     label: tuple[object, ...] = ()
     cameras: tuple[Place, ...] = ()
     ends: tuple[Place, ...] = ()
-    native: NativeScene | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,14 +217,6 @@ class FrameRenderer:
         gaussians = source.gaussians(request.frame)
         loaded = time.perf_counter()
         width, height = request.size
-        if wanted.native:
-            contents = self.scene.reader.read(wanted, request.frame)
-            color = np.array([round(255 * value) for value in request.background], np.uint8)
-            return Picture(
-                np.tile(color, (height, width, 1)), request.frame, request.what, len(gaussians), loaded - start, 0.0,
-                request.mode, Box(0, 0, width, height), request.camera, request.label,
-                native=NativeScene(gaussians if "splats" in wanted.parts else None, contents),
-            )  # fmt: skip
         view = request.orbit.camera(width, height)
         if capture is not None:
             view = request.image_zoom.camera(capture, width, height)

@@ -21,7 +21,6 @@ from gui.models.playback.transport import Transport
 from gui.models.playback.viewpoint import BACKGROUNDS, Viewpoint
 from gui.models.scene.contents import SceneWanted, Surface
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.places import frusta_places
 from gui.models.scene.render import Place, SceneRenderer, no_mesh
 from gui.models.scene.rest import Rest
 from gui.models.scene.splats import draw
@@ -54,7 +53,6 @@ class PlayerPresenter(Viewpoint):
         on_screen: whether the viewport shows the player.
         still: whether the scene rests.
         em: the window's font size, pixels.
-        native: whether Open3D draws the scene.
     """
 
     def __init__(
@@ -86,8 +84,6 @@ class PlayerPresenter(Viewpoint):
         self.still = False
         self._sharp: bool | None = None
         self.em = 16.0
-        self.native = False
-        self._read_mesh, self._draw_function = read_mesh, draw_function
 
     # What is open
 
@@ -314,14 +310,10 @@ class PlayerPresenter(Viewpoint):
         """What is wanted now; None if there is nothing to show."""
         if self.opened is None or self.source is None:
             return None
-        scene = self._scene()
-        orbit, zoom = self.orbit, self.image_zoom
-        if scene is not None and scene.native:  # the view is Open3D's own
-            orbit, zoom = self.home, ImageZoom()
         return RenderRequest(
-            self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, orbit,
-            self.camera, zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
-            self.opened.rig, self._points, self.home, scene, self.em,
+            self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
+            self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
+            self.opened.rig, self._points, self.home, self._scene(), self.em,
         )  # fmt: skip
 
     def _scene(self) -> SceneWanted | None:
@@ -332,34 +324,14 @@ class PlayerPresenter(Viewpoint):
         group = opened.group(self.transport.frame, self.filmed_groups)
         return SceneWanted(
             opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self._points,
-            self.still, self.em, self.native, self.held_out,
+            self.still, self.em, self.held_out,
         )  # fmt: skip
 
     @property
     def scene_places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        """Name and (N, 2) pixels of the frusta in the picture of the scene, and of the ends of the view axes, those in
-        front last. Where Open3D draws the scene, there are no view axes."""
-        picture = self.picture
-        if picture is None:
-            return (), ()
-        if picture.native is None:
-            return picture.cameras, picture.ends
-        view = self.view()
-        if view is None:
-            return (), ()
-        return tuple(frusta_places(picture.native.contents.seen_from(view.center), view)), ()
-
-    def composed(self) -> np.ndarray:
-        """(H, W, 3) uint8: what is shown, drawn by our rasterizer now. What is open must have frames.
-
-        Raises:
-            StudioError: a missing or damaged file.
-        """
-        native, self.native = self.native, False
-        request = self._request()
-        self.native = native
-        assert request is not None
-        return FrameRenderer(self._draw_function, SceneRenderer(self._read_mesh))(request).image
+        """Name and (N, 2) pixels of the frusta in the image of the scene, and of the ends of the view axes, those in
+        front last."""
+        return (self.picture.cameras, self.picture.ends) if self.picture is not None else ((), ())
 
     def rests(self, full: tuple[int, int]) -> bool:
         """Whether the view has rested long enough for a picture at full resolution. Call at each tick.

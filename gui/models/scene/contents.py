@@ -49,7 +49,6 @@ class SceneWanted:
         points: (N, 3) points of the performer, world.
         still: whether the view rests: time for full resolution, and for the frame's images on the frusta.
         em: font size, pixels.
-        native: whether Open3D draws it.
         not_trained_on: names of the held-out cameras.
     """
 
@@ -63,7 +62,6 @@ class SceneWanted:
     points: np.ndarray
     still: bool
     em: float
-    native: bool = False
     not_trained_on: tuple[str, ...] = ()
 
     @property
@@ -78,7 +76,6 @@ class SceneWanted:
             id(self.points),
             self.still,
             self.em,
-            self.native,
         )
 
 

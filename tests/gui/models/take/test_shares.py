@@ -8,25 +8,16 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
-from open3d.visualization import gui
 
-from gui.actions.shares import ShareActions
-from gui.models.loop import Signal
-from gui.models.notices import Notices
 from gui.models.preferences import SHARES, Preferences
-from gui.models.stage_rows import Assessment
 from gui.models.take.exports import Exports
 from gui.models.take.serving import Serving
-from gui.models.take.shares import ShareRequest, share_words, stale_words
+from gui.models.take.shares import ShareRequest, stale_words
 from gui.models.take.workspace import Workspace
-from gui.widgets.dialogs.share import stale_parts
 from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
-from pipelines.share.sharing import ShareSize, share_size
 from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim
@@ -58,16 +49,6 @@ def test_a_folder_is_written_and_its_size_told(stream_folder: Path, tmp_path: Pa
     assert "data-credits" not in page
 
 
-def test_what_is_refused_is_a_sentence(stream_folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "walk.html").write_text("mine")
-    exports = Exports()
-    exports.share(ShareRequest("single-file", str(stream_folder), "walk", tmp_path))
-    finish(exports)
-    assert exports.failed
-    assert exports.result.startswith("Share failed:")
-    assert str(tmp_path / "walk.html") in exports.result
-
-
 def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
     found = ShareRequest("single-file", "/takes/walk", "walk", tmp_path)
     assert found.arguments() == ["/takes/walk", "--out", str(tmp_path / "walk.html"), "--json", "--single-file"]
@@ -76,15 +57,6 @@ def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
     found.set_target(str(tmp_path / "mine.html"))
     found.move_to(tmp_path / "deep")
     assert found.path == tmp_path / "deep" / "mine.html"
-
-
-def test_sizes_as_sentences(stream_folder: Path) -> None:
-    size = share_size(str(stream_folder))
-    assert size_words(size.stream_bytes) in share_words(size, "folder")
-    assert "12 frames, 1.0 s" in share_words(size, "folder")
-    assert size_words(size.single_file_bytes) in share_words(size, "single-file")
-    long = ShareSize(90_000_000, 300_000, 120_300_000, False, 900, 30.0)
-    assert "share a folder" in share_words(long, "single-file")
 
 
 def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
@@ -194,40 +166,3 @@ def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Pa
         assert "cannot be read" in told()
     finally:
         assert workspace.close()
-
-
-def test_the_dialog_tells_what_is_found_while_it_is_open() -> None:
-    found = SimpleNamespace(take=object(), assessment=Assessment(), checked=False, unreadable=False, changed=Signal())
-    dialogs: Any = SimpleNamespace(widgets={"stale": gui.Label("")})
-    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving(), notices=Notices())
-    ShareActions(window)
-    found.changed.emit()
-    assert "Checking" in dialogs.widgets["stale"].text
-    lines = dialogs.widgets["stale"].text.count("\n")
-    found.checked, found.assessment = True, Assessment({"bake": StageStatus("bake", "stale", "bake.quality changed")})
-    found.changed.emit()
-    assert "out of date: bake.quality changed." in dialogs.widgets["stale"].text
-    found.assessment = Assessment({"bake": StageStatus("bake", "done")})
-    found.changed.emit()
-    assert "The stream is up to date." in dialogs.widgets["stale"].text
-    assert dialogs.widgets["stale"].text.count("\n") == lines, "the dialog does not resize"
-    found.take = None
-    dialogs.widgets = {}
-    found.changed.emit()
-
-
-def test_a_dialog_opened_while_all_is_up_to_date_tells_a_later_change() -> None:
-    done, stale = (
-        Assessment({"bake": StageStatus("bake", *how)}) for how in (("done",), ("stale", "bake.quality changed"))
-    )
-    found = SimpleNamespace(take=object(), assessment=done, checked=True, unreadable=False, changed=Signal())
-    dialogs: Any = SimpleNamespace(widgets={})
-    window: Any = SimpleNamespace(workspace=found, dialogs=dialogs, serving=Serving(), notices=Notices())
-    actions = ShareActions(window)
-    (label,) = stale_parts(dialogs, actions.stale)
-    assert "The stream is up to date." in label.text
-    found.assessment = stale
-    found.changed.emit()
-    assert "out of date: bake.quality changed." in label.text
-    found.take = None
-    assert not stale_parts(dialogs, actions.stale), "a stream of no take is never out of date"
