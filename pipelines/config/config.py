@@ -103,9 +103,6 @@ class RunSettings(Settings):
     """Memory in GB that a group takes on a Ray cluster, so that fewer run at once on small nodes. null: estimated from
     the images. It is raised when a node runs out of memory."""
 
-    retries: int = Field(default=3, ge=0, le=100)
-    """How often a group is started again on a Ray cluster after its worker was lost."""
-
     paths: dict[str, tuple[str, ...]] = Field(default={})
     """Where other machines have a shared folder: {/mnt/footage: [/Volumes/footage]}. A machine that has no folder
     /mnt/footage looks for the footage, and for the take of a Ray run, below the first of these that it has."""

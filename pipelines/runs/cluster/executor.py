@@ -31,6 +31,9 @@ from studio.errors import Message, StudioError
 _WAIT = 0.3
 """Seconds between two looks at the cluster, and before a cancelled run notices it."""
 
+RETRIES = 3
+"""How often a group is started again after its worker was lost."""
+
 _AHEAD = 8
 """Tasks queued in Ray beyond those that fit, so that nodes never wait and a growing cluster sees the demand."""
 
@@ -344,16 +347,15 @@ class _Run:
         name = self._nodes.name(job.node)
         where = f" on {name}" if job.node else ""
         told = f"group {job.group.index}: its worker{where} was lost ({reason})"
-        if job.lost > self._inputs.config.run.retries:
+        if job.lost > RETRIES:
             if job.lost > 1:
                 told = f"group {job.group.index} lost {job.lost} workers, the last{where} ({reason})"
             self._lanes.failed(job.group, told)
             raise StudioError(
                 "cluster.worker_lost",
                 told,
-                fix="See the logs of Ray on that node; run.retries allows more attempts.",
+                fix="See the logs of Ray on that node.",
                 group=job.group.index,
-                setting="run.retries",
             )
         self._warn(Message("cluster.worker_lost", f"{told}; it is started again", fields={"group": job.group.index}))
         self._again(job, f"its worker was lost ({reason})")

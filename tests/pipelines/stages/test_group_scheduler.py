@@ -149,7 +149,7 @@ def test_side_by_side_gives_what_one_after_the_other_gives(project: Path, here: 
     frames = {}
     for at_once in (1, 2):
         take = project / f"take{at_once}"
-        done = here("run", project / "ball.yaml", "--take", take, "--run.groups-at-once", at_once)
+        done = here("run", project / "ball.yaml", "--take", take, "--until", "train", "--run.groups-at-once", at_once)
         assert done.returncode == 0, done.stderr
         frames[at_once] = {path.relative_to(take): path.read_bytes() for path in (take / "train").rglob("frame_*")}
     assert len({path.parent for path in frames[1]}) > 1, "several groups"

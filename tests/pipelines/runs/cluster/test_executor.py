@@ -108,6 +108,7 @@ class Bake:
 @pytest.fixture(autouse=True)
 def _take(tmp_path, monkeypatch):
     monkeypatch.setattr(Run, "take", Take(tmp_path), raising=False)
+    monkeypatch.setattr(module, "RETRIES", 1)
 
 
 class Run:
@@ -118,7 +119,7 @@ class Run:
     def __init__(
         self, behave: Callable[[GroupTask, str], Outcome], nodes: int = 2, cpus: int = 1, **settings: Any
     ) -> None:
-        self.ray, self.settings = FakeRay(behave, nodes, cpus), {"groups_at_once": 1, "retries": 1, **settings}
+        self.ray, self.settings = FakeRay(behave, nodes, cpus), {"groups_at_once": 1, **settings}
         self.events: list[Any] = []
         self.stage, self.cancellation = Bake(), Cancellation()
         self.finished: list[int] = []
@@ -172,13 +173,14 @@ def test_a_lost_worker_is_replaced():
     assert run.warnings() == ["cluster.worker_lost"]
 
 
-def test_a_group_that_loses_every_worker_ends_the_run():
+def test_a_group_that_loses_every_worker_ends_the_run(monkeypatch):
     run = Run(lambda task, node: exceptions.WorkerCrashedError() if task.group == 0 else None)
     with refuses("cluster.worker_lost", group=0) as caught:
         run.go()
     assert "group 0 lost 2 workers, the last on node1 (WorkerCrashedError). See" in str(caught.value)
     assert run.states(0) == ["queued", "running", "retried", "running", "failed"]
-    run = Run(run.ray.behave, retries=0)
+    monkeypatch.setattr(module, "RETRIES", 0)
+    run = Run(run.ray.behave)
     with refuses("cluster.worker_lost", group=0):
         run.go()
     assert run.ray.cancelled == [1, 2], "the others do not go on"
@@ -285,12 +287,12 @@ def test_out_of_memory_holds_for_tasks_that_wait_in_ray():
     assert [given["memory"] for given in run.ray.asked] == [GB, GB, GB, 2 * GB, 2 * GB, 2 * GB]
 
 
-def test_groups_that_started_before_a_node_ran_out_of_memory_are_not_lost():
+def test_groups_that_started_before_a_node_ran_out_of_memory_are_not_lost(monkeypatch):
+    monkeypatch.setattr(module, "RETRIES", 0)
     run = Run(
         lambda task, node: exceptions.OutOfMemoryError("full") if task.attempt == 1 else None,
         nodes=1,
         cpus=4,
-        retries=0,
     )
     run.go()
     assert sorted(run.finished) == [0, 1, 2]
