@@ -15,7 +15,8 @@ from pathlib import Path
 from outcome import Outcome
 
 from studio.errors import StudioError
-from studio.stream import BakeSettings, StreamReader, http_source
+from studio.stream import BakeSettings, StreamReader
+from studio.stream.sources import http as http_source
 from tests.support.streams import bake_numbered
 
 LIMIT = 100.0

@@ -169,7 +169,7 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.takes.videos import open_reader
     from studio.formats.placing import new_file
-    from studio.stream.archive import SUFFIX
+    from studio.stream.sources.archive import SUFFIX
     from studio.stream.write_archive import write_archive
 
     for option in ("frames", "of", "sh_degree"):

@@ -1,4 +1,4 @@
-from .decode import DecodedFrame, GroupDecoder, open_decoder
+from .decoders import DecodedFrame, GroupDecoder, open_decoder
 from .encode.bake import ContributionFn, FinetunedFn, bake_group, bake_sound, group_folder_name
 from .encode.quality import QualityFn
 from .encode.write_manifest import write_manifest
@@ -17,7 +17,7 @@ from .metadata import CapturePlace, StreamMetadata
 from .reader import StreamReader, fetch_group
 from .settings import DEFAULT_LADDER, BakeSettings, Rung
 from .sound import StreamSound
-from .source import FolderSource, Source, SourceUnavailable, is_address
+from .sources.source import FolderSource, Source, SourceUnavailable, is_address
 
 __all__ = [
     "DEFAULT_LADDER",

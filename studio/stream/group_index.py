@@ -12,7 +12,7 @@ from studio.errors import StudioError
 from studio.memory_cache import MemoryCache
 from studio.stream.manifest import MANIFEST_NAME, GroupEntry, Manifest, PageEntry, Rendition
 from studio.stream.manifest_file import check_total, parse_page
-from studio.stream.source import Source
+from studio.stream.sources.source import Source
 
 _KEPT_PAGES = 16
 

@@ -9,7 +9,7 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 from studio.stream.manifest import FileEntry
 from studio.stream.reader import StreamReader, checked_file
-from studio.stream.source import SourceUnavailable
+from studio.stream.sources.source import SourceUnavailable
 
 
 @dataclass(frozen=True)

@@ -1,57 +1,22 @@
-"""Which numbers of a splat the stream stores, in which order, and how they are laid out in pictures.
+"""How the numbers of splats are laid out in pictures, and how they are taken from and put back into `Gaussians`.
 
-A *component* is one number per splat (x of the mean, opacity, ...); a *plane* is a square luma picture with one byte
-per splat. Means have 16 bits and two planes, all else 8 bits and one plane (paper, "Quantization bits setting").
+A *plane* is a square luma picture with one byte per splat. Means have 16 bits and two planes, all else 8 bits and one
+plane (paper, "Quantization bits setting").
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.stream.attributes import component_rows
 
-_RGB = "rgb"
 _SHORTEST_QUAT = 1e-6
-
-
-@dataclass(frozen=True)
-class Component:
-    """One number per splat.
-
-    Attributes:
-        name: as in the manifest and in file names: mean_x, sh_0_r, opacity, log_scale_0, quat_w, ...
-        attribute: the attribute whose QP applies: means, opacities, scales, quats or sh.
-        bits: 16 or 8.
-    """
-
-    name: str
-    attribute: str
-    bits: int = 8
-
-    @property
-    def levels(self) -> int:
-        """Largest code: 65535 or 255."""
-        return (1 << self.bits) - 1
-
-
-def components(sh_degree: int) -> tuple[Component, ...]:
-    """All 11 + 3 (degree + 1)^2 components, in the order of the manifest.
-
-    Spherical harmonics are coefficient-major: sh_k_r, sh_k_g, sh_k_b for k = 0, 1, ...
-    """
-    result = [Component(f"mean_{axis}", "means", 16) for axis in "xyz"]
-    for k in range((sh_degree + 1) ** 2):
-        result += [Component(f"sh_{k}_{c}", "sh") for c in _RGB]
-    result.append(Component("opacity", "opacities"))
-    result += [Component(f"log_scale_{i}", "scales") for i in range(3)]
-    result += [Component(f"quat_{c}", "quats") for c in "wxyz"]
-    return tuple(result)
 
 
 def plane_side(splats: int) -> int:
@@ -60,17 +25,6 @@ def plane_side(splats: int) -> int:
     while side * side < splats:
         side += 8
     return side
-
-
-def channels(sh_degree: int) -> tuple[str, ...]:
-    """All 10 + 3 (degree + 1)^2 channels of the profile `motion`, in the order of the manifest."""
-    result = [f"residual_{axis}" for axis in "xyz"]
-    result += [f"rotation_{i}" for i in range(3)]
-    result += [f"log_scale_{i}" for i in range(3)]
-    result.append("opacity")
-    for k in range((sh_degree + 1) ** 2):
-        result += [f"sh_{k}_{part}" for part in ("y", "co", "cg")]
-    return tuple(result)
 
 
 def tile_side(splats: int) -> int:
@@ -111,7 +65,7 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
         order: (N,) permutation of the splats; None keeps their order.
 
     Yields:
-        (C, N) float32, rows as `components(sh_degree)`.
+        (C, N) float32, rows as `attributes.components(sh_degree)`.
 
     Raises:
         StudioError: the keyframe is empty, a frame differs in its number of splats, SH degree or dilation, or a value
@@ -141,8 +95,8 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
         if frame.dilation != first.dilation:
             raise StudioError(
                 "bake.mixed_dilations",
-                f"frame {number} of the group is drawn with a dilation of {frame.dilation:g} square pixels, but its "
-                f"keyframe with {first.dilation:g}",
+                f"frame {number} of the group has a dilation of {frame.dilation:g} square pixels, but its "
+                f"keyframe {first.dilation:g}",
                 value=frame.dilation,
                 fix="Train the group again.",
                 frame=number,
@@ -158,18 +112,17 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
                     frame=number,
                     attribute=name,
                 )
-        values = np.concatenate(
-            [
-                arrays["means"].T,
-                arrays["sh"].reshape(len(frame), -1).T,
-                _sigmoid(arrays["logit_opacities"])[None],
-                arrays["log_scales"].T,
-                arrays["quats"].T,
-            ]
-        )
+        columns = {
+            "means": arrays["means"].T,
+            "sh": arrays["sh"].reshape(len(frame), -1).T,
+            "opacities": _sigmoid(arrays["logit_opacities"])[None],
+            "scales": arrays["log_scales"].T,
+            "quats": arrays["quats"].T,
+        }
+        values = np.concatenate([columns[name] for name in component_rows(frame.sh_degree)])
         if order is not None:
             values = np.take(values, order, axis=1)
-        quats = values[-4:]
+        quats = values[component_rows(frame.sh_degree)["quats"]]
         quats /= np.maximum(np.linalg.norm(quats, axis=0), 1e-12)
         likeness = quats[0] if previous is None else (quats * previous).sum(axis=0)
         quats *= np.where(likeness < 0, np.float32(-1), np.float32(1))
@@ -200,7 +153,7 @@ class ComponentArrays:
     """Buffers for the components of one frame, in the memory layout of `Gaussians`.
 
     Attributes:
-        rows: (N,) float32 view per component, in the order of `components(sh_degree)`, to be filled in.
+        rows: (N,) float32 view per component, in the order of `attributes.components(sh_degree)`, to be filled in.
     """
 
     def __init__(self, splats: int, sh_degree: int) -> None:
@@ -210,18 +163,19 @@ class ComponentArrays:
         self._log_scales = np.empty((splats, 3), dtype=np.float32)
         self._quats = np.empty((splats, 4), dtype=np.float32)
         colors = self._sh.reshape(splats, -1)
-        self.rows: list[np.ndarray] = [
-            *self._means.T,
-            *colors.T,
-            self._opacities,
-            *self._log_scales.T,
-            *self._quats.T,
-        ]
+        columns = {
+            "means": self._means.T,
+            "sh": colors.T,
+            "opacities": self._opacities[None],
+            "scales": self._log_scales.T,
+            "quats": self._quats.T,
+        }
+        self.rows: list[np.ndarray] = [row for name in component_rows(sh_degree) for row in columns[name]]
 
     def gaussians(self, dilation: float) -> Gaussians:
         """Gaussians that share the memory. Quaternions are as stored: close to unit length, not normalized.
 
-        One that is too short to tell a rotation, which no baker writes, becomes the identity; its splat is not seen.
+        One that is too short to describe a rotation, which no baker writes, becomes the identity, its splat invisible.
         """
         opacities = np.clip(self._opacities, 1e-6, 1 - 1e-6)
         none = np.einsum("ni,ni->n", self._quats, self._quats) < _SHORTEST_QUAT**2

@@ -30,7 +30,9 @@ from studio.counts import counted
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.stream.layout import channels, components, plane_side, tile_side
+from studio.stream.attributes import MAX_VALUE, channels, components, largest
+from studio.stream.codecs import CODECS, CodecName
+from studio.stream.layout import plane_side, tile_side
 from studio.violations import violation
 
 FORMAT: Final = "v3studio-stream"
@@ -53,8 +55,6 @@ MAX_FILE_BYTES = 1 << 30
 MAX_MANIFEST_BYTES = 64 << 20
 MAX_SIDE_BYTES = 256 << 20
 MAX_PICTURE = 16384
-MAX_VALUE = 1e9
-MAX_LOG_SCALE = math.log(MAX_VALUE)
 MAX_BLOCK_SPAN = 1e6
 """Largest extent of the keyframe's lattice in units of `blocks.radius`; writers here stay below 65,537."""
 MAX_RENDITIONS = 16
@@ -95,11 +95,6 @@ class InconsistentError(ValueError):
 def _require(holds: bool, rule: str, problem: str) -> None:
     if not holds:
         raise InconsistentError(rule, problem)
-
-
-def largest(name: str) -> float:
-    """The largest value of a component or channel that can be rendered: scales end at `MAX_VALUE`, as positions do."""
-    return MAX_LOG_SCALE if name.startswith("log_scale") else MAX_VALUE
 
 
 def hashed_path(sha256: str, suffix: str) -> str:
@@ -339,7 +334,7 @@ class PlanesRendition(Rendition):
 
     Attributes:
         side: side of the planes in pixels: the smallest multiple of 8 with side^2 >= N.
-        components: in the order of `layout.components(sh_degree)`.
+        components: in the order of `attributes.components(sh_degree)`.
     """
 
     side: Annotated[int, Field(ge=8)]
@@ -423,7 +418,7 @@ class MotionRendition(Rendition):
         columns, rows: channel c is the tile in row c // columns, column c % columns.
         positions: quantization of the keyframe's means.
         blocks: number and units of the block motion.
-        channels: in the order of `layout.channels(sh_degree)`.
+        channels: in the order of `attributes.channels(sh_degree)`.
         video, side: the files.
     """
 
@@ -493,7 +488,7 @@ class Profile:
 
 
 PROFILES: Final[dict[str, Profile]] = {
-    "motion": Profile(MotionRendition, "morton", ("h264", "hevc", "av1")),
+    "motion": Profile(MotionRendition, "morton", tuple(CODECS)),
     "planes": Profile(PlanesRendition, "rows", ("h264",)),
 }
 
@@ -578,7 +573,7 @@ class Page(Model):
 class Codec(Model):
     """How the videos are encoded."""
 
-    name: Literal["h264", "hevc", "av1"] = "h264"
+    name: CodecName = "h264"
     pixel_format: Literal["yuv420p"] = "yuv420p"
     color_range: Literal["full"] = "full"
 

@@ -23,7 +23,7 @@ from studio.stream.manifest import (
     PageEntry,
     invalid,
 )
-from studio.stream.source import BAKE_AGAIN
+from studio.stream.sources.source import BAKE_AGAIN
 
 _BOUNDS = Bounds(size=MAX_MANIFEST_BYTES, values=2_000_000)
 """About 300 MB of memory; far more than groups in the manifest itself need, since most are in pages."""

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from studio.rotations import mrp_to_quats
-from studio.stream.manifest import MAX_VALUE, BlockTable, ChannelEntry, Lattice, MotionRendition, largest
+from studio.stream.attributes import MAX_VALUE, largest
+from studio.stream.manifest import BlockTable, ChannelEntry, Lattice, MotionRendition
 from studio.stream.morton import deinterleave
 from studio.stream.motion_blocks import Blocks
-from studio.stream.octree import decode_octree, encode_octree
-from studio.stream.sidefile import Cursor, deflate, inflate, split
+from studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate, split
 
 MAX_CLASS = 15
 """Largest class; the step of residuals doubles with each class."""

@@ -13,7 +13,7 @@ from types import TracebackType
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.decode import GroupDecoder, open_decoder
+from studio.stream.decoders import GroupDecoder, open_decoder
 from studio.stream.group_index import GroupIndex, RenditionGroups
 from studio.stream.manifest import (
     MANIFEST_NAME,
@@ -25,9 +25,9 @@ from studio.stream.manifest import (
     RenditionEntry,
 )
 from studio.stream.manifest_file import check_growth, parse_manifest
-from studio.stream.open_source import open_source
 from studio.stream.sound import StreamSound
-from studio.stream.source import BAKE_AGAIN, Source, SourceUnavailable, close_source, read_files
+from studio.stream.sources.open_source import open_source
+from studio.stream.sources.source import BAKE_AGAIN, Source, SourceUnavailable, close_source, read_files
 
 
 def fetch_group(source: Source, group: Rendition) -> dict[str, bytes]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from studio.json_types import JsonObject
 from studio.settings import Affects, Conflict, Heading, Settings
+from studio.stream.attributes import ATTRIBUTES, QpAttribute
+from studio.stream.codecs import CODECS, QP_MAX, CodecName, Preset
 
-QP_MAX = 51
 QP_KNEE = 22
 """Above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")."""
 
@@ -38,12 +39,6 @@ def _quality(value: Any) -> int | str:
 
 
 Quality = Annotated[int | str, BeforeValidator(_quality)]
-QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
-Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
-
-PRESETS: tuple[str, ...] = get_args(Preset)
-QP_ATTRIBUTES: tuple[str, ...] = get_args(QpAttribute)
-_HELD_AT_KNEE = ("scales", "quats", "sh")
 
 
 class Rung(Settings):
@@ -120,7 +115,7 @@ class BakeSettings(Settings):
     most this many kilobytes (1000 bytes) per frame. 0.4 dB loss: QP 28, and a lower one for frames in which encoding
     costs more PSNR than this, measured as in the evaluation (codec h264 only)."""
 
-    codec: Annotated[Literal["h264", "hevc", "av1"], Heading("Encoding")] = "h264"
+    codec: Annotated[CodecName, Heading("Encoding")] = "h264"
     """h264 plays on every device. hevc and av1 require profile motion."""
 
     attribute_qps: dict[QpAttribute, QP] = Field(default={})
@@ -167,18 +162,18 @@ class BakeSettings(Settings):
             )
         if len({rung.id for rung in self.ladder}) < len(self.ladder):
             raise Conflict("two rungs of the ladder are the same", "Remove one of them.", "ladder")
-        if self.codec == "av1" and any(rung.qp == 0 for rung in self.ladder):
-            raise Conflict(
-                "qp 0 (lossless) is not available with codec av1", "Raise the rung's qp to 1.", "codec", "ladder"
-            )
-        if self.max_loss is not None and self.codec != "h264":
+        codec = CODECS[self.codec]
+        if codec.lossless is None and any(rung.qp == 0 for rung in self.ladder):
+            problem = f"qp 0 (lossless) is not available with codec {self.codec}"
+            raise Conflict(problem, "Raise the rung's qp to 1.", "codec", "ladder")
+        if self.max_loss is not None and not codec.takes_offsets:
             raise Conflict(
                 f"quality {self.quality} requires codec h264: the other encoders do not take the QP of single frames",
                 "Set another quality, or codec to h264.",
                 "quality",
                 "codec",
             )
-        if self.b_frames and (self.profile == "planes" or self.codec == "av1"):
+        if self.b_frames and (self.profile == "planes" or not codec.takes_b_frames):
             raise Conflict(
                 "b_frames require profile motion with codec h264 or hevc",
                 "Set b_frames to null.",
@@ -196,9 +191,9 @@ class BakeSettings(Settings):
                 "codec",
                 "profile",
             )
-        if self.codec == "av1" and self.qp == 0:
+        if codec.lossless is None and self.qp == 0:
             raise Conflict(
-                "quality 0 (lossless) is not available with codec av1",
+                f"quality 0 (lossless) is not available with codec {self.codec}",
                 "Set quality to 1, or codec to h264 or hevc.",
                 "codec",
                 "quality",
@@ -239,12 +234,13 @@ class BakeSettings(Settings):
         return {str(name): qp for name, qp in self.attribute_qps.items()}
 
     def attribute_qp(self, attribute: str) -> int:
-        """QP of an attribute of `QP_ATTRIBUTES`; 0 for the high bytes of the means ("means_high")."""
+        """QP of an attribute by its `qp_name`; 0 for the high bytes of the means ("means_high")."""
         if attribute == "means_high":
             return 0
         if attribute in self.qp_overrides:
             return self.qp_overrides[attribute]
-        return min(self.qp, QP_KNEE) if attribute in _HELD_AT_KNEE else self.qp
+        held = any(one.held for one in ATTRIBUTES if one.qp_name == attribute)
+        return min(self.qp, QP_KNEE) if held else self.qp
 
     @property
     def rungs(self) -> tuple[Rung, ...]:
@@ -254,7 +250,7 @@ class BakeSettings(Settings):
     @property
     def b_frame_count(self) -> int:
         """B-frames between P-frames, by the settings or by default."""
-        if self.codec == "av1":
+        if not CODECS[self.codec].takes_b_frames:
             return 0
         return _B_FRAMES if self.b_frames is None else self.b_frames
 

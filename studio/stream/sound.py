@@ -11,7 +11,7 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.stream.manifest import AudioEntry
-from studio.stream.source import BAKE_AGAIN
+from studio.stream.sources.source import BAKE_AGAIN
 
 _FRAME = 1024  # samples of an AAC-LC frame
 _PREROLL = 4 * _FRAME  # the first frame after seeking lacks its overlap

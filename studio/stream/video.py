@@ -10,7 +10,6 @@ import io
 import itertools
 import os
 import threading
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +18,8 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.scheduling import kept_scheduling
-from studio.stream.settings import PRESETS, QP_MAX
-from studio.stream.source import BAKE_AGAIN
+from studio.stream.codecs import CODECS, PLANE_CODEC
+from studio.stream.sources.source import BAKE_AGAIN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -41,56 +40,8 @@ def _bytes_of(plane: Any) -> np.ndarray:
     return np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
 
 
-@dataclass(frozen=True)
-class _Codec:
-    """Parameters of an FFmpeg encoder for constant QP, one I picture at the start, one thread, no psychovisual tuning.
-
-    Attributes:
-        encoder: FFmpeg's name.
-        key: name of the option that takes the parameters.
-        parameters: for QPs above 0; {qp} and {b} (B-frames between P-frames) are filled in.
-        lossless: for QP 0; None if not supported.
-        tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
-        takes_b_frames: whether it takes {b}.
-    """
-
-    encoder: str
-    key: str
-    parameters: str
-    lossless: str | None
-    tag: str | None = None
-    takes_b_frames: bool = False
-
-
-# Psychovisual tuning (psy) helps pictures, not numbers. Scene cut detection would insert more I frames.
-_X264 = "keyint=infinite:scenecut=0:bframes={b}:psy=0:threads=1:lookahead-threads=1:log=0"
-_X264_FIRST = 3  # QPs by which its I pictures are better than P pictures, by default (ipratio 1.4)
-# One picture of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
-_X264_TILES = f"{_X264}:no-deblock=1:ipratio=1.0"
-_X265_TILES = (
-    "keyint=-1:scenecut=0:bframes={b}:psy-rd=0:psy-rdoq=0:aq-mode=0:cutree=0:ipratio=1.0:no-deblock=1:no-sao=1:"
-    "frame-threads=1:pools=none:no-wpp=1:info=0:log-level=none"
-)
 # Adaptive placement sees noise and chooses no B-frames at all: force them.
 _B_FRAMES = ":b-adapt=0:pbratio=1.3"
-_PLANES = _Codec("libx264", "x264-params", _X264, _X264)
-_TILES = {
-    "h264": _Codec("libx264", "x264-params", _X264_TILES, _X264_TILES, takes_b_frames=True),
-    "hevc": _Codec(
-        "libx265", "x265-params", f"qp={{qp}}:{_X265_TILES}", f"lossless=1:{_X265_TILES}", "hvc1", takes_b_frames=True
-    ),
-    "av1": _Codec(
-        "libsvtav1", "svtav1-params", "rc=0:aq-mode=0:qp={qp}:pred-struct=1:keyint=-1:lp=1:enable-tf=0", None
-    ),
-}
-# SVT-AV1 numbers its presets; these take about as long as the x264 presets of the same name.
-_AV1_PRESETS = {name: str(number) for name, number in zip(PRESETS, (12, 11, 10, 10, 9, 8, 7, 6, 5), strict=True)}
-AV1_QP_MAX = 63
-
-
-def codec_qp(codec: str, qp: int) -> int:
-    """The QP on the codec's own scale: 0 to 51 for H.264 and HEVC, 0 to 63 for AV1."""
-    return round(qp * AV1_QP_MAX / QP_MAX) if codec == "av1" else qp
 
 
 def _x264_zones(qp: int, offsets: Sequence[int], first: int) -> str:
@@ -121,7 +72,7 @@ class PlaneEncoder:
         path: output file.
         size: width and height.
         qp: on the H.264 scale.
-        preset: one of `settings.PRESETS`.
+        preset: one of `codecs.PRESETS`.
         tiles: codec of a picture of many tiles; None for a plane of the profile `planes`.
         b_frames: B-frames between P-frames, each predicted from the one before and the one after. The file then has
             the pictures in another order than that of display; decoders return the order of display. Not with AV1, and
@@ -146,15 +97,15 @@ class PlaneEncoder:
     ) -> None:
         import av
 
-        codec = _PLANES if tiles is None else _TILES[tiles]
+        codec = PLANE_CODEC if tiles is None else CODECS[tiles]
         parameters = codec.lossless if qp == 0 else codec.parameters
         assert parameters is not None
         assert b_frames == 0 or codec.takes_b_frames
         if b_frames > 0:
             parameters += _B_FRAMES
         if qp > 0 and any(offsets):
-            assert codec.encoder == "libx264"
-            parameters += _x264_zones(qp, [max(offset, 1 - qp) for offset in offsets], 0 if tiles else _X264_FIRST)
+            assert codec.takes_offsets
+            parameters += _x264_zones(qp, [max(offset, 1 - qp) for offset in offsets], codec.first)
         if tiles == "av1":
             os.environ.setdefault("SVT_LOG", "1")  # errors only: the library ignores FFmpeg's log level
         self._width = size[0]
@@ -174,8 +125,8 @@ class PlaneEncoder:
         if codec.tag is not None:
             context.codec_tag = codec.tag
         context.options = {
-            "preset": _AV1_PRESETS[preset] if tiles == "av1" else preset,
-            codec.key: parameters.format(qp=codec_qp(tiles or "h264", qp), b=b_frames),
+            "preset": codec.own_preset(preset),
+            codec.key: parameters.format(qp=codec.own_qp(qp), b=b_frames),
         }
         if codec.encoder == "libx264":
             context.options["qp"] = str(qp)

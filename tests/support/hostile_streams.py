@@ -152,7 +152,7 @@ def mutate(files: Files, number: int) -> tuple[str, Files]:
 
 
 class Memory:
-    """A stream in memory, as a `studio.stream.source.Source`."""
+    """A stream in memory, as a `studio.stream.sources.source.Source`."""
 
     name = "mutated"
 

@@ -20,13 +20,13 @@ from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
-from studio.stream.decode_motion import MotionFrame
-from studio.stream.decode_planes import PlanesFrame
+from studio.stream.decoders.motion import MotionFrame
+from studio.stream.decoders.planes import PlanesFrame
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.manifest import MotionRendition
 from studio.stream.motion_state import Side
-from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
+from studio.stream.sources.open_source import open_source
 from tests.support.sounds import clicks as click_sound
 from tests.support.sounds import write_wav
 

@@ -20,6 +20,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
+from studio.stream.codecs import CODECS, QP_MAX
 from studio.stream.encode.files import content_name
 from studio.stream.encode.motion import MotionBake
 from studio.stream.encode.planes import PlanesBake
@@ -34,8 +35,8 @@ from studio.stream.manifest import (
     Rendition,
     invalid,
 )
-from studio.stream.settings import QP_MAX, BakeSettings, Rung
-from studio.stream.video import AV1_QP_MAX, NOMINAL_FPS, PlaneDecoder
+from studio.stream.settings import BakeSettings, Rung
+from studio.stream.video import NOMINAL_FPS, PlaneDecoder
 
 ContributionFn = Callable[[], np.ndarray]
 """(N,) float, at least 0: what each splat of the group adds to the images that cameras see."""
@@ -274,7 +275,7 @@ def _stored(
     for video, entry in zip(draft.videos, _video_values(values), strict=True):
         entry["checks"] = luma_checks(files[video.path], draft.size, codec, draft.frame_count)
     qp = max(video.qp for video in draft.videos)
-    values["qp"] = round(qp * QP_MAX / AV1_QP_MAX) if codec == "av1" else qp
+    values["qp"] = round(qp * QP_MAX / CODECS[codec].qp_max)
     rendition = type(draft).model_validate(values)
     for path in files:
         os.replace(folder / Path(path).name, directory / path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -14,17 +15,18 @@ import numpy as np
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
 from studio.rotations import quat_conjugate, quat_multiply, quats_to_mrp
+from studio.stream.attributes import BY_NAME, channels, component_rows
+from studio.stream.codecs import CODECS
 from studio.stream.encode.files import named_by_content
 from studio.stream.encode.paths import carry_hidden_splats, smooth_paths
-from studio.stream.layout import channels, component_frames, scale_floor, tile_grid, tile_side, typical_size
+from studio.stream.layout import component_frames, scale_floor, tile_grid, tile_side, typical_size
 from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, MotionRendition, SideEntry, VideoEntry
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
-from studio.stream.profiles.motion import POSITION_STEP, ROTATION_STEP, channel_range, channel_steps, to_ycocg
-from studio.stream.rotation import nearest_form
+from studio.stream.profiles.motion import channel_range, channel_steps, nearest_form, to_ycocg
 from studio.stream.settings import BakeSettings
-from studio.stream.video import PlaneEncoder, codec_qp
+from studio.stream.video import PlaneEncoder
 
 _USUAL_OPACITY = 0.15  # median of the trained splats for which the steps were tuned
 _BLOCK_STEP = 1.5  # times the position step: unit of the affine parameters
@@ -51,26 +53,27 @@ class MotionBake:
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:
         self._count, self._splats, self._degree = len(frames), len(frames[0]), frames[0].sh_degree
         self._dilation = frames[0].dilation
+        rows = component_rows(self._degree)
         order: np.ndarray | None = None
         values: list[np.ndarray] = []
         for components in component_frames(frames):
             progress(0, len(frames))
             if order is None:
-                order = self._order(components[:3].T)
+                order = self._order(components[rows["means"]].T)
             values.append(np.take(components, order, axis=1))
         self._values = np.stack(values)  # (F, C, N) float32
-        positions = self._values[:, :3].transpose(0, 2, 1).astype(np.float64)
-        self._positions = positions = carry_hidden_splats(positions, self._values[:, -8])
+        opacities, scales = self._values[:, rows["opacities"]][:, 0], self._values[:, rows["scales"]]
+        positions = self._values[:, rows["means"]].transpose(0, 2, 1).astype(np.float64)
+        self._positions = positions = carry_hidden_splats(positions, opacities)
         self._box = Box(min=_point(positions.min(axis=(0, 1))), max=_point(positions.max(axis=(0, 1))))
-        sizes = self._values[0, -7:-4].mean(axis=0)
-        typical = typical_size(self._values[0, -7:-4], self._extent)
+        typical = typical_size(scales[0], self._extent)
         # opaque splats show shifts more; the square root works best (measured, as in _importance)
-        opaque = float(np.clip(np.median(self._values[0, -8]) / _USUAL_OPACITY, 0.25, 16))
-        self._step = POSITION_STEP * typical / math.sqrt(opaque)
+        opaque = float(np.clip(np.median(opacities[0]) / _USUAL_OPACITY, 0.25, 16))
+        self._step = BY_NAME["means"].steps[0] * typical / math.sqrt(opaque)
         self._floor = scale_floor(typical)
         self._labels = find_blocks(positions, _BLOCK_ERROR * self._step)
         progress(0, len(frames))
-        self._importance = _importance(self._values[0, -8], sizes)
+        self._importance = _importance(opacities[0], scales[0].mean(axis=0))
         self._attributes, self._quats = self._canonical()
         self._smoothed: np.ndarray | None = None  # made when first needed
 
@@ -90,19 +93,19 @@ class MotionBake:
     def _canonical(self) -> tuple[np.ndarray, np.ndarray]:
         """Values of the channels from `log_scale_0` on, (F, C - 6, N) float32, and quaternions (F, N, 4), both in the
         equivalent form whose keyframe rotation is nearest to the identity."""
-        values = self._values
-        factors, axes = nearest_form(values[0, -4:].T.astype(np.float64))
-        quats = quat_multiply(values[:, -4:].transpose(0, 2, 1).astype(np.float64), factors)
+        parts = {name: self._values[:, rows] for name, rows in component_rows(self._degree).items()}
+        factors, axes = nearest_form(parts["quats"][0].T.astype(np.float64))
+        quats = quat_multiply(parts["quats"].transpose(0, 2, 1).astype(np.float64), factors)
         quats[0] *= np.where(quats[0][:, :1] < 0, -1.0, 1.0)
         for frame in range(1, self._count):
             likeness = (quats[frame] * quats[frame - 1]).sum(axis=1, keepdims=True)
             quats[frame] *= np.where(likeness < 0, -1.0, 1.0)
-        scales = np.take_along_axis(values[:, -7:-4], axes.T[None], axis=1)
+        scales = np.take_along_axis(parts["scales"], axes.T[None], axis=1)
         np.maximum(scales, np.float32(self._floor), out=scales)
-        red, green, blue = values[:, 3:-8:3], values[:, 4:-8:3], values[:, 5:-8:3]
-        colors = np.empty((self._count, values.shape[1] - 11, self._splats), dtype=np.float32)
-        colors[:, 0::3], colors[:, 1::3], colors[:, 2::3] = to_ycocg(red, green, blue)
-        return np.concatenate([scales, values[:, -8:-7], colors], axis=1), quats
+        sh = parts["sh"]
+        colors = np.empty(sh.shape, dtype=np.float32)
+        colors[:, 0::3], colors[:, 1::3], colors[:, 2::3] = to_ycocg(sh[:, 0::3], sh[:, 1::3], sh[:, 2::3])
+        return np.concatenate([scales, parts["opacities"], colors], axis=1), quats
 
     def write(
         self,
@@ -145,7 +148,7 @@ class MotionBake:
         attributes = self._attributes
         if settings.smooths_paths:
             residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
-            rotations = smooth_paths(rotations, _JITTER * ROTATION_STEP, keep_first=False)
+            rotations = smooth_paths(rotations, _JITTER * BY_NAME["quats"].steps[0], keep_first=False)
             attributes = self._smooth_attributes()
         steps = channel_steps(self._degree, self._step, settings)
         classes = _classes(self._importance, residuals, steps[0])
@@ -156,11 +159,14 @@ class MotionBake:
         pictures = np.full((self._count, rows * tile, columns * tile), 128, dtype=np.uint8)
         scan = square_scan(tile, tile * tile)
         escapes: list[np.ndarray] = []
-        for index, (channel, step) in enumerate(zip(channels(self._degree), steps, strict=True)):
-            if index < 3:
-                values, offset = residuals[:, :, index] / gains, 0.0
-            else:
-                values = rotations[:, :, index - 3] if index < 6 else attributes[:, index - 6].astype(np.float64)
+        coded = itertools.chain(  # in the order of the channels
+            (residuals[:, :, i] / gains for i in range(3)),
+            (rotations[:, :, i] for i in range(3)),
+            (attributes[:, i].astype(np.float64) for i in range(attributes.shape[1])),
+        )
+        for index, (channel, step, values) in enumerate(zip(channels(self._degree), steps, coded, strict=True)):
+            offset = 0.0
+            if index >= 3:
                 offset, step = map(_stored, channel_range(values, step))
             codes_8 = np.rint((values - offset) / step).astype(np.int64) + 128
             beyond = (codes_8 < 0) | (codes_8 > 255)
@@ -180,7 +186,7 @@ class MotionBake:
         self._encode(pictures, folder / "video.mp4", settings, progress, fps, offsets)
         side_entry = SideEntry(**named_by_content(folder / "motion.bin"), raw_bytes=raw_bytes)
         facts = named_by_content(folder / "video.mp4")
-        video = VideoEntry.model_construct(**facts, qp=codec_qp(settings.codec, settings.qp), checks=())
+        video = VideoEntry.model_construct(**facts, qp=CODECS[settings.codec].own_qp(settings.qp), checks=())
         return MotionRendition.model_construct(
             **identity,
             splats=self._splats,

@@ -13,16 +13,9 @@ import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
+from studio.stream.attributes import Component, component_rows, components
 from studio.stream.encode.files import named_by_content
-from studio.stream.layout import (
-    Component,
-    component_frames,
-    components,
-    plane_side,
-    scale_floor,
-    to_plane,
-    typical_size,
-)
+from studio.stream.layout import component_frames, plane_side, scale_floor, to_plane, typical_size
 from studio.stream.manifest import Box, ComponentEntry, Part, PlaneEntry, PlanesRendition
 from studio.stream.morton import morton_order
 from studio.stream.quantize import quantize, split_bytes
@@ -46,9 +39,11 @@ class PlanesBake:
         self._order = _keyframe_order(frames[0])
         self._low, self._high = _ranges(component_frames(_reported(frames, progress)))
         self._box = Box(min=_point(self._low), max=_point(self._high))
-        extent = float((self._high[:3] - self._low[:3]).max())
+        rows = component_rows(frames[0].sh_degree)
+        extent = float((self._high[rows["means"]] - self._low[rows["means"]]).max())
         floor = scale_floor(typical_size(frames[0].log_scales.detach().cpu().numpy().T, extent))
-        self._low[-7:-4] = np.minimum(np.maximum(self._low[-7:-4], floor), self._high[-7:-4])
+        scales = rows["scales"]
+        self._low[scales] = np.minimum(np.maximum(self._low[scales], floor), self._high[scales])
 
     def write(
         self,
@@ -126,7 +121,7 @@ def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Component
             low: Part = "low_mirrored" if settings.mirror_low_bytes else "low"
             result.append((row, component, low, settings.attribute_qp("means_low")))
         else:
-            result.append((row, component, "all", settings.attribute_qp(component.attribute)))
+            result.append((row, component, "all", settings.attribute_qp(component.attribute.qp_name)))
     return result
 
 

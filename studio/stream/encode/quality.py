@@ -9,9 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.decode import open_decoder
+from studio.stream.codecs import QP_MAX
+from studio.stream.decoders import open_decoder
 from studio.stream.manifest import Rendition
-from studio.stream.settings import QP_MAX
 
 QualityFn = Callable[[int, Gaussians], float]
 """`quality(index, decoded)`: mean squared error between renders of a decoded frame and of the same frame as trained,

@@ -33,7 +33,7 @@ from studio.stream.manifest import (
 )
 from studio.stream.manifest_file import distinct_bytes, parse_manifest, seal
 from studio.stream.settings import BakeSettings
-from studio.stream.source import FolderSource
+from studio.stream.sources.source import FolderSource
 
 INLINE_BYTES = 12 << 10
 """Groups in the manifest itself take this many bytes at most, unless the first is larger: what a player must have

@@ -9,6 +9,28 @@ from typing import ClassVar
 from torch import Tensor
 
 from studio.gaussians import Gaussians
+from studio.stream.attributes import ATTRIBUTES
+
+CODED = tuple(attribute.name for attribute in ATTRIBUTES if attribute.name != "means")
+"""Attributes that losses act on, in the order of their values."""
+
+_TERMS = {"quats": "rotation", "scales": "scale", "opacities": "opacity", "sh": "color"}
+
+
+def coded_columns(counts: Mapping[str, int], sh_degree: int) -> dict[str, slice]:
+    """Columns of each term of the losses (paper, section 4.2), which count the first coefficient of SH as color.
+
+    Args:
+        counts: values per splat of each attribute in `CODED`; of SH, per coefficient.
+        sh_degree: 0 to 3.
+    """
+    found, start = {}, 0
+    for name in CODED:
+        found[_TERMS[name]] = slice(start, start + counts[name])
+        start += counts[name]
+    if sh_degree > 0:
+        found["sh"] = slice(start, start + counts["sh"] * ((sh_degree + 1) ** 2 - 1))
+    return found
 
 
 class SplatCoding(ABC):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TypeVar
 
 import numpy as np
@@ -9,22 +10,12 @@ import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
+from studio.rotations import quat_conjugate, quat_multiply
+from studio.stream.attributes import ATTRIBUTES, BY_NAME
 from studio.stream.layout import scale_floor, tile_side, typical_size
-from studio.stream.profiles.coding import SplatCoding
-from studio.stream.rotation import nearest_form
+from studio.stream.profiles.coding import CODED, SplatCoding, coded_columns
 from studio.stream.settings import BakeSettings
-from studio.torch_rotations import quat_multiply
-
-# An error of one step is about equally visible in every channel. Found by drawing trained groups with one attribute
-# coarsened at a time.
-POSITION_STEP = 0.08
-"""Relative to the size of a typical splat."""
-
-ROTATION_STEP = 0.0015
-SCALE_STEP = 0.017
-OPACITY_STEP = 0.0096
-LUMA_STEP = 0.0069
-CHROMA_STEP = 0.0072
+from studio.torch_rotations import quat_multiply as torch_quat_multiply
 
 _TAIL = 1e-4  # fraction of values at either end that may become escapes instead of widening the range
 _OUTLIERS = 4  # splats at either end that may do so if they would at least double the step, in channels of any size
@@ -34,24 +25,20 @@ Values = TypeVar("Values", np.ndarray, Tensor)
 
 
 def channel_steps(sh_degree: int, position_step: float, settings: BakeSettings) -> list[float]:
-    """Step of each channel of `layout.channels(sh_degree)`, before `channel_range`.
+    """Step of each channel of `attributes.channels(sh_degree)`, before `channel_range`.
 
     Args:
         sh_degree: 0 to 3.
-        position_step: step of position residuals of class 1, world units.
+        position_step: step of position residuals of class 1, world units; class 0 has half of it.
         settings: an attribute whose QP differs from `qp` has a finer or coarser step, 6 QPs per factor of two.
     """
 
-    def step(base: float, attribute: str) -> float:
-        qp = settings.qp_overrides.get(attribute, settings.qp)
-        return base * 2.0 ** ((qp - settings.qp) / 6)
-
-    result = [step(position_step / 2, "means_low")] * 3  # class 0; most splats have class 1
-    result += [step(ROTATION_STEP, "quats")] * 3
-    result += [step(SCALE_STEP, "scales")] * 3
-    result.append(step(OPACITY_STEP, "opacities"))
-    for _ in range((sh_degree + 1) ** 2):
-        result += [step(LUMA_STEP, "sh"), step(CHROMA_STEP, "sh"), step(CHROMA_STEP, "sh")]
+    result: list[float] = []
+    for attribute in ATTRIBUTES:
+        base: tuple[float, ...] = (position_step / 2,) * 3 if attribute.name == "means" else attribute.steps
+        repeats = (sh_degree + 1) ** 2 if attribute.name == "sh" else 1
+        qp = settings.qp_overrides.get(attribute.qp_name, settings.qp)
+        result += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * repeats
     return result
 
 
@@ -93,6 +80,47 @@ def from_ycocg(luma: Values, orange: Values, green: Values) -> tuple[Values, Val
     return luma + orange - green, luma + green, luma - orange - green
 
 
+def _cube() -> tuple[np.ndarray, np.ndarray]:
+    """The 24 rotations of the cube: quaternions (24, 4), and for each the old axis of each new axis, (24, 3)."""
+    # Up to sign: 4 unit quaternions with one entry, 12 with two of equal size, 8 with four.
+    quats: list[np.ndarray] = []
+    for entries in itertools.product((1.0, 0.0, -1.0), repeat=4):
+        q = np.array(entries)
+        first = next((entry for entry in entries if entry), 0.0)
+        if np.count_nonzero(q) in (1, 2, 4) and first > 0:
+            quats.append(q / np.linalg.norm(q))
+    factors = np.array(quats)
+    units = np.concatenate([np.zeros((3, 1)), np.eye(3)], axis=1)
+    turned = quat_multiply(quat_multiply(factors[:, None], units), quat_conjugate(factors)[:, None])[..., 1:]
+    return factors, np.abs(turned).argmax(axis=-1)  # turned[f, j]: image of axis j under factor f
+
+
+CUBE_QUATS, CUBE_AXES = _cube()
+
+
+def nearest_form(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The permutation of each splat's axes that brings its rotation nearest to the identity.
+
+    For each of the 24 rotations c of the cube, rotation q c with correspondingly permuted scales is the same Gaussian.
+    The nearest form is at most 63 degrees from the identity, so that its MRP is small and continuous, and no label
+    needs to be stored.
+
+    Args:
+        quats: (N, 4) unit quaternions.
+
+    Returns:
+        Factors (N, 4), to multiply with quaternions from the right; axes (N, 3): new scale i is old scale axes[i].
+    """
+    best = np.full(len(quats), -1.0)
+    choice = np.zeros(len(quats), dtype=np.int64)
+    for index, factor in enumerate(CUBE_QUATS):
+        # the angle of q c depends on its real part only
+        real = np.abs(quats @ quat_conjugate(factor).astype(quats.dtype))
+        better = real > best + 1e-6  # the first of equals
+        best[better], choice[better] = real[better], index
+    return CUBE_QUATS[choice], CUBE_AXES[choice]
+
+
 class MotionCoding(SplatCoding):
     """Rotations, log scales, opacities and YCoCg coefficients as the profile `motion` codes them.
 
@@ -104,14 +132,7 @@ class MotionCoding(SplatCoding):
     profile = "motion"
 
     def __init__(self, previous: Gaussians) -> None:
-        self.attributes = {
-            "rotation": slice(0, 3),
-            "scale": slice(3, 6),
-            "opacity": slice(6, 7),
-            "color": slice(7, 10),
-        }
-        if previous.sh_degree > 0:
-            self.attributes["sh"] = slice(10, 7 + 3 * (previous.sh_degree + 1) ** 2)
+        self.attributes = coded_columns({name: len(BY_NAME[name].channels) for name in CODED}, previous.sh_degree)
         self.pixels = tile_side(len(previous)) ** 2
         self._degree = previous.sh_degree
         device, dtype = previous.device, previous.means.dtype
@@ -119,14 +140,14 @@ class MotionCoding(SplatCoding):
         factors, axes = nearest_form(quats.cpu().double().numpy())
         self._factors = torch.as_tensor(factors, dtype=dtype, device=device)
         self._axes = torch.as_tensor(axes, device=device)
-        canonical = quat_multiply(quats, self._factors)
+        canonical = torch_quat_multiply(quats, self._factors)
         self._quats = torch.where(canonical[:, :1] < 0, -canonical, canonical)
         extent = float((previous.means.amax(0) - previous.means.amin(0)).max())
         self._floor = scale_floor(typical_size(previous.log_scales.detach().cpu().numpy().T, extent))
 
     def coded_values(self, gaussians: Gaussians) -> Tensor:
         """See `SplatCoding`. Axes and quaternion signs are those nearest to the previous frame."""
-        quats = quat_multiply(gaussians.unit_quats, self._factors)
+        quats = torch_quat_multiply(gaussians.unit_quats, self._factors)
         sign = torch.where((quats.detach() * self._quats).sum(-1, keepdim=True) < 0, -1.0, 1.0)
         quats = quats * sign
         rotation = quats[:, 1:] / (1 + quats[:, :1])
@@ -145,7 +166,7 @@ class MotionCoding(SplatCoding):
         return offsets, widths
 
     def decode(self, gaussians: Gaussians, values: Tensor) -> Gaussians:
-        """See `SplatCoding`. Each splat keeps its canonical axes, which draw the same picture."""
+        """See `SplatCoding`. Each splat keeps its canonical axes, which render alike."""
         rotation = values[:, :3]
         square = (rotation * rotation).sum(-1, keepdim=True)
         colors = values[:, 7:].reshape(gaussians.sh.shape)

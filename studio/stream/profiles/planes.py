@@ -10,8 +10,9 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
+from studio.stream.attributes import BY_NAME
 from studio.stream.layout import plane_side
-from studio.stream.profiles.coding import SplatCoding
+from studio.stream.profiles.coding import CODED, SplatCoding, coded_columns
 from studio.stream.quantize import LEVELS_8
 
 _MIN_STEP = 1e-3
@@ -51,14 +52,7 @@ class PlanesCoding(SplatCoding):
     profile = "planes"
 
     def __init__(self, previous: Gaussians) -> None:
-        self.attributes = {
-            "rotation": slice(0, 4),
-            "scale": slice(4, 7),
-            "opacity": slice(7, 8),
-            "color": slice(8, 11),
-        }
-        if previous.sh_degree > 0:
-            self.attributes["sh"] = slice(11, 8 + 3 * (previous.sh_degree + 1) ** 2)
+        self.attributes = coded_columns({name: len(BY_NAME[name].components) for name in CODED}, previous.sh_degree)
         self.pixels = plane_side(len(previous)) ** 2
         self._quats = previous.unit_quats
 

@@ -13,7 +13,7 @@ from studio.gaussians import Gaussians
 from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.kernels import definitions_only
 from studio.stream import BakeSettings, StreamReader, bake_group, fetch_group, write_manifest
-from studio.stream.decode_motion import MotionFrame
+from studio.stream.decoders.motion import MotionFrame
 
 SPLATS = 1001  # not a multiple of the kernel's blocks
 

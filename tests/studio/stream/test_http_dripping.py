@@ -9,9 +9,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from studio.stream.http_source import HttpSource
-from studio.stream.redirects import redirected, same_origin
-from studio.stream.source import SourceUnavailable
+from studio.stream.sources.http import HttpSource
+from studio.stream.sources.redirects import redirected, same_origin
+from studio.stream.sources.source import SourceUnavailable
 from tests.support.errors import refuses
 
 OK = b"HTTP/1.1 200 OK\r\n"

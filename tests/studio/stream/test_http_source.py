@@ -12,7 +12,7 @@ import torch
 
 from studio.errors import StudioError
 from studio.stream import SourceUnavailable, StreamReader
-from studio.stream.http_source import HttpSource
+from studio.stream.sources.http import HttpSource
 from tests.support.errors import refuses
 
 CONTENT = bytes(range(256)) * 800  # 204,800 bytes

@@ -11,7 +11,7 @@ import torch
 
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from studio.stream.encode import write_manifest as manifest_writer
-from studio.stream.source import FolderSource
+from studio.stream.sources.source import FolderSource
 from tests.support.errors import refuses
 
 

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from studio.stream.morton import deinterleave, interleave, square_scan
-from studio.stream.octree import decode_octree, encode_octree
-from studio.stream.sidefile import Cursor, deflate, inflate, split
+from studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate, split
 
 CELLS = st.lists(st.tuples(*[st.integers(0, 255)] * 3), min_size=1, max_size=60)
 

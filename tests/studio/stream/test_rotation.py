@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from studio.rotations import quat_multiply
-from studio.stream.rotation import CUBE_AXES, CUBE_QUATS, nearest_form
+from studio.stream.profiles.motion import CUBE_AXES, CUBE_QUATS, nearest_form
 
 
 def scipy(quats):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, bake_group
-from studio.stream.layout import channels
+from studio.stream.attributes import channels
 from studio.stream.manifest import MotionRendition
 from studio.stream.profiles import MotionCoding, coding_of
 

@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from studio.gaussians import Gaussians
-from studio.stream.layout import component_frames, components
+from studio.stream.attributes import components
+from studio.stream.layout import component_frames
 from studio.stream.profiles import PlanesCoding, coding_of
 from studio.stream.quantize import LEVELS_8, dequantize, quantize
 

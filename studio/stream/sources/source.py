@@ -1,4 +1,4 @@
-"""Sources of a stream's files: a folder, or a web server (`studio.stream.http_source`)."""
+"""Sources of a stream's files: a folder, or a web server (`studio.stream.sources.http`)."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from studio.gaussians import Gaussians
-from studio.stream.decoder import DecodedFrame, GroupDecoder, check_luma
+from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
 from studio.stream.layout import ComponentArrays
 from studio.stream.manifest import PlanesRendition
 from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Protocol
 
 from studio.errors import StudioError, reason_of
-from studio.stream.http_source import HttpSource
-from studio.stream.source import BAKE_AGAIN, too_long
+from studio.stream.sources.http import HttpSource
+from studio.stream.sources.source import BAKE_AGAIN, too_long
 
 SUFFIX = ".v3s"
 MAX_ENTRIES = 1 << 20

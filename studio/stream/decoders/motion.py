@@ -11,12 +11,13 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer.kernels import kernels_for
 from studio.rotations import mrp_to_quats, quat_multiply
-from studio.stream.decoder import DecodedFrame, GroupDecoder, check_luma
+from studio.stream.attributes import channel_rows
+from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
 from studio.stream.manifest import MotionRendition
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
 from studio.stream.profiles.motion import from_ycocg
-from studio.stream.source import BAKE_AGAIN
+from studio.stream.sources.source import BAKE_AGAIN
 from studio.stream.video import PlaneDecoder
 
 OPACITY_MARGIN = 1e-6
@@ -69,7 +70,7 @@ class GroupTables:
         kernels = kernels_for(torch.empty(0))
         if kernels is None:
             return self.gaussians_numpy(index, picture)
-        shapes = ([count, 3], [count, 4], [count, 3], [count], [count, (len(group.channels) - 10) // 3, 3])
+        shapes = ([count, 3], [count, 4], [count, 3], [count], [count, (group.sh_degree + 1) ** 2, 3])
         means, quats, log_scales, logits, sh = map(kernels.empty_float, shapes)
         turned = self.state.rotations(index)
         turned = turned if turned is None else np.ascontiguousarray(turned)
@@ -87,18 +88,19 @@ class GroupTables:
     def gaussians_numpy(self, index: int, picture: np.ndarray) -> Gaussians:
         """`gaussians` in plain NumPy. This is the definition."""
         values = self.values(index, picture)
-        means = self.state.positions(index) + (values[:3] * self.gains).T
-        quats = mrp_to_quats(values[3:6].T)
+        rows = channel_rows(self.group.sh_degree)
+        means = self.state.positions(index) + (values[rows["means"]] * self.gains).T
+        quats = mrp_to_quats(values[rows["quats"]].T)
         turned = self.state.rotations(index)
         if turned is not None:
             quats = quat_multiply(turned[self.state.labels], quats)
-        opacities = np.clip(values[9], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
-        luma, orange, green = values[10::3].T, values[11::3].T, values[12::3].T  # (N, K) each
-        sh = np.stack(from_ycocg(luma, orange, green), axis=-1)
+        opacities = np.clip(values[rows["opacities"]][0], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+        colors = values[rows["sh"]]
+        sh = np.stack(from_ycocg(colors[0::3].T, colors[1::3].T, colors[2::3].T), axis=-1)  # (N, K) each
         return Gaussians(
             means=torch.from_numpy(means),
             quats=torch.from_numpy(quats),
-            log_scales=torch.from_numpy(np.ascontiguousarray(values[6:9].T)),
+            log_scales=torch.from_numpy(np.ascontiguousarray(values[rows["scales"]].T)),
             logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
             sh=torch.from_numpy(sh),
             dilation=self.group.dilation,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from studio.stream.decode_motion import MotionDecoder
-from studio.stream.decode_planes import PlanesDecoder
-from studio.stream.decoder import DecodedFrame, GroupDecoder
+from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder
+from studio.stream.decoders.motion import MotionDecoder
+from studio.stream.decoders.planes import PlanesDecoder
 from studio.stream.manifest import MotionRendition, PlanesRendition, Rendition
 
 __all__ = ["DecodedFrame", "GroupDecoder", "open_decoder"]

@@ -15,9 +15,9 @@ from urllib.parse import unquote, urlsplit, urlunsplit
 import urllib3
 
 from studio.errors import StudioError
-from studio.stream.http_connections import Watch, WatchedPools
-from studio.stream.redirects import MOST_REDIRECTS, redirected, same_origin
-from studio.stream.source import SourceUnavailable, is_address, too_long
+from studio.stream.sources.http_connections import Watch, WatchedPools
+from studio.stream.sources.redirects import MOST_REDIRECTS, redirected, same_origin
+from studio.stream.sources.source import SourceUnavailable, is_address, too_long
 
 CONNECT_SECONDS = 5.0
 STALL_SECONDS = 8.0

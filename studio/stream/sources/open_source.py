@@ -6,9 +6,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from studio.errors import StudioError
-from studio.stream.archive import SUFFIX, ArchiveSource, FileRanges, HttpRanges, Ranges
-from studio.stream.http_source import HttpSource
-from studio.stream.source import FolderSource, Source, is_address
+from studio.stream.sources.archive import SUFFIX, ArchiveSource, FileRanges, HttpRanges, Ranges
+from studio.stream.sources.http import HttpSource
+from studio.stream.sources.source import FolderSource, Source, is_address
 
 
 def open_source(place: Path | str | Source) -> Source:

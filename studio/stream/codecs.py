@@ -1,0 +1,82 @@
+"""The table of video codecs: how FFmpeg's encoders are called for pictures of numbers, and what each can do.
+
+Adding one: its row here and its name in `CodecName`; `docs/STREAM.md`; the browser player's own list.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+CodecName = Literal["h264", "hevc", "av1"]
+Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
+
+PRESETS: tuple[str, ...] = get_args(Preset)
+QP_MAX = 51
+"""Of H.264, on whose scale settings are."""
+
+
+@dataclass(frozen=True)
+class Codec:
+    """Parameters of an FFmpeg encoder for constant QP, one I picture at the start, one thread, no psychovisual tuning.
+
+    Attributes:
+        encoder: FFmpeg's name.
+        key: name of the option that takes the parameters.
+        parameters: for QPs above 0; {qp} and {b} (B-frames between P-frames) are filled in.
+        lossless: for QP 0; None if not supported.
+        tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
+        takes_b_frames: whether it takes {b}.
+        takes_offsets: whether single pictures can have a lower QP (`video.PlaneEncoder`).
+        qp_max: largest QP on its own scale.
+        presets: its own names of some of `PRESETS`, where they differ.
+        first: QPs by which its I pictures are better than P pictures.
+    """
+
+    encoder: str
+    key: str
+    parameters: str
+    lossless: str | None
+    tag: str | None = None
+    takes_b_frames: bool = False
+    takes_offsets: bool = False
+    qp_max: int = QP_MAX
+    presets: tuple[str, ...] = PRESETS
+    first: int = 0
+
+    def own_qp(self, qp: int) -> int:
+        """A QP of the H.264 scale on the codec's own."""
+        return round(qp * self.qp_max / QP_MAX)
+
+    def own_preset(self, preset: str) -> str:
+        """The codec's own name of a preset."""
+        return self.presets[PRESETS.index(preset)]
+
+
+# Psychovisual tuning (psy) helps pictures, not numbers. Scene cut detection would insert more I frames.
+_X264 = "keyint=infinite:scenecut=0:bframes={b}:psy=0:threads=1:lookahead-threads=1:log=0"
+# One picture of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
+_X264_TILES = f"{_X264}:no-deblock=1:ipratio=1.0"
+_X265_TILES = (
+    "keyint=-1:scenecut=0:bframes={b}:psy-rd=0:psy-rdoq=0:aq-mode=0:cutree=0:ipratio=1.0:no-deblock=1:no-sao=1:"
+    "frame-threads=1:pools=none:no-wpp=1:info=0:log-level=none"
+)
+
+CODECS: dict[str, Codec] = {
+    "h264": Codec("libx264", "x264-params", _X264_TILES, _X264_TILES, takes_b_frames=True, takes_offsets=True),
+    "hevc": Codec(
+        "libx265", "x265-params", f"qp={{qp}}:{_X265_TILES}", f"lossless=1:{_X265_TILES}", "hvc1", takes_b_frames=True
+    ),
+    "av1": Codec(
+        "libsvtav1",
+        "svtav1-params",
+        "rc=0:aq-mode=0:qp={qp}:pred-struct=1:keyint=-1:lp=1:enable-tf=0",
+        None,
+        qp_max=63,
+        presets=("12", "11", "10", "10", "9", "8", "7", "6", "5"),  # about as fast as x264's of the same name
+    ),
+}
+"""Codecs of pictures of many tiles (profile `motion`), by their names in the manifest."""
+
+PLANE_CODEC = Codec("libx264", "x264-params", _X264, _X264, takes_offsets=True, first=3)
+"""H.264 for single planes (profile `planes`, VideoGS): with deblocking, and a finer I picture (ipratio 1.4)."""
