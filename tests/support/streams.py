@@ -24,9 +24,11 @@ def bake_numbered(
     splats: int = 40,
     settings: BakeSettings | None = None,
     sound: np.ndarray | None = None,
+    distinct: bool = False,
 ) -> Path:
     """A stream with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame. With `sound`,
-    (samples, channels) at 48 kHz."""
+    (samples, channels) at 48 kHz. With `distinct`, each group has a file of its own, the opacities; otherwise groups
+    of the same length share all files."""
     settings = settings or BakeSettings(profile="planes", quality=0)
     entries, first = [], 0
     for group, length in enumerate(lengths):
@@ -36,7 +38,10 @@ def bake_numbered(
             means[:, 0] = index
             quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(splats, 1)
             shape = -3 * torch.ones(splats, 3)
-            frames.append(Gaussians(means, quats, shape, torch.zeros(splats), torch.zeros(splats, 1, 3)))
+            seen = (
+                torch.randn(splats, generator=torch.Generator().manual_seed(group)) if distinct else torch.zeros(splats)
+            )
+            frames.append(Gaussians(means, quats, shape, seen, torch.zeros(splats, 1, 3)))
         entries.append(bake_group(frames, folder, group, first, settings))
         first += length
     audio = None
@@ -108,6 +113,14 @@ def group_files(folder: Path, group: int) -> list[Path]:
     """A group's files in the best rendition: side file and video, or the planes in the order of the components."""
     with StreamReader.open(folder) as reader:
         return [folder / file.path for file in reader.groups[group].files]
+
+
+def opacity_file(folder: Path, group: int) -> Path:
+    """The file of a group's opacities in the profile `planes`."""
+    with StreamReader.open(folder) as reader:
+        components = reader.groups[group].components  # type: ignore[attr-defined]
+    entry = next(component for component in components if component.name == "opacity")
+    return folder / entry.planes[0].path
 
 
 def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:

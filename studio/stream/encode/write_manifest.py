@@ -74,6 +74,8 @@ def write_manifest(
     path = directory / MANIFEST_NAME
     if not groups:
         raise StudioError("bake.no_groups", "a stream needs at least one group", file=path)
+    if not (math.isfinite(fps) and fps > 0):
+        raise StudioError("bake.manifest_invalid", f"fps is {fps}; it must be above 0", file=path, value=fps)
     _check_present(directory, groups, audio)
     box = groups[0].best.bounding_box
     for one in (one for group in groups for one in group.renditions):

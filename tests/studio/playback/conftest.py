@@ -1,15 +1,26 @@
 """Fixtures: a small baked stream, a source that can block, and a manual clock."""
 
+import shutil
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from studio.stream import FolderSource
+from studio.stream import FolderSource, StreamReader
 from tests.support.streams import bake_numbered
 
 FPS = 50.0
+
+
+def own_files(folder: Path) -> dict[str, int]:
+    """Group by path, of files that belong to a single group."""
+    owners: dict[str, set[int]] = {}
+    with StreamReader.open(folder) as reader:
+        for group in reader.groups:
+            for file in group.files:
+                owners.setdefault(file.path, set()).add(group.index)
+    return {path: next(iter(groups)) for path, groups in owners.items() if len(groups) == 1}
 
 
 class GatedSource(FolderSource):
@@ -21,6 +32,7 @@ class GatedSource(FolderSource):
         self.gate.set()
         self.reads: list[str] = []
         self.finished: list[str] = []
+        self._own = own_files(root)
 
     def read(self, path: str, limit: int) -> bytes:
         assert self.gate.wait(20)
@@ -29,26 +41,37 @@ class GatedSource(FolderSource):
         self.finished.append(path)
         return data
 
-    def whole(self, group: str) -> bool:
+    def whole(self, group: int) -> bool:
         """Whether all files of a group have been read."""
-        files = {f"{group}/{file.name}" for file in (Path(self.name) / group).iterdir()}
-        return files <= set(self.finished)
+        with StreamReader.open(Path(self.name)) as reader:
+            files = [file.path for file in reader.groups[group].files]
+        own = max(self.finished.index(path) for path, owner in self._own.items() if owner == group)
+        return files[-1] in self.finished[own:]
 
-    def groups_read(self) -> list[str]:
-        """Group folders in the order of their first read."""
-        return list(dict.fromkeys(path.split("/")[0] for path in self.reads if "/" in path))
+    def groups_read(self) -> list[int]:
+        """Groups in the order of the first read of a file that only they have."""
+        return list(dict.fromkeys(self._own[path] for path in self.reads if path in self._own))
+
+
+@pytest.fixture(scope="session")
+def baked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two streams to copy."""
+    folder = tmp_path_factory.mktemp("playback")
+    bake_numbered(folder / "stream", (5, 4, 1, 6), FPS, distinct=True)
+    bake_numbered(folder / "long", (14,) * 6, FPS, distinct=True)
+    return folder
 
 
 @pytest.fixture
-def stream(tmp_path: Path) -> Path:
+def stream(baked: Path, tmp_path: Path) -> Path:
     """Groups of 5, 4, 1 and 6 frames, see `bake_numbered`."""
-    return bake_numbered(tmp_path / "stream", (5, 4, 1, 6), FPS)
+    return Path(shutil.copytree(baked / "stream", tmp_path / "stream"))
 
 
 @pytest.fixture
-def long_stream(tmp_path: Path) -> Path:
+def long_stream(baked: Path, tmp_path: Path) -> Path:
     """Six groups of 14 frames."""
-    return bake_numbered(tmp_path / "long", (14,) * 6, FPS)
+    return Path(shutil.copytree(baked / "long", tmp_path / "long"))
 
 
 @pytest.fixture

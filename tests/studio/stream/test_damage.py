@@ -101,7 +101,7 @@ def test_videos_that_are_not_those_of_the_manifest(copy_of, tmp_path, turning_bo
         (other(50, 80), "stream.video_too_long", {"value": 50, "expected": 3}),
         (other(3, 600), "stream.wrong_video", {"expected": ("h264", *size)}),
     ):
-        checks = luma_checks(data, size, "h264", 1) if code == "stream.video_too_short" else None
+        checks = luma_checks(data, size, "h264", 2) if code == "stream.video_too_short" else None
         file = replaced(stream, 1, name, data, checks)
         with StreamReader.open(stream) as reader, refuses(code, file=file, **expected):
             list(reader.iterate(4))

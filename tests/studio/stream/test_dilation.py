@@ -7,7 +7,6 @@ import pytest
 
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from studio.stream.encode import write_manifest as manifest_writer
-from tests.support.errors import refuses
 
 KINDS = {
     "motion": BakeSettings(preset="ultrafast"),
@@ -61,10 +60,3 @@ def test_all_renditions_and_pages_have_it(tmp_path, make_frames, monkeypatch):
     assert [one["dilation"] for one in page["groups"][0]["renditions"]] == [0.2, 0.2]
     for rendition in manifest["renditions"]:
         assert decoded(folder, rendition["id"]) == [0.05, 0.05, 0.2, 0.2]
-
-
-@pytest.mark.parametrize("kind", ["motion", "planes"])
-def test_frames_of_a_group_must_agree(tmp_path, make_frames, kind):
-    first, second = make_frames(2, 60)
-    with refuses("bake.mixed_dilations", value=0.1, expected=0.3, frame=1):
-        bake_group([first, replace(second, dilation=0.1)], tmp_path / "stream", 0, 0, KINDS[kind])

@@ -14,6 +14,7 @@ from studio.errors import StudioError
 from studio.stream import SourceUnavailable, StreamReader
 from studio.stream.sources.http import HttpSource
 from tests.support.errors import refuses
+from tests.support.streams import group_files
 
 CONTENT = bytes(range(256)) * 800  # 204,800 bytes
 
@@ -406,8 +407,8 @@ def upload(server, folder) -> None:
             server.files["/s/" + path.relative_to(folder).as_posix()] = path.read_bytes()
 
 
-def test_a_stream_is_the_same_as_from_its_folder(server, make_stream):
-    folder, _ = make_stream((3, 2), splats=90)
+def test_a_stream_is_the_same_as_from_its_folder(server, intact):
+    folder = intact("ladder")
     upload(server, folder)
     with StreamReader.open(folder) as local, StreamReader.open(server.url) as remote:
         assert remote.manifest == local.manifest
@@ -424,15 +425,14 @@ def test_a_stream_is_the_same_as_from_its_folder(server, make_stream):
         (lambda data: data + b"x", "source.file_too_long"),
     ],
 )
-def test_other_bytes_than_the_manifest_promises(server, make_stream, change, code):
-    folder, _ = make_stream((2, 2), splats=64)
-    upload(server, folder)
-    path = "/s/group_001/opacity.mp4"
-    server.files[path] = change(server.files[path])
+def test_other_bytes_than_the_manifest_promises(server, intact, change, code):
+    upload(server, intact("motion"))
+    name = group_files(intact("motion"), 1)[1].name
+    server.files[f"/s/files/{name}"] = change(server.files[f"/s/files/{name}"])
     with StreamReader.open(server.url) as reader:
-        assert len(reader.gaussians(1)) == 64
-        with refuses(code, file=f"{server.url}/group_001/opacity.mp4"):
-            reader.gaussians(2)
+        assert len(reader.gaussians(1)) == 80
+        with refuses(code, file=f"{server.url}/files/{name}"):
+            reader.gaussians(5)
 
 
 def test_no_stream_at_the_address(server):

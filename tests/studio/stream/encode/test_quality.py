@@ -1,16 +1,89 @@
-"""Lower QPs for single frames, so that encoding costs none of them more than a limit."""
+"""Finding QPs: for a target of a group, and of single frames so that encoding costs none more than a limit."""
 
 import numpy as np
 import pytest
 
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.encode.quality import ROUNDS, limited_offsets, loss
+from studio.stream.encode.quality import ROUNDS, limited_offsets, loss, search_qp
 from studio.stream.settings import LOSS_QP
 from studio.stream.video import PlaneDecoder, PlaneEncoder
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 
 SIZE = (64, 48)
+
+
+@pytest.mark.parametrize("target", [3.0, 10.0, 17.5, 40.0, 50.0])
+def test_bisection_finds_the_border(target):
+    calls = []
+
+    def falling(qp):
+        calls.append(qp)
+        return 51.0 - qp  # 50 at QP 1, 0 at QP 51
+
+    lowest = search_qp(falling, target, "group 0", "KB per frame", at_most=True)
+    assert falling(lowest) <= target + 1e-3
+    assert lowest == 1 or falling(lowest - 1) > target
+    calls.clear()
+    highest = search_qp(falling, target, "group 0", "dB", at_most=False)
+    assert falling(highest) >= target
+    assert highest == 51 or falling(highest + 1) < target
+    assert len(calls) <= 12
+
+
+def test_targets_out_of_reach_are_said():
+    with refuses("bake.target_missed", value=9.0, qp=51, expected=5.0, setting="bake.quality") as caught:
+        search_qp(lambda qp: 60.0 - qp, 5.0, "group 7", "KB per frame", at_most=True)
+    assert "9 KB per frame at QP 51" in str(caught.value)
+    with refuses("bake.target_missed", value=59.0, qp=1, expected=70.0, setting="bake.quality"):
+        search_qp(lambda qp: 60.0 - qp, 70.0, "group 7", "dB", at_most=False)
+
+
+def test_kilobytes(tmp_path, turning_bodies):
+    frames = turning_bodies(3, 400)
+    sizes = {}
+    for qp in (10, 40):
+        settings = BakeSettings(quality=qp, preset="ultrafast")
+        sizes[qp] = bake_group(frames, tmp_path / str(qp), 0, 0, settings).best.bytes / 3000
+    target = (sizes[10] + sizes[40]) / 2
+    settings = BakeSettings(quality=f"{target:.3f} KB", preset="ultrafast")
+    entry = bake_group(frames, tmp_path / "t", 0, 0, settings)
+    assert 0.85 * target < entry.best.bytes / 3000 <= target + 1e-3
+    manifest = write_manifest(tmp_path / "t", [entry], 25, settings)
+    assert manifest.settings["target_kb_per_frame"] == pytest.approx(target, abs=1e-3)
+    with StreamReader.open(tmp_path / "t") as reader:
+        reader.verify()
+
+
+def test_psnr_by_the_callers_measure(tmp_path, turning_bodies):
+    """With opacities in place of pictures: decoded frames are passed, and the QP found is the highest that suffices."""
+    frames = turning_bodies(5, 400)
+    wanted = np.sort(frames[0].opacities.numpy())
+    asked = []
+
+    def quality(index, decoded):
+        asked.append(index)
+        return float(np.mean((np.sort(decoded.opacities.numpy()) - wanted) ** 2))
+
+    settings = BakeSettings(quality="40 dB", preset="ultrafast")
+    entry = bake_group(frames, tmp_path, 0, 0, settings, quality=quality)
+    assert set(asked) == {0, 2, 4}
+
+    def psnr(qp):
+        errors = []
+        place = tmp_path / f"qp{qp}"
+        write_manifest(place, [bake_group(frames, place, 0, 0, settings_at(qp))], 25, settings_at(qp))
+        with StreamReader.open(place) as reader:
+            errors = [quality(index, reader.gaussians(index)) for index in (0, 2, 4)]
+        return -10 * np.log10(np.mean(errors))
+
+    def settings_at(qp):
+        return BakeSettings(quality=qp, preset="ultrafast")
+
+    qp = entry.best.video.qp
+    assert psnr(qp) >= 40 > psnr(qp + 1)
+    with refuses("bake.no_renderer", setting="bake.quality"):
+        bake_group(frames, tmp_path, 0, 0, settings)
 
 
 def test_a_loss_is_the_difference_of_two_psnrs():
@@ -101,8 +174,8 @@ def test_the_encoder_takes_the_qp_of_single_pictures(tmp_path, tiles, b_frames):
 
 
 def test_a_group_gives_the_bytes_to_the_frames_that_need_them(tmp_path, turning_bodies):
-    """Opacities stand for pictures; only frame 3 is said to suffer from encoding."""
-    frames = turning_bodies(6, 800)
+    """Opacities stand for images; only frame 3 is said to suffer from encoding."""
+    frames = turning_bodies(6, 300)
     wanted = [np.sort(frame.opacities.numpy()) for frame in frames]
 
     def measured(index, decoded):

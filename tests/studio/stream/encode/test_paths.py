@@ -1,4 +1,4 @@
-"""Smoothing of paths, against closed forms and paths whose truth is known."""
+"""Smoothing of paths against closed forms and known motions; invisible splats."""
 
 import itertools
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from studio.stream.encode import paths as paths_module
-from studio.stream.encode.paths import STRENGTHS, smooth_paths
+from studio.stream.encode.paths import STRENGTHS, carry_hidden_splats, smooth_paths
 
 
 def noise(*shape, seed=0):
@@ -78,18 +78,18 @@ def test_the_first_frame_stays_where_it_is_kept():
 
 
 def test_jitter_goes():
-    truth = np.zeros((15, 300, 3)) + np.linspace(0, 1, 15)[:, None, None] * noise(300, 3)
+    actual = np.zeros((15, 300, 3)) + np.linspace(0, 1, 15)[:, None, None] * noise(300, 3)
     jitter = 0.01 * noise(15, 300, 3, seed=1)
-    found = smooth_paths(truth + jitter, 0.01, keep_first=False)
-    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.5 * np.sqrt(np.mean(jitter**2))
+    found = smooth_paths(actual + jitter, 0.01, keep_first=False)
+    assert np.sqrt(np.mean((found - actual) ** 2)) < 0.5 * np.sqrt(np.mean(jitter**2))
 
 
 def test_fast_motion_stays():
     """Splats that turn a quarter circle a frame, and others, far away in the order of the stream, that stand still."""
     turning = np.stack([np.cos(np.pi / 2 * np.arange(15)), np.sin(np.pi / 2 * np.arange(15)), np.zeros(15)], axis=1)
-    truth = np.concatenate([np.repeat(turning[:, None], 100, axis=1), np.zeros((15, 100, 3))], axis=1)
+    actual = np.concatenate([np.repeat(turning[:, None], 100, axis=1), np.zeros((15, 100, 3))], axis=1)
     jitter = 0.01 * noise(15, 200, 3)
-    error = smooth_paths(truth + jitter, 0.01, keep_first=False) - truth
+    error = smooth_paths(actual + jitter, 0.01, keep_first=False) - actual
     level = np.sqrt(np.mean(jitter**2))
     assert np.sqrt(np.mean(error[:, :80] ** 2)) < 1.05 * level
     assert np.sqrt(np.mean(error[:, 120:] ** 2)) < 0.5 * level
@@ -99,3 +99,25 @@ def test_fast_motion_stays():
 def test_short_groups_stay(frames):
     paths = noise(frames, 5, 3)
     assert np.array_equal(smooth_paths(paths, 1.0, keep_first=True), paths)
+
+
+def test_hidden_splats_take_the_motion_of_their_surroundings() -> None:
+    generator = np.random.default_rng(1)
+    keyframe = generator.uniform(-1, 1, (300, 3))
+    left = keyframe[:, 0] < 0
+    shift = np.where(left[:, None], (0.0, 0.3, 0.0), (0.1, 0.0, 0.0))
+    positions = np.stack([keyframe, keyframe + shift, keyframe + 2 * shift])
+    opacities = np.full((3, 300), 0.2)
+    lost = np.flatnonzero(np.abs(keyframe[:, 0]) > 0.5)[:20]
+    positions[1:, lost] += 7.0
+    opacities[1:, lost] = 0.0025
+    carried = carry_hidden_splats(positions, opacities)
+    np.testing.assert_allclose(carried, [keyframe, keyframe + shift, keyframe + 2 * shift], atol=1e-12)
+    seen = opacities >= 1 / 255
+    np.testing.assert_array_equal(carried[seen], positions[seen])
+
+
+def test_without_hidden_splats_nothing_changes() -> None:
+    positions = np.random.default_rng(2).normal(size=(3, 50, 3))
+    assert carry_hidden_splats(positions, np.full((3, 50), 1 / 255)) is positions
+    assert carry_hidden_splats(positions, np.zeros((3, 50))) is positions, "there is nothing to move with"
