@@ -16,7 +16,8 @@ from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
 from studio.chroma import ChromaSampling
 from studio.errors import Message, StudioError
-from studio.masks.mask_source import GarbageMasks, MaskSource, PlateMaskSource, Recolors
+from studio.masks.mask_source import GarbageMasks, MaskSource, Recolors
+from studio.masks.plates import PlateMaskSource
 from studio.memory_cache import ImageCache, image_cache
 
 

@@ -20,7 +20,9 @@ from studio.capture.warp import Warp, fit_size
 from studio.counts import counted, plural
 from studio.errors import Message, StudioError, shown
 from studio.masks.garbage_masks import garbage_masks
-from studio.masks.sources import choose_mask_source, exact_masks
+from studio.masks.mask_files import exact_masks
+from studio.masks.mask_source import MaskInputs
+from studio.masks.sources import open_mask_source
 from studio.memory import memory_limit
 from studio.memory_cache import image_cache
 from studio.storage import is_address, mirrored
@@ -94,7 +96,8 @@ def open_footage(
     held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask
     garbage = garbage_masks(spec, tuple(sources), pool)
-    mask_source, mask_note = choose_mask_source(spec, sources, masked, pool, cache_folder, device, threads, garbage)
+    inputs = MaskInputs(spec, sources, masked, pool, cache_folder, device, threads, garbage)
+    mask_source, mask_note = open_mask_source(inputs)
     exact, exact_note = exact_masks(spec, tuple(sources), masked)
     notes += [mask_note, exact_note]
     if held_out:

@@ -17,7 +17,7 @@ from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import noise_of, solve_edges
 from studio.masks.despill import despill
 from studio.masks.filters import guided_filter, keep_components
-from studio.masks.mask_source import GarbageMasks
+from studio.masks.mask_source import GarbageMasks, MaskInputs, MaskSource
 from studio.masks.screen_color import Screen, find_screen
 from studio.memory_cache import MemoryCache
 
@@ -222,3 +222,11 @@ class ChromaMaskSource:
         """See `Recolors`."""
         behind = screen_behind(image, (mask > 127).astype(np.uint8))
         return despill(image, mask, behind, self.screen(camera).color)
+
+
+def open_chroma_key(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
+    """Masks from a screen: see `studio.masks.sources`."""
+    spec = inputs.spec
+    key = None if isinstance(spec.key_color, str) else spec.key_color
+    frames = {name: source.frames for name, source in inputs.sources.items()}
+    return ChromaMaskSource(inputs.image, frames.__getitem__, key, spec, inputs.garbage), "chroma key"

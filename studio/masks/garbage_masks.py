@@ -13,7 +13,8 @@ from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files
 from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
 from studio.masks.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons
-from studio.masks.mask_source import FileMaskSource, GarbageMasks
+from studio.masks.mask_files import FileMaskSource
+from studio.masks.mask_source import GarbageMasks
 from studio.storage import whole_files
 
 

@@ -11,8 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from studio.capture.digest import digest_files
 from studio.capture.settings import ModelKind, OnnxSettings
 from studio.errors import StudioError
+from studio.masks.mask_cache import MaskCache
+from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.matting_function import FunctionMaskSource
+from studio.storage import whole_files
 
 STRIDE = 32
 """Image sides must be multiples of this: networks downsample up to five times by 2."""
@@ -288,3 +293,28 @@ def _number(size: Any, otherwise: int | None = None) -> int | None:
 
 def _first_line(error: Exception) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
+
+
+def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
+    """Masks from a model: see `studio.masks.sources`. Raises StudioError `mask.model_not_set`, or as `OnnxModel`."""
+    spec = inputs.spec
+    if not spec.mask_model:
+        raise StudioError(
+            "mask.model_not_set",
+            "capture.masks is model, but no model is set",
+            fix="Set capture.mask_model to an ONNX file.",
+            setting="capture.mask_model",
+        )
+    path = spec.root / Path(spec.mask_model).expanduser()
+    given = [path.with_name(path.name + ending) for ending in ("", "_data", ".data")]  # see `OnnxModel.files`
+    model = OnnxModel(whole_files(given)[0], spec, device=inputs.device, threads=inputs.threads)
+    files = [one for one in given if one.is_file()]  # not the copies: of pointers, the store's version is digested
+    cache = None
+    if inputs.cache_folder is not None:
+        # the device is not part of the recipe, because masks do not depend on it
+        recipe = spec.model_dump_json(include=set(OnnxSettings.model_fields) - {"mask_model"})
+        cache = MaskCache(inputs.cache_folder / "masks", f"{digest_files(path.parent, files)} {recipe}")
+    source = FunctionMaskSource(
+        model, "matting model", files=files, cache=cache, components=spec.mask_components, garbage=inputs.garbage
+    )
+    return source, f"matting model {spec.mask_model}"

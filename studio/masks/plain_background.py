@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.errors import StudioError
+from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.memory_cache import MemoryCache
 
 _BORDER = 4  # width in pixels of the border in which the color is measured
@@ -179,3 +180,24 @@ class PlainMaskSource:
     def files(self) -> list[Path]:
         """See `MaskSource`."""
         return []
+
+
+def open_plain(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
+    """Masks from a plain background: see `studio.masks.sources`."""
+    source = PlainMaskSource(inputs.first_image, inputs.names)
+    if not required and not _is_plain(inputs, source):
+        return None
+    return source, "difference from the plain background"
+
+
+def _is_plain(inputs: MaskInputs, source: PlainMaskSource) -> bool:
+    """Whether the images show the performer cut out on a plain color, according to up to nine cameras.
+
+    In at least half of them, the performer must not be cut off; in the others the color must be the same.
+    """
+    some = spread(inputs.names)
+    try:
+        whole = sum(plain_color(inputs.first_image(camera), cut_off=False) is not None for camera in some)
+        return 2 * whole >= len(some) and all(source.has_color(camera) for camera in some)
+    except StudioError:  # an unreadable file is reported when it is needed
+        return False

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ import pytest
 from studio.cameras import Rig
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
+from studio.capture.settings import MaskKind
 from studio.masks.clean_plate import DifferenceSettings, difference_mask
 from studio.masks.filters import guided_filter, keep_components
 from studio.masks.median_background import cached_background, estimate_background
+from studio.masks.sources import SOURCES
 
 
 def iou(mask: np.ndarray, truth: np.ndarray) -> float:
@@ -225,3 +228,7 @@ def test_components_and_holes() -> None:
     assert kept[10, 10] == 1
     assert kept[15, 15] == 0
     assert kept[30, 30] == 0
+
+
+def test_every_source_can_be_chosen() -> None:
+    assert {"auto", *(source.name for source in SOURCES)} == set(get_args(MaskKind))

@@ -1,0 +1,182 @@
+"""Masks from the difference to the empty set: from clean plates, or from a background estimated from the footage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from studio.capture.detect import PLATE_FOLDERS
+from studio.capture.digest import digest_files
+from studio.capture.images import read_image
+from studio.capture.patterns import VIDEO_EXTENSIONS, Match, natural_key
+from studio.capture.settings import DifferenceSettings
+from studio.capture.transfer import TransferFunction
+from studio.errors import StudioError
+from studio.masks.clean_plate import difference_mask
+from studio.masks.mask_files import find_files_of
+from studio.masks.mask_source import GarbageMasks, MaskInputs, MaskSource
+from studio.masks.median_background import Background, cached_background, estimate_background, median_plate
+from studio.memory_cache import MemoryCache
+
+FEW_FRAMES = 10
+"""With fewer frames, the performer hides too much of the set for auto to choose its median."""
+
+
+class PlateMaskSource:
+    """A `MaskSource` from the difference to the empty set, whose image is loaded or estimated once per camera.
+
+    Args:
+        background: loads or estimates the background of a camera; called once per camera.
+        files: files that the backgrounds depend on.
+        settings: see `difference_mask`.
+        garbage: where the performer may be; None: everywhere.
+    """
+
+    def __init__(
+        self,
+        background: Callable[[str], Background],
+        files: list[Path],
+        settings: DifferenceSettings | None = None,
+        garbage: GarbageMasks | None = None,
+    ) -> None:
+        self._files = files
+        self._garbage = garbage
+        self._settings = settings or DifferenceSettings()
+        self._load = background
+        self._backgrounds: MemoryCache[str, Background] = MemoryCache(math.inf)
+
+    def background(self, camera: str) -> Background:
+        """The background of `camera`, in raw pixels."""
+        return self._backgrounds.get_or_make(camera, self._load)
+
+    def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        """See `MaskSource`. Raises StudioError `mask.plate_size`, or the plate cannot be loaded."""
+        behind = self.background(camera)
+        if behind.plate.shape[:2] != image.shape[:2]:
+            size, expected = (behind.plate.shape[1], behind.plate.shape[0]), (image.shape[1], image.shape[0])
+            raise StudioError(
+                "mask.plate_size",
+                f"The clean plate of camera '{camera}' is {size[0]}x{size[1]}, its footage {expected[0]}x{expected[1]}",
+                value=size,
+                fix="Clean plates must have the size of the footage.",
+                camera=camera,
+                expected=expected,
+            )
+        image = np.ascontiguousarray(image[:, :, :3])
+        inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
+        if inside is not None:  # here, so that garbage does not count as a component
+            image = np.where(inside[:, :, None], image, behind.plate)
+        return difference_mask(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
+
+    def plate(self, camera: str) -> np.ndarray | None:
+        """(H, W, 3) uint8 raw image of the empty set if all of it is reliable, else None."""
+        behind = self.background(camera)
+        return behind.plate if behind.known is None and behind.doubtful is None else None
+
+    def files(self) -> list[Path]:
+        """See `MaskSource`."""
+        return list(self._files)
+
+
+def plates_from_files(
+    matches: list[Match], color_matrix: str, transfer: TransferFunction = "auto"
+) -> Callable[[str], Background]:
+    """A loader of clean plates: one image per camera, or the median of several images or of a video.
+
+    Args:
+        matches: files of the clean plates.
+        color_matrix: for videos, see `VideoReader`.
+        transfer: what the values in the files are, as in `CaptureSettings`.
+
+    Returns:
+        a function from a camera's name to its background. It raises StudioError `mask.plate_missing` for a camera
+        without a plate, or if the file cannot be read.
+    """
+    groups: dict[str, list[Match]] = {}
+    for match in matches:
+        groups.setdefault(match.camera, []).append(match)
+
+    def load(camera: str) -> Background:
+        from studio.capture.video import VideoReader
+
+        if camera not in groups:
+            raise StudioError(
+                "mask.plate_missing",
+                f"Camera '{camera}' has no clean plate; cameras with one: {', '.join(sorted(groups)) or 'none'}",
+                camera=camera,
+                setting="capture.clean_plates",
+            )
+        paths = [match.path for match in groups[camera]]
+        if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
+            reader = VideoReader(paths[0], color_matrix, transfer)
+            try:
+                return Background(median_plate(lambda frame: reader.read(frame)[:, :, :3], reader.frame_count))
+            finally:
+                reader.close()
+        if len(paths) == 1:
+            return Background(np.ascontiguousarray(read_image(paths[0], transfer)[:, :, :3]))
+        return Background(median_plate(lambda index: read_image(paths[index], transfer)[:, :, :3], len(paths)))
+
+    return load
+
+
+def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
+    """Masks from clean plates: see `studio.masks.sources`.
+
+    Raises:
+        StudioError: `mask.plates_not_found`, or `mask.plate_missing`: a camera has none.
+    """
+    spec = inputs.spec
+    found = find_files_of(
+        inputs, "clean_plates", PLATE_FOLDERS, required,
+        code="mask.plates_not_found", what="clean plate", example="clean_plates/{camera}.png",
+    )  # fmt: skip
+    if found is None:
+        return None
+    pattern, matches = found
+    without = sorted(set(inputs.names) - {match.camera for match in matches}, key=natural_key)
+    if without:
+        raise StudioError(
+            "mask.plate_missing",
+            f"camera '{without[0]}' has no clean plate that matches '{pattern}'",
+            file=spec.root,
+            value=pattern,
+            fix="Add it, or exclude the camera.",
+            camera=without[0],
+            setting="capture.clean_plates",
+        )
+    load = plates_from_files(matches, spec.color_matrix, spec.transfer)
+    source = PlateMaskSource(load, [match.path for match in matches], spec, inputs.garbage)
+    return source, f"difference from the clean plates '{pattern}'"
+
+
+def open_median_background(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
+    """Masks from the footage's background: see `studio.masks.sources`. Raises StudioError `mask.too_few_frames`."""
+    count = inputs.frame_count
+    if count < (3 if required else FEW_FRAMES):
+        if not required:
+            return None
+        raise StudioError(
+            "mask.too_few_frames",
+            f"A median background needs at least 3 frames, but the footage has {count}",
+            value=count,
+            fix="Provide masks or clean plates.",
+            expected=3,
+            setting="capture.masks",
+        )
+    spec, folder = inputs.spec, inputs.cache_folder
+
+    def background(camera: str) -> Background:
+        source = inputs.sources[camera]
+        meaning = spec.color_matrix + ("" if spec.transfer == "auto" else f"_{spec.transfer}")
+        key = f"{digest_files(spec.root, source.files())[:24]}_{meaning}" if folder else ""
+        estimate = partial(estimate_background, partial(inputs.image, camera), source.frames)
+        return cached_background(folder, key, estimate)
+
+    paths = [path for source in inputs.sources.values() for path in source.files()]
+    source = PlateMaskSource(background, paths, spec, inputs.garbage)
+    return source, "difference from the background estimated from the footage"
