@@ -44,7 +44,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.environment
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.process
 
 import torch
 from rich.console import Console

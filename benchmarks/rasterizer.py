@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.environment; read when torch is imported
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.process; read when torch is imported
 
 import numpy as np
 import torch

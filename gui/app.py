@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 
-from studio.environment import passive_openmp
 from studio.errors import StudioError
+from studio.process import passive_openmp
 
 MOST_FAILURES = 5
 """Exceptions without a completed tick between them after which the window is closed."""

@@ -18,9 +18,8 @@ from pipelines.commands.arguments import CommandParser, long_settings_as_set, ov
 from pipelines.commands.board import add_board_command, add_sync_command
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.stages import STAGE_NAMES
-from studio.environment import passive_openmp
 from studio.errors import Cancelled, StudioError
-from studio.standard_output import as_utf8, claim_stdout, discard
+from studio.process import as_utf8, claim_stdout, discard, passive_openmp
 
 GROUPS = {
     "Make a stream from footage": ("estimate", "run", "status", "cancel", "queue", "config"),

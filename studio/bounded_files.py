@@ -1,13 +1,201 @@
-"""Files from outside of the program, read up to a size: a file can be larger than memory and take no disk space."""
+"""Files from outside of the program, read up to a size, and JSON and TOML parsed within bounds.
+
+A file can be larger than memory and take no disk space. Parsers take whatever they are given: 100,000 brackets end in a
+RecursionError, 60 MB of `[[],[],...` in 4 GB of memory, an integer of 5,000 digits in an error far from the file. Files
+that people exchange (takes, streams, cameras, settings) are therefore parsed here; YAML, in `studio.yaml_text`, has the
+same bounds.
+"""
 
 from __future__ import annotations
 
 import errno
+import json
 import os
+import re
+import tomllib
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from studio.bounded_text import BOUNDS
+from studio.errors import StudioError
+from studio.json_types import JsonObject
+
+_BRACKETS = re.compile(rb"[\[{]+|[\]}]+")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a text may hold.
+
+    Attributes:
+        size: bytes.
+        depth: lists and objects inside of each other.
+        values: values of any kind, those of a YAML alias counted each time that it stands for them.
+        digits: of an integer.
+    """
+
+    size: int = 64 << 20
+    depth: int = 64
+    values: int = 4_000_000
+    digits: int = 40
+
+
+BOUNDS = Bounds()
+
+
+class TextError(ValueError):
+    """A text that cannot be parsed, or is out of bounds. `str(error)` is a clause of bounded length.
+
+    Attributes:
+        line, column: where, counted from 1; None if unknown.
+    """
+
+    def __init__(self, problem: str, line: int | None = None, column: int | None = None) -> None:
+        super().__init__(problem)
+        self.line, self.column = line, column
+
+
+def parse_json(text: str | bytes, bounds: Bounds = BOUNDS) -> Any:
+    """The value of a JSON text (RFC 8259; NaN and Infinity are accepted, as Python's json module does).
+
+    Args:
+        text: bytes are UTF-8, -16 or -32.
+        bounds: what it may hold.
+
+    Raises:
+        TextError: not JSON, or out of bounds.
+    """
+    check_text(text, bounds)
+
+    def integer(digits: str) -> int:
+        return _integer(digits, bounds)
+
+    try:
+        # a call for each integer would take longer than all the rest
+        value = json.loads(text, parse_int=integer if _may_have_long_integers(text, bounds) else None)
+    except json.JSONDecodeError as error:
+        raise TextError(error.msg, error.lineno, error.colno) from None
+    except UnicodeDecodeError as error:
+        raise TextError(f"not {error.encoding.upper()} text (byte {error.start})") from None
+    except RecursionError:
+        raise _too_deep(bounds) from None
+    _check_levels(value, bounds)
+    return value
+
+
+def parse_toml(text: str, bounds: Bounds = BOUNDS) -> JsonObject:
+    """The values of a TOML text (TOML 1.0).
+
+    Raises:
+        TextError: not TOML, or out of bounds.
+    """
+    check_text(text, bounds)
+    try:
+        values = tomllib.loads(text)
+    except RecursionError:
+        raise _too_deep(bounds) from None
+    except ValueError as error:  # TOMLDecodeError, or an integer of more than 4,300 digits
+        raise TextError(str(error)[:200]) from None
+    check_value(values, bounds)
+    return values
+
+
+def check_text(text: str | bytes, bounds: Bounds = BOUNDS) -> None:
+    """Refuse a text that would take too much time or memory to parse.
+
+    Raises:
+        TextError: out of bounds.
+    """
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
+    if len(data) > bounds.size:
+        raise TextError(f"it has {len(data):,} bytes; at most {bounds.size:,} are read")
+    # every value but the first follows a comma or an opening bracket
+    if data.count(b",") + data.count(b"[") + data.count(b"{") > bounds.values:
+        raise TextError(f"it has more than {bounds.values:,} values")
+
+
+def check_depth(text: str, bounds: Bounds = BOUNDS) -> None:
+    """Refuse brackets that are nested too deeply, those in quotes included: for parsers that take long over them.
+
+    Raises:
+        TextError: nested too deeply.
+    """
+    depth = 0
+    for match in _BRACKETS.finditer(text.encode("utf-8", "surrogatepass")):
+        run = match[0]
+        depth = depth + len(run) if run[:1] in b"[{" else max(0, depth - len(run))
+        if depth > 2 * bounds.depth:  # brackets in quotes and comments do not have to match
+            raise _too_deep(bounds)
+
+
+def check_value(value: Any, bounds: Bounds = BOUNDS) -> None:
+    """Refuse a parsed value that is nested too deeply or holds too many values or too long an integer.
+
+    Raises:
+        TextError: out of bounds.
+    """
+    largest = 10**bounds.digits
+    known: dict[int, tuple[int, int]] = {}  # values and levels by id: what an alias stands for is walked once
+
+    def measure(item: Any, depth: int) -> tuple[int, int]:
+        if not isinstance(item, (dict, list)):
+            if type(item) is int and not -largest < item < largest:
+                raise _too_long(bounds)
+            return 1, 0
+        if id(item) not in known:
+            if depth >= bounds.depth:  # also ends a value that contains itself
+                raise _too_deep(bounds)
+            values = levels = 0
+            for child in item.values() if isinstance(item, dict) else item:
+                more, deep = measure(child, depth + 1)
+                values, levels = values + more, max(levels, deep)
+            known[id(item)] = values + 1, levels + 1
+            if values >= bounds.values:
+                raise TextError(f"it has more than {bounds.values:,} values")
+            if levels >= bounds.depth:
+                raise _too_deep(bounds)
+        return known[id(item)]
+
+    measure(value, 0)
+
+
+def _check_levels(value: Any, bounds: Bounds) -> None:
+    """Refuse a value that is nested too deeply: what `check_value` does, in a tenth of the time, for a value without
+    aliases whose number of values and digits are known to be within bounds."""
+    level = [value] if isinstance(value, (dict, list)) else []
+    for _ in range(bounds.depth):
+        if not level:
+            return
+        level = [
+            child
+            for item in level
+            for child in (item.values() if isinstance(item, dict) else item)
+            if isinstance(child, (dict, list))
+        ]
+    if level:
+        raise _too_deep(bounds)
+
+
+def _may_have_long_integers(text: str | bytes, bounds: Bounds) -> bool:
+    if isinstance(text, str):
+        return re.search(rf"[0-9]{{{bounds.digits + 1}}}", text) is not None
+    in_bytes_of_two_or_four = b"\0" in text
+    return in_bytes_of_two_or_four or re.search(rb"[0-9]{%d}" % (bounds.digits + 1), text) is not None
+
+
+def _integer(digits: str, bounds: Bounds) -> int:
+    if len(digits.lstrip("-")) > bounds.digits:
+        raise _too_long(bounds)
+    return int(digits)
+
+
+def _too_deep(bounds: Bounds) -> TextError:
+    return TextError(f"nested more than {bounds.depth} levels deep")
+
+
+def _too_long(bounds: Bounds) -> TextError:
+    return TextError(f"it has an integer of more than {bounds.digits} digits")
+
 
 _PART = 1 << 20
 
@@ -46,3 +234,18 @@ def read_bounded_text(path: Path, encoding: str = "utf-8", limit: int = BOUNDS.s
         UnicodeDecodeError: another encoding.
     """
     return read_bounded(path, limit).decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def need_utf8(path: Path) -> None:
+    """Check that a path can be passed to every library and written to a settings file.
+
+    Raises:
+        StudioError: it is not valid UTF-8 (path.not_utf8).
+    """
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        shown = str(path).encode("utf-8", "backslashreplace").decode()
+        raise StudioError(
+            "path.not_utf8", "the path is not valid UTF-8", file=shown, fix="Rename the folder."
+        ) from None

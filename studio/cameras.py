@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.rays import nearest_point_to_rays
 from studio.validation import array, check_finite, missing_key, whole
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
@@ -370,3 +370,43 @@ def look_at_pose(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndar
     pose[:3, :3] = rotation
     pose[:3, 3] = -rotation @ eye
     return pose
+
+
+def nearest_point_to_rays(origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
+    """The point with the smallest sum of squared distances to lines in space.
+
+    Lines are infinite in both directions. If they are parallel, so that the point is not unique, the one with the
+    smallest norm is returned.
+
+    Args:
+        origins: (N, 3) a point on each line.
+        directions: (N, 3) unit directions.
+        weights: (N,) weights of the squared distances; None: all 1.
+
+    Returns:
+        (3,) float64.
+    """
+    projectors = np.eye(3)[None] - directions[:, :, None] * directions[:, None, :]
+    if weights is not None:
+        projectors = weights[:, None, None] * projectors
+    matrix, right = projectors.sum(0), np.einsum("cij,cj->i", projectors, origins)
+    point: np.ndarray = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+    return point
+
+
+class ViewLike(Protocol):
+    """Input of meshing: a pinhole camera, image (H, W, 3) uint8 RGB and mask (H, W) uint8, 255 = foreground."""
+
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def image(self) -> np.ndarray: ...
+    @property
+    def mask(self) -> np.ndarray: ...
+
+
+class CapturedView(ViewLike, Protocol):
+    """Input of training: also the clean plate, (H, W, 3) uint8 RGB, or None if the capture has none."""
+
+    @property
+    def plate(self) -> np.ndarray | None: ...

@@ -16,7 +16,7 @@ from ruamel.yaml.constructor import BaseConstructor, ConstructorError, RoundTrip
 from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, YAMLError
 from ruamel.yaml.resolver import VersionedResolver
 
-from studio.bounded_text import Bounds, TextError, check_depth, check_text, check_value
+from studio.bounded_files import Bounds, TextError, check_depth, check_text, check_value
 
 _VERSION = (1, 1)
 BOUNDS = Bounds(size=4 << 20, values=200_000)

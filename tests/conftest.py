@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from studio.environment import passive_openmp
+from studio.process import passive_openmp
 
 passive_openmp()  # before torch is imported
 

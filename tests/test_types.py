@@ -18,7 +18,7 @@ READERS_AND_WRITERS = {
     "pipelines/share/sharing.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",
     "pipelines/takes/records.py",
-    "studio/bounded_text.py",  # any TOML
+    "studio/bounded_files.py",  # any TOML
     "studio/calibration/manual/file.py",
     "studio/camera_files/annots_npy.py",
     "studio/camera_files/common.py",

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 from pipelines.takes.atomic_files import write_text
-from studio.bounded_text import parse_json
+from studio.bounded_files import parse_json
 
 RECENT, SHARES = 10, 30
 """Most entries that are kept: of opened takes, of shares."""

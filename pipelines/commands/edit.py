@@ -292,8 +292,7 @@ def _world(arguments: argparse.Namespace) -> int:
 
 def _region(arguments: argparse.Namespace) -> int:
     from pipelines.takes.edits import read_edits
-    from studio.bounded_files import read_bounded
-    from studio.bounded_text import TextError, parse_json
+    from studio.bounded_files import TextError, parse_json, read_bounded
     from studio.errors import reason_of
 
     try:
@@ -402,7 +401,7 @@ def _change(take: Take, name: str, value: object) -> int:
     from pipelines.takes.edit_words import describe
     from pipelines.takes.edits import change_edits, read_edits
     from studio.edits.edit_list import EditList
-    from studio.violations import violation
+    from studio.errors import violation
 
     before = read_edits(take.edits)
     try:

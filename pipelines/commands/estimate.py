@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from studio.counts import counted
-from studio.environment import keep_freed_memory
 from studio.errors import StudioError
 from studio.memory import require_memory
+from studio.process import keep_freed_memory
 
 if TYPE_CHECKING:
     from pipelines.estimate import Estimate

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.arguments import SETTINGS_NOTE
 from pipelines.stages import STAGE_NAMES, STAGES
-from studio.environment import keep_freed_memory
 from studio.errors import StudioError
 from studio.memory import require_memory
+from studio.process import keep_freed_memory
 
 if TYPE_CHECKING:
     from pipelines.config import Config

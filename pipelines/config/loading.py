@@ -13,13 +13,11 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from pipelines.config.config import Config
-from studio.bounded_files import read_bounded_text
-from studio.errors import Message, StudioError, reason_of
+from studio.bounded_files import need_utf8, read_bounded_text
+from studio.errors import Message, StudioError, reason_of, violation
 from studio.json_types import JsonObject
-from studio.paths import need_utf8
 from studio.settings import Conflict, Settings, is_list_of_text, submodel
 from studio.storage import is_address
-from studio.violations import violation
 from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
 COMMAND_LINE = "command line"

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeAlias
 
-from studio.bounded_text import parse_json
+from studio.bounded_files import parse_json
 from studio.errors import Message, StudioError
 from studio.json_types import JsonData, JsonObject
 

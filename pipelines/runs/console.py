@@ -20,7 +20,7 @@ from pipelines.events import (
 from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import console, duration
 from studio.counts import counted
-from studio.standard_output import NativeLines, discard
+from studio.process import NativeLines, discard
 
 
 class JsonLines:

@@ -10,7 +10,7 @@ from html import escape
 from pathlib import Path
 
 from pipelines.version import program_version
-from studio.bounded_text import parse_json
+from studio.bounded_files import parse_json
 from studio.errors import StudioError
 from studio.formats.camera_path import FORMAT, VERSION, CameraPath, read_path_keys
 

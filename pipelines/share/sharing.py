@@ -22,7 +22,7 @@ from pipelines.share.stream_to_share import StreamToShare, stream_to_share
 from pipelines.takes.atomic_files import atomic_path, disk_errors, remove
 from pipelines.version import program_version
 from studio.atomic_files import leftovers, remove_leftovers, temporary_path
-from studio.bounded_text import parse_json
+from studio.bounded_files import parse_json
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from pipelines.share.page import PageText, first_files, player_page
-from studio.bounded_text import parse_json
+from studio.bounded_files import parse_json
 from studio.stream.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ def footage_check(
         Cancelled: the run was cancelled.
     """
     from studio.capture import check_footage
-    from studio.capture.color_drift import ColorDrift
+    from studio.capture.checks import ColorDrift
 
     footage, ended, drift = inputs.footage.calibrated, Cancellation(), ColorDrift()
     problems: list[Message] = []

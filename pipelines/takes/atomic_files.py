@@ -16,11 +16,9 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from studio.atomic_files import PARTIAL, atomic_path, is_being_written, remove, write_bytes, write_json, write_text
-from studio.bounded_files import read_bounded
-from studio.bounded_text import TextError, parse_json
-from studio.errors import StudioError, reason_of
+from studio.bounded_files import TextError, parse_json, read_bounded
+from studio.errors import StudioError, reason_of, violation
 from studio.json_types import JsonObject
-from studio.violations import violation
 
 __all__ = [
     "Result",

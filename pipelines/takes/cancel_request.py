@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 from pipelines.takes.atomic_files import remove, write_text
 from pipelines.takes.take import Take
-from studio.bounded_text import parse_json
+from studio.bounded_files import parse_json
 from studio.errors import StudioError, reason_of
 
 _LOOK = 0.5

@@ -34,7 +34,7 @@ def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: 
     from pydantic import ValidationError
 
     from studio.edits import follow
-    from studio.violations import violation
+    from studio.errors import violation
 
     files, starts = take.trained_files()
     if not files:

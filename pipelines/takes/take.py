@@ -40,9 +40,8 @@ from pydantic import ValidationError
 from pipelines.takes.atomic_files import Result, read_json, remove, sweep_partial, write_model
 from pipelines.version import program_version
 from studio.atomic_files import leftovers
-from studio.bounded_text import parse_json
+from studio.bounded_files import need_utf8, parse_json
 from studio.errors import StudioError
-from studio.paths import need_utf8
 from studio.storage import StoreAddress, is_address
 
 TAKE_FORMAT = 2

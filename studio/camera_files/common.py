@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from studio.atomic_files import write_bytes
-from studio.bounded_files import read_bounded
-from studio.bounded_text import TextError, parse_json
+from studio.bounded_files import TextError, parse_json, read_bounded
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, check_finite

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.bounded_text import TextError, parse_toml
+from studio.bounded_files import TextError, parse_toml
 from studio.camera_files.common import fisheye, naming, no_cameras, read_text, write_atomic, wrong_shape
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError

@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
-from studio.bounded_files import read_bounded
-from studio.bounded_text import parse_json
+from studio.bounded_files import parse_json, read_bounded
 from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, find_files, walk
 from studio.errors import StudioError
 

@@ -11,9 +11,8 @@ from pathlib import Path
 from studio.cameras import Camera, Rig
 from studio.capture.detect import detect_images
 from studio.capture.footage import Footage
-from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
-from studio.capture.patterns import Match, find_files, natural_key
+from studio.capture.patterns import Match, find_files, natural_key, number_ranges
 from studio.capture.settings import EVERY, CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size

@@ -143,3 +143,17 @@ def find_files(
             )
         found[key] = Match(path, groups["camera"], frame)
     return sorted(found.values(), key=lambda match: (natural_key(match.camera), match.frame or 0))
+
+
+def number_ranges(numbers: list[int]) -> str:
+    """Frame numbers as "3, 7-9, 12", cut after six ranges."""
+    runs: list[tuple[int, int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1] = (runs[-1][0], number)
+        else:
+            runs.append((number, number))
+    texts = [str(first) if first == last else f"{first}-{last}" for first, last in runs]
+    if len(texts) > 6:
+        return f"{', '.join(texts[:6])} and more ({len(numbers)} in total)"
+    return ", ".join(texts)

@@ -23,7 +23,7 @@ from typing import Protocol
 
 import numpy as np
 
-from studio.bounded_text import TextError, parse_json
+from studio.bounded_files import TextError, parse_json
 from studio.errors import StudioError
 from studio.formats.checks import (
     EXPORT_AGAIN,

@@ -31,8 +31,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from studio.bounded_files import read_bounded
-from studio.bounded_text import TextError, parse_json
+from studio.bounded_files import TextError, parse_json, read_bounded
 from studio.errors import StudioError
 from studio.formats import DEFAULT_FPS
 from studio.formats.placing import new_folder

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from studio.capture.detect import MASK_FOLDERS, detect_beside
-from studio.capture.frame_numbers import number_ranges
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
-from studio.capture.patterns import Match, find_files
+from studio.capture.patterns import Match, find_files, number_ranges
 from studio.capture.settings import CaptureSettings
 from studio.counts import plural
 from studio.errors import StudioError

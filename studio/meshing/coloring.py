@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from studio.cameras import Camera
+from studio.cameras import Camera, ViewLike
 from studio.meshing.surface import MeshViews, open3d
 from studio.progress import ProgressFn, no_progress
-from studio.views import ViewLike
 
 
 def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from studio.cameras import nearest_point_to_rays
 from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.silhouettes import Silhouettes
-from studio.rays import nearest_point_to_rays
 
 _CHUNK = 1 << 18
 

@@ -14,10 +14,9 @@ from collections.abc import Collection, Sequence
 import numpy as np
 import torch
 
-from studio.cameras import Camera
+from studio.cameras import Camera, ViewLike
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
-from studio.views import ViewLike
 
 
 def signed_distance(mask: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import NoReturn
 import numpy as np
 import torch
 
+from studio.cameras import ViewLike
 from studio.errors import StudioError
 from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.hull import Hull, Tick, carve, locate
@@ -18,7 +19,6 @@ from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews, extract_surface, refined
 from studio.progress import ProgressFn, no_progress
-from studio.views import ViewLike
 
 _COMPARE_PIXELS = 120_000
 _COARSE = 96  # voxels along the longest side while searching for bounds

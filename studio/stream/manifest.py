@@ -28,12 +28,11 @@ from pydantic import (
 
 from studio.counts import counted
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
-from studio.errors import StudioError
+from studio.errors import StudioError, violation
 from studio.json_types import JsonObject
 from studio.stream.attributes import MAX_VALUE, channels, components, largest
 from studio.stream.codecs import CODECS, CodecName
 from studio.stream.layout import plane_side, tile_side
-from studio.violations import violation
 
 FORMAT: Final = "v3studio-stream"
 PAGE_FORMAT: Final = "v3studio-stream-page"

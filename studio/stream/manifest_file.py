@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from studio.bounded_text import Bounds, TextError, parse_json
+from studio.bounded_files import Bounds, TextError, parse_json
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.manifest import (

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studio.errors import StudioError
-from studio.scheduling import kept_scheduling
+from studio.process import kept_scheduling
 from studio.stream.codecs import CODECS, PLANE_CODEC
 from studio.stream.sources.source import BAKE_AGAIN
 

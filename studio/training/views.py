@@ -9,14 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
+from studio.cameras import Camera, CapturedView
 from studio.chroma import ChromaSampling
 from studio.color_fit import correct_color
 from studio.errors import StudioError
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
 from studio.training.details import Detail, DetailBox, detail_boxes
-from studio.views import CapturedView
 from studio.vignette import Vignette
 
 CACHED_PIXELS = 400_000

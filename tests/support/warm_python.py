@@ -266,7 +266,7 @@ def _run(arguments: list[str]) -> None:
 if __name__ == "__main__":
     from importlib import import_module
 
-    from studio.environment import passive_openmp
+    from studio.process import passive_openmp
 
     passive_openmp()
     for _name in _LIBRARIES:

@@ -17,7 +17,7 @@ from pipelines.config.presets import PRESETS
 from pipelines.reports.terminal import duration
 from pipelines.takes.atomic_files import remove, write_text
 from pipelines.takes.take import Take, program_version
-from studio.bounded_text import parse_json
+from studio.bounded_files import parse_json
 
 Figures = Mapping[str, tuple[float, int | None]]
 """Seconds, and bytes of the stream (None: not estimated), by preset."""

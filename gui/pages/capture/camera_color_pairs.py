@@ -18,8 +18,8 @@ from gui.pages.capture.view import grid
 from gui.pages.stage_view import Size, rectangle, sentence
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
+from studio.cameras import CapturedView
 from studio.errors import StudioError
-from studio.views import CapturedView
 
 OFF = (
     "The colors of the cameras are not corrected. If cameras differ in exposure, white balance or model, turn "

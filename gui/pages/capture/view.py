@@ -16,7 +16,7 @@ from gui.models.take.workspace import Workspace
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
 from studio.capture import Footage, check_footage, open_footage
-from studio.capture.color_drift import ColorDrift
+from studio.capture.checks import ColorDrift
 from studio.errors import Cancelled, StudioError
 from studio.memory_cache import image_cache
 

@@ -9,8 +9,8 @@ from pydantic import ValidationError
 
 from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Trim, World
+from studio.errors import violation
 from studio.rotations import matrices_to_quats
-from studio.violations import violation
 
 Field = tuple[str, str, str]
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studio.environment import passive_openmp
 from studio.errors import Message, StudioError
+from studio.process import passive_openmp
 from studio.storage import is_address
 
 if TYPE_CHECKING:

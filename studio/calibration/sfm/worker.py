@@ -22,7 +22,7 @@ from studio.calibration.sfm.features import find_matches, say
 from studio.calibration.sfm.job import SfmJob, SfmSolution, SharedIntrinsicsTest, SolvedCamera
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.verdict import match_inlier_ratio
-from studio.standard_output import claim_stdout
+from studio.process import claim_stdout
 
 
 class Worker:

@@ -7,8 +7,7 @@ import numpy as np
 from studio.calibration.alignment import align_points
 from studio.calibration.target.bundle_adjustment import TargetRig
 from studio.calibration.target.pattern import CalibrationTarget
-from studio.cameras import Camera
-from studio.rays import nearest_point_to_rays
+from studio.cameras import Camera, nearest_point_to_rays
 
 
 def shared_sync_frames(state: TargetRig) -> dict[str, int]:

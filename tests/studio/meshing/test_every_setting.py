@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from studio.cameras import ViewLike
 from studio.meshing import InitializeSettings, initialize_points
 from studio.settings import affected
-from studio.views import ViewLike
 
 BASE = {"points": 200, "resolution": 16, "max_faces": 400}
 CHANGES: dict[str, Any] = {

@@ -45,7 +45,7 @@ def test_lines_arrive_and_noise_does_not(module: Any) -> None:
 def test_lines_arrive_although_native_code_prints_without_newlines(module: Any) -> None:
     """With `claim_stdout`, as in the worker; otherwise they would share a line with native output and be lost."""
     work = module(
-        "import ctypes, os\nfrom studio.standard_output import claim_stdout\nclaim_stdout()\n"
+        "import ctypes, os\nfrom studio.process import claim_stdout\nclaim_stdout()\n"
         "os.write(1, b'Warning: ')\nctypes.CDLL(None).printf(b'x' * 100000)\n"
         'print(\'{"step": "a"}\', flush=True)\nos.write(1, b"Warning: ")\nprint(\'{"finished": true}\')'
     )

@@ -1,11 +1,11 @@
-"""Exposure and white balance that change during a take."""
+"""Colors of the set that change during a take."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from studio.capture.color_drift import ColorDrift
+from studio.capture.checks import ColorDrift
 
 FRAMES = range(10, 22)
 

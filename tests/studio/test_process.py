@@ -1,0 +1,195 @@
+"""What libraries do to this process."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from studio.process import NativeLines, as_utf8, claim_stdout, discard, kept_scheduling
+from studio.stream import BakeSettings, bake_group
+from tests.support.performer import performer
+
+BARE = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+
+
+def run(code: str, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**BARE, **environment}, check=True
+    )
+    return done.stdout.strip()
+
+
+def test_importing_changes_nothing() -> None:
+    code = (
+        "import os; before = dict(os.environ)\n"
+        "import studio, studio.capture, studio.stream, pipelines.cli, pipelines.events\n"
+        "print(before == dict(os.environ))"
+    )
+    assert run(code) == "True"
+
+
+def test_the_command_line_sets_it_but_not_over_the_users() -> None:
+    code = (
+        "import os, sys\nfrom pipelines import cli\nsys.argv = ['v3studio', '--version']\n"
+        "try:\n    cli.main()\nexcept SystemExit:\n    pass\n"
+        "print(os.environ['OMP_WAIT_POLICY'], file=sys.stderr)"
+    )
+    for environment, expected in (({}, "passive"), ({"OMP_WAIT_POLICY": "active"}, "active")):
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, env={**BARE, **environment}, check=True
+        )
+        assert done.stderr.strip() == expected
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc has these parameters")
+def test_kept_memory_costs_no_page_faults() -> None:
+    code = (
+        "import resource\nimport numpy as np\nfrom studio.process import keep_freed_memory\n"
+        "keep_freed_memory()\n"
+        "def faults():\n"
+        "    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+        "    for _ in range(20):\n        arrays = [np.ones(2**19, np.float32) for _ in range(4)]; del arrays\n"
+        "    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before\n"
+        "faults(); print(faults())"
+    )
+    pages = 20 * 4 * 2**21 // 4096
+    bare = {"PYTHONMALLOC": "default"}
+    assert int(run(code, **bare)) < pages / 20
+    assert int(run(code, **bare, MALLOC_TRIM_THRESHOLD_="131072")) > pages / 2  # the user's choice is kept
+
+
+ROOT = Path(__file__).parents[2]
+
+NOISY = """
+import atexit, ctypes, os, subprocess, sys
+from studio.process import claim_stdout
+claim_stdout()
+os.write(1, b"raw\\n")
+ctypes.CDLL(None).printf(b"buffered until exit\\n")
+subprocess.run([sys.executable, "-c", "print('a child')"], check=True)
+print("ours: prise \\u00e9 \\u5f71")
+"""
+
+
+def run_script(code: str, **options: object) -> subprocess.CompletedProcess[bytes]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}  # type: ignore[dict-item]
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, env=environment, timeout=60, check=False, **options
+    )  # type: ignore[call-overload,no-any-return]
+
+
+def test_native_output_and_that_of_children_goes_to_standard_error() -> None:
+    done = run_script(NOISY)
+    assert (done.returncode, done.stdout.decode()) == (0, "ours: prise é 影\n")
+    assert sorted(done.stderr.decode().splitlines()) == ["a child", "buffered until exit", "raw"]
+
+
+def test_without_the_claim_the_same_program_mixes_them() -> None:
+    """The test above can fail."""
+    mixed = run_script(NOISY.replace("claim_stdout()\n", "\n", 1).replace("claim_stdout()", "pass")).stdout
+    assert b"raw" in mixed
+    assert b"buffered until exit" in mixed
+    assert b"a child" in mixed
+
+
+@pytest.mark.parametrize("locale", ["C", "POSIX", "C.UTF-8"])
+def test_names_beyond_ascii_are_written_as_utf8_in_every_locale_of_a_minimal_system(locale: str) -> None:
+    done = run_script(NOISY, env={"LC_ALL": locale, "LANG": locale})
+    assert done.stdout.decode() == "ours: prise é 影\n", done.stderr
+
+
+def test_an_encoding_without_the_letters_gets_escapes_and_json_utf8() -> None:
+    code = (
+        "import sys\nfrom studio.process import as_utf8, claim_stdout\nclaim_stdout()\n"
+        "print('\\u5f71', flush=True)\nas_utf8(sys.stdout)\nprint('\\u5f71 \\udce9')"
+    )
+    done = run_script(code, env={"PYTHONIOENCODING": "ascii"})
+    assert done.stdout == "\\u5f71\n影 \\udce9\n".encode(), done.stderr
+
+
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_closed_descriptor_is_no_error(closed: int) -> None:
+    done = subprocess.run(
+        ["bash", "-c", f'exec "$0" -c "$1" {closed}>&-', sys.executable, NOISY],
+        capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.decode() == ("" if closed == 1 else "ours: prise é 影\n")
+
+
+def test_a_stream_without_descriptor_1_is_left_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    before = sys.stdout
+    claim_stdout()
+    assert sys.stdout is before
+    as_utf8(sys.stdout)
+    print("é")
+    assert capsys.readouterr().out == "é\n"
+
+
+def test_what_is_written_after_the_reader_left_is_dropped() -> None:
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    with os.fdopen(write_end, "w") as stream:
+        discard(stream)
+        stream.write("nobody reads this")
+
+
+def test_native_lines_are_collected_and_the_descriptor_is_given_back(capfd: pytest.CaptureFixture[str]) -> None:
+    lines = NativeLines()
+    try:
+        os.write(1, b"one\ntw")
+        assert lines.take() == ["one"]
+        os.write(1, b"o\xff\n")
+        assert lines.take() == ["two\ufffd"]
+        assert lines.take() == []
+        ctypes.CDLL(None).printf(b"buffered")
+    finally:
+        rest = lines.close()
+    assert rest == ["buffered"]
+    assert lines.close() == lines.take() == []
+    os.write(1, b"back\n")
+    assert capfd.readouterr().out == "back\n"
+
+
+linux = pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="no scheduling policies here")
+
+
+def policies() -> set[int]:
+    return {os.sched_getscheduler(int(name)) for name in os.listdir("/proc/self/task")}
+
+
+@linux
+@pytest.mark.parametrize("codec", ["h264", "hevc", "av1"])
+def test_baking_leaves_the_policy_of_all_threads(codec: Literal["h264", "hevc", "av1"], tmp_path: Path) -> None:
+    before = policies()
+    bake_group(performer(3, 300), tmp_path, 0, 0, BakeSettings(codec=codec, preset="ultrafast"), fps=25.0)
+    assert policies() == before
+
+
+@linux
+def test_threads_get_theirs_back_and_new_ones_the_callers() -> None:
+    stop, begun = threading.Event(), threading.Event()
+
+    def work() -> None:
+        begun.set()
+        stop.wait(60)
+
+    before = os.sched_getscheduler(0)
+    with kept_scheduling():  # anybody may leave the usual policy for that of batch jobs
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        thread = threading.Thread(target=work)
+        thread.start()
+        assert begun.wait(60)
+        assert os.sched_getscheduler(thread.native_id or 0) == os.SCHED_BATCH
+    assert os.sched_getscheduler(0) == before
+    assert os.sched_getscheduler(thread.native_id or 0) == before
+    stop.set()
+    thread.join()
