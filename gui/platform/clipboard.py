@@ -7,11 +7,8 @@ when the window is closed, unless the desktop has a clipboard manager.
 from __future__ import annotations
 
 import ctypes
-import ctypes.util
-import os
-from typing import Any
 
-from gui.platform.x_window import errors_ignored
+from gui.platform.xlib import errors_ignored, open_display
 
 _SELECTION_CLEAR, _SELECTION_REQUEST, _SELECTION_NOTIFY = 29, 30, 31
 _ATOM = 4
@@ -54,35 +51,9 @@ class Clipboard:
     """See the module. Without X, nothing has an effect. Call `poll` at each tick."""
 
     def __init__(self) -> None:
-        self._x: Any = None
-        self._display: Any = None
         self._text: bytes | None = None
-        name = ctypes.util.find_library("X11")
-        if name is None or not os.environ.get("DISPLAY"):
-            return
-        x = self._x = ctypes.CDLL(name)
-        handle, number, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(_Event)
-        x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
-        x.XDefaultRootWindow.restype, x.XDefaultRootWindow.argtypes = number, [handle]
-        x.XInternAtom.restype, x.XInternAtom.argtypes = number, [handle, ctypes.c_char_p, ctypes.c_int]
-        x.XCreateSimpleWindow.restype = number
-        x.XCreateSimpleWindow.argtypes = [handle, number, *[ctypes.c_int] * 2, *[ctypes.c_uint] * 3, number, number]
-        x.XSetSelectionOwner.argtypes = [handle, number, number, number]
-        x.XGetSelectionOwner.restype, x.XGetSelectionOwner.argtypes = number, [handle, number]
-        x.XConvertSelection.argtypes = [handle, *[number] * 5]
-        x.XPending.argtypes = x.XCloseDisplay.argtypes = x.XFlush.argtypes = [handle]
-        x.XSync.argtypes = [handle, ctypes.c_int]
-        x.XFree.argtypes = [handle]
-        x.XNextEvent.argtypes = [handle, event]
-        x.XSendEvent.argtypes = [handle, number, ctypes.c_int, ctypes.c_long, event]
-        x.XChangeProperty.argtypes = [
-            handle, number, number, number, ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_int,
-        ]  # fmt: skip
-        x.XGetWindowProperty.argtypes = [
-            handle, number, number, ctypes.c_long, ctypes.c_long, ctypes.c_int, number, ctypes.POINTER(number),
-            ctypes.POINTER(ctypes.c_int), ctypes.POINTER(number), ctypes.POINTER(number), ctypes.POINTER(handle),
-        ]  # fmt: skip
-        self._display = x.XOpenDisplay(None)
+        x, self._display = open_display()
+        self._x = x
         if not self._display:
             return
         self._window = x.XCreateSimpleWindow(self._display, x.XDefaultRootWindow(self._display), 0, 0, 1, 1, 0, 0, 0)

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
-import os
 from typing import Any
 
-from gui.platform.x_window import errors_ignored
+from gui.platform.xlib import errors_ignored, open_display
 
 _REPORT_NON_EMPTY = 3  # XDamageReportNonEmpty: one event until the damage is subtracted
 
@@ -32,22 +31,17 @@ class DrawnFrames:
     def __init__(self, window: int | None) -> None:
         self._x: Any = None
         self._display: Any = None
-        names = [ctypes.util.find_library(name) for name in ("X11", "Xdamage")]
-        if window is None or not all(names) or not os.environ.get("DISPLAY"):
+        name = ctypes.util.find_library("Xdamage")
+        if window is None or name is None:
             return
-        x, damage = (ctypes.CDLL(name) for name in names)
-        handle, number, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(_Event)
-        x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
-        x.XPending.argtypes = x.XCloseDisplay.argtypes = [handle]
-        x.XSync.argtypes = [handle, ctypes.c_int]
-        x.XNextEvent.argtypes = [handle, event]
-        integers = ctypes.POINTER(ctypes.c_int)
+        x, display = open_display()
+        if not display:
+            return
+        damage = ctypes.CDLL(name)
+        handle, number, integers = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(ctypes.c_int)
         damage.XDamageQueryExtension.argtypes = [handle, integers, integers]
         damage.XDamageCreate.restype, damage.XDamageCreate.argtypes = number, [handle, number, ctypes.c_int]
         damage.XDamageSubtract.argtypes = [handle, number, number, number]
-        display = x.XOpenDisplay(None)
-        if not display:
-            return
         first, errors = ctypes.c_int(), ctypes.c_int()
         if not damage.XDamageQueryExtension(display, ctypes.byref(first), ctypes.byref(errors)):
             x.XCloseDisplay(display)

@@ -10,7 +10,6 @@ toolkit's window gets its events as ever.
 from __future__ import annotations
 
 import ctypes
-import ctypes.util
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +17,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gui.platform.presses import Escapes, KeyReports
-from gui.platform.x_window import BUTTONS, ESCAPE, EXPOSE, EXPOSURE_MASK, InputEvent, errors_ignored
+from gui.platform.x_window import BUTTONS
+from gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, InputEvent, errors_ignored, open_display
 
 Kind = Literal["press", "release", "key", "key up", "move"]
 
@@ -153,28 +153,12 @@ class InputOrder:
         self._stale: set[int] = set()  # keys that were down when input was held back: what they repeat is for nobody
         self._x: Any = None
         self._display: Any = None
-        name = ctypes.util.find_library("X11")
-        if window is None or name is None or not os.environ.get("DISPLAY") or os.environ.get(PLAIN) == "1":
+        if window is None or os.environ.get(PLAIN) == "1":
             return
-        x = self._x = ctypes.CDLL(name)
-        handle, number, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(InputEvent)
-        x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
-        x.XCreateWindow.restype = number
-        x.XCreateWindow.argtypes = [
-            handle, number, *[ctypes.c_int] * 2, *[ctypes.c_uint] * 3, ctypes.c_int, ctypes.c_uint, handle, number,
-            handle,
-        ]  # fmt: skip
-        x.XSelectInput.argtypes = [handle, number, ctypes.c_long]
-        x.XMapRaised.argtypes = [handle, number]
-        x.XPending.argtypes = x.XCloseDisplay.argtypes = [handle]
-        x.XSync.argtypes = [handle, ctypes.c_int]
-        x.XNextEvent.argtypes = [handle, event]
-        x.XSendEvent.argtypes = [handle, number, ctypes.c_int, ctypes.c_long, event]
-        x.XLookupKeysym.restype, x.XLookupKeysym.argtypes = number, [event, ctypes.c_int]
-        x.XkbSetDetectableAutoRepeat.argtypes = [handle, ctypes.c_int, handle]
-        self._display = x.XOpenDisplay(None)
+        x, self._display = open_display()
         if not self._display:
             return
+        self._x = x
         self._window = window
         # larger than any screen: it need not follow the size of its parent, which clips it
         child = x.XCreateWindow(self._display, window, 0, 0, _LARGEST, _LARGEST, 0, 0, _INPUT_ONLY, None, 0, None)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
-import ctypes.util
 import re
+
+from gui.platform.x_window import XDisplay
 
 USUAL_DPI = 96.0
 SHARE = 0.95
@@ -35,24 +35,8 @@ def scale_of(resources: str) -> float:
 
 
 def _screen() -> tuple[int, int, str] | None:
-    """Width, height and resources of the X screen; None without X."""
-    name = ctypes.util.find_library("X11")
-    if name is None:
-        return None
-    x11 = ctypes.CDLL(name)
-    x11.XOpenDisplay.restype = ctypes.c_void_p
-    x11.XOpenDisplay.argtypes = [ctypes.c_char_p]
-    x11.XResourceManagerString.restype = ctypes.c_char_p
-    for function in (x11.XResourceManagerString, x11.XDefaultScreen, x11.XCloseDisplay):
-        function.argtypes = [ctypes.c_void_p]
-    for function in (x11.XDisplayWidth, x11.XDisplayHeight):
-        function.argtypes = [ctypes.c_void_p, ctypes.c_int]
-    display = x11.XOpenDisplay(None)
-    if not display:
-        return None
+    display = XDisplay()
     try:
-        number = x11.XDefaultScreen(display)
-        resources = (x11.XResourceManagerString(display) or b"").decode("utf-8", "replace")
-        return x11.XDisplayWidth(display, number), x11.XDisplayHeight(display, number), resources
+        return display.screen
     finally:
-        x11.XCloseDisplay(display)
+        display.close()

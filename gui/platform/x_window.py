@@ -1,61 +1,17 @@
-"""What the toolkit does not offer on X: a least size of the window, and whether a mouse button is pressed."""
+"""What the toolkit does not offer on X: a least size of the window, whether a mouse button is pressed, the screen."""
 
 from __future__ import annotations
 
 import ctypes
-import ctypes.util
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Iterator, Sequence
+
+from gui.platform.xlib import ESCAPE, EXPOSURE_MASK, InputEvent, errors_ignored, open_display
 
 _MIN_SIZE = 1 << 4  # PMinSize
 BUTTONS = 0x1F00
 """Bits of the mouse buttons in the state of X: Button1Mask to Button5Mask."""
 _CARDINAL = 6
-ESCAPE = 9
-"""X key code, the same on all Linux systems."""
-EXPOSE, EXPOSURE_MASK = 12, 1 << 15
-"""An event that asks a window to be drawn, and its mask."""
-
-_IGNORE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda _display, _error: 0)
-
-
-class InputEvent(ctypes.Structure):
-    """XKeyEvent, XButtonEvent and XMotionEvent of Xlib.h, which begin alike; `code` is the key code or the button."""
-
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("serial", ctypes.c_ulong),
-        ("send_event", ctypes.c_int),
-        ("display", ctypes.c_void_p),
-        *((name, ctypes.c_ulong) for name in ("window", "root", "subwindow", "time")),
-        *((name, ctypes.c_int) for name in ("x", "y", "x_root", "y_root")),
-        ("state", ctypes.c_uint),
-        ("code", ctypes.c_uint),
-        ("same_screen", ctypes.c_int),
-        ("padding", ctypes.c_long * 24),  # XEvent, which is copied as a whole, is larger
-    )
-
-
-@contextmanager
-def errors_ignored(x: Any, display: Any) -> Iterator[None]:
-    """Within the block, errors of the X server do not end the process.
-
-    Args:
-        x: Xlib.
-        display: the connection; None for none.
-    """
-    if not display:
-        yield
-        return
-    x.XSetErrorHandler.restype, x.XSetErrorHandler.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
-    before = x.XSetErrorHandler(ctypes.cast(_IGNORE, ctypes.c_void_p))
-    try:
-        yield
-        x.XSync(display, 0)
-    finally:
-        x.XSetErrorHandler(before)
 
 
 class SizeHints(ctypes.Structure):
@@ -72,30 +28,7 @@ class XDisplay:
     """A connection to the X server of DISPLAY. Without X, nothing has an effect."""
 
     def __init__(self) -> None:
-        self._x: Any = None
-        self._display: Any = None
-        name = ctypes.util.find_library("X11")
-        if name is None or not os.environ.get("DISPLAY"):
-            return
-        x = self._x = ctypes.CDLL(name)
-        handle, window, numbers = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(ctypes.c_int)
-        windows = ctypes.POINTER(window)
-        x.XOpenDisplay.restype, x.XOpenDisplay.argtypes = handle, [ctypes.c_char_p]
-        x.XDefaultRootWindow.restype, x.XDefaultRootWindow.argtypes = window, [handle]
-        x.XInternAtom.restype, x.XInternAtom.argtypes = window, [handle, ctypes.c_char_p, ctypes.c_int]
-        x.XSetErrorHandler.restype, x.XSetErrorHandler.argtypes = handle, [handle]
-        x.XFree.argtypes = x.XCloseDisplay.argtypes = [handle]
-        x.XSync.argtypes = [handle, ctypes.c_int]
-        x.XQueryTree.argtypes = [handle, window, windows, windows, ctypes.POINTER(windows), numbers]
-        x.XGetWMNormalHints.argtypes = [handle, window, ctypes.POINTER(SizeHints), ctypes.POINTER(ctypes.c_long)]
-        x.XSetWMNormalHints.argtypes = [handle, window, ctypes.POINTER(SizeHints)]
-        x.XQueryPointer.argtypes = [handle, window, windows, windows, *[numbers] * 4, ctypes.POINTER(ctypes.c_uint)]
-        x.XQueryKeymap.argtypes = [handle, ctypes.c_char_p]
-        x.XGetWindowProperty.argtypes = [
-            handle, window, window, ctypes.c_long, ctypes.c_long, ctypes.c_int, window, windows, numbers, windows,
-            windows, ctypes.POINTER(windows),
-        ]  # fmt: skip
-        self._display = x.XOpenDisplay(None)
+        self._x, self._display = open_display()
 
     @property
     def buttons(self) -> int:
@@ -179,6 +112,24 @@ class XDisplay:
         children = [int(found[number]) for number in range(count.value)]
         self._x.XFree(found)
         return children
+
+    def send(self, window: int, events: Sequence[tuple[InputEvent, int]]) -> None:
+        """Send events, each with its mask, to a window of this process."""
+        root = self._x.XDefaultRootWindow(self._display)
+        with errors_ignored(self._x, self._display):
+            for event, mask in events:
+                event.display, event.window, event.root = self._display, window, root
+                self._x.XSendEvent(self._display, window, int(mask != EXPOSURE_MASK), mask, ctypes.byref(event))
+
+    @property
+    def screen(self) -> tuple[int, int, str] | None:
+        """Width and height of the screen, pixels, and the X resources; None without X."""
+        if not self._display:
+            return None
+        x, display = self._x, self._display
+        number = x.XDefaultScreen(display)
+        resources = (x.XResourceManagerString(display) or b"").decode("utf-8", "replace")
+        return x.XDisplayWidth(display, number), x.XDisplayHeight(display, number), resources
 
     def close(self) -> None:
         """Close the connection."""
