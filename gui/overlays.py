@@ -9,9 +9,11 @@ from open3d.visualization import gui
 from gui.actions.commands import Actions
 from gui.actions.search import opens_list
 from gui.drawing.palette import TEXT
-from gui.models.take.title import window_title
+from gui.models.take.workspace import Workspace
 from gui.shell import Shell
 from gui.widgets.picture import color
+
+PROGRAM = "V3 Studio"
 
 
 class Overlays:
@@ -97,3 +99,26 @@ class Overlays:
         if self._actions.notices.dismiss():
             return True
         return self._window.start.shown and self._actions.start.hide()
+
+
+def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float | None] | None = None) -> str:
+    """ "37% train - NAME - V3 Studio" while a run is in progress, else "NAME - V3 Studio".
+
+    Args:
+        name: what is open; "" if nothing is.
+        workspace: its run.
+        queued: name, stage and fraction of a take of the queue that runs; told if the open take does not.
+    """
+    if workspace.busy and workspace.run.stage:
+        progress = workspace.run.progress
+        words = run_words(workspace.run.stage, progress.fraction if progress is not None else None)
+        return " - ".join(filter(None, (f"{words}, paused" if workspace.paused else words, name, PROGRAM)))
+    if queued is not None:
+        other, stage, fraction = queued
+        return " - ".join(filter(None, (run_words(stage, fraction), other, PROGRAM)))
+    return f"{name} - {PROGRAM}" if name else PROGRAM
+
+
+def run_words(stage: str, fraction: float | None) -> str:
+    """ "37% train"; only the stage if it has not told how far it is."""
+    return stage if fraction is None else f"{int(100 * fraction)}% {stage}"

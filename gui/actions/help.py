@@ -2,10 +2,79 @@
 
 from __future__ import annotations
 
-from gui.actions.keys import SHORTCUTS
 from gui.models.take.remedies import Fix
 from gui.shell import Shell
 from gui.widgets.dialogs.help import show_shortcuts, show_stage_help
+
+SHORTCUTS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
+    (
+        "Playback",
+        (
+            ("Space", "play or pause"),
+            ("Left, Right", "step one frame back or forward"),
+            ("Home, End", "go to the first or last frame"),
+            ("[ and ]", "go to the previous or next group"),
+            ("L", "toggle looping"),
+            ("V", "sound off or on"),
+            ("T", "select a span of frames: from here, to here, none"),
+            ("Drag the pictures", "above the timeline (or Shift + drag on it): select a span"),
+            ("M", "mark the frame, with a note"),
+            ("< and >", "go to the previous or next mark"),
+        ),
+    ),
+    (
+        "View",
+        (
+            ("Left drag", "orbit"),
+            ("Right drag, Shift + drag", "pan"),
+            ("Wheel", "zoom"),
+            ("R", "reset the view"),
+            ("C", "look through the next capture camera"),
+            ("Z", "zoom to the performer in a capture camera's image; press again for the whole image"),
+            ("Click, right click", "on a camera: look through it; its menu"),
+            ("B", "next background: dark, black, white"),
+            ("F", "fullscreen viewport (Escape exits)"),
+        ),
+    ),
+    (
+        "Compare",
+        (
+            ("1, 2, 3, 4", "show footage, trained, decoded, the other bake"),
+            ("S", "side by side"),
+            ("W", "wipe; drag the line"),
+            ("D", "difference heat map"),
+        ),
+    ),
+    (
+        "Tools",
+        (
+            ("X; - and +", "edit the take: trim, crop, clean, place the world; size of the brush"),
+            ("O", "scene: splats with cameras, points, mesh, grid and axes"),
+            ("K, P", "add the view to the camera path; show the editor of the path"),
+            ("N, E, Delete, U, A", "points by hand: new, edit, remove mark, undo, toggle snapping"),
+            ("Up, Down", "points by hand: select a point"),
+            ("Ctrl+Z, Ctrl+Shift+Z", "undo, redo a change of settings, marks or edits"),
+        ),
+    ),
+    (
+        "Window",
+        (
+            (
+                "H",
+                "show the start page, or what is open; there, arrow keys and Enter choose, Ctrl+V opens a path",
+            ),
+            ("Ctrl+K, Ctrl+Shift+P", "find a command by typing part of it"),
+            ("I, J", "show or hide the inspector and log; enlarge the log"),
+            ("Q", "show the queue of takes"),
+            (
+                "Escape, Ctrl+O, Ctrl+C",
+                "dismiss the notice over the view, open its folder, copy its path or message (or the report)",
+            ),
+            ("F1, ?", "what to look for in the selected stage; this list"),
+        ),
+    ),
+)
+"""Keys and what they do, under headings."""
 
 
 class HelpActions:

@@ -8,10 +8,9 @@ from urllib.parse import unquote
 
 from gui.models.folders import kind_of
 from gui.models.loop import LOOP
-from gui.models.take.new_take import NewTake
+from gui.models.take.new_take import NewTake, make_sample_take, sample_settings
 from gui.models.take.take_queue import TakeQueue
 from gui.pages.start.page import StartPage
-from gui.pages.start.sample import make_sample_take, sample_settings
 from gui.platform.clipboard import Clipboard
 from gui.shell import Shell
 from studio.errors import StudioError

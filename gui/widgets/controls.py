@@ -7,13 +7,13 @@ from collections.abc import Callable
 from open3d.visualization import gui
 
 from gui.drawing.icons import icon
-from gui.drawing.palette import PANEL, RAISED
+from gui.drawing.palette import ACCENT_DARK, BORDER, FAINT, PANEL, RAISED, TEXT
+from gui.drawing.symbols import framed, symbol
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.transport import Transport
 from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
-from gui.widgets.picture import color
-from gui.widgets.symbol_button import SymbolButton
+from gui.widgets.picture import PictureWidget, color
 
 FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
@@ -24,6 +24,47 @@ SYMBOL_WIDTH = 2.2
 """Width of a button with a symbol, em."""
 
 SOUND = "Volume of the stream's sound (V: off or on). It plays at speed 1x only."
+
+
+class SymbolButton(PictureWidget):
+    """A button with a symbol: an image of its size on the screen, so that it is sharp. Call `update` at each draw.
+
+    Args:
+        name: key of `SYMBOLS`.
+        action: called when it is pressed and released.
+
+    Attributes:
+        name: the symbol; may be changed.
+    """
+
+    def __init__(self, name: str, action: Callable[[], object]) -> None:
+        super().__init__(self._clicked)
+        self.name = name
+        self._action = action
+        self._pressed = False
+        self._drawn: object = None
+
+    def update(self) -> bool:
+        """Draw what has changed; returns whether anything did."""
+        state = (self.name, self.size, self._pressed, self.widget.enabled)
+        if state == self._drawn:
+            return False
+        self._drawn = state
+        ground = ACCENT_DARK if self._pressed else RAISED
+        enabled = self.widget.enabled
+        drawn = symbol(self.name, self.size, TEXT if enabled else FAINT, ground)
+        self.show(framed(drawn, BORDER if enabled else FAINT, PANEL))
+        return True
+
+    def _clicked(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        kind = gui.MouseEvent.Type
+        if event.type not in (kind.BUTTON_DOWN, kind.BUTTON_UP) or not self.widget.enabled:
+            return False
+        pressed, self._pressed = self._pressed, event.type == kind.BUTTON_DOWN
+        width, height = self.size
+        if pressed and event.type == kind.BUTTON_UP and 0 <= x < width and 0 <= y < height:
+            self._action()
+        return True
 
 
 class ControlsPanel:
@@ -179,6 +220,6 @@ class ControlsPanel:
             if widget.enabled != enabled:
                 widget.enabled = enabled
                 changed = True
-        for symbol in self.symbols.values():
-            changed |= symbol.update()
+        for button in self.symbols.values():
+            changed |= button.update()
         return changed, layout

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gui.actions.marks import show_view, view_of
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.mark_views import show_view, view_of
 from gui.models.playback.player import PlayerPresenter
 from gui.models.take.inspector import review_blocks
 from pipelines.config import load_config

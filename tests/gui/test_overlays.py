@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from gui.models.take.title import window_title
+from gui.overlays import window_title
 
 
 def workspace(stage: str = "", fraction: float | None = None, paused: bool = False) -> SimpleNamespace:
