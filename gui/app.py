@@ -109,7 +109,7 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
             window.open(path)
         if run_ticks(tick, lambda: window.ticks, window.failed):
             return 0
-        print("v3studio-gui: the window keeps failing and is closed; jobs go on", file=sys.stderr)
+        print("v3studio-gui: the window keeps failing and is closed; jobs keep running", file=sys.stderr)
         window.close()
         run_ticks(application.run_one_tick, lambda: None, lambda error: None)
         return 1
@@ -120,8 +120,8 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
 def run_ticks(tick: Callable[[], bool], progress: Callable[[], object], report: Callable[[Exception], None]) -> bool:
     """Tick until there is no window.
 
-    What a callback of the toolkit raises comes out of a tick. It is reported, and the window goes on: one failure must
-    not freeze it.
+    What a callback of the toolkit raises comes out of a tick. It is reported, and the window keeps running: one failure
+    must not freeze it.
 
     Args:
         tick: one tick; False once the window is closed.

@@ -105,9 +105,9 @@ def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float 
     """ "37% train - NAME - V3 Studio" while a run is in progress, else "NAME - V3 Studio".
 
     Args:
-        name: what is open; "" if nothing is.
+        name: of the open take or stream; "" if there is none.
         workspace: its run.
-        queued: name, stage and fraction of a take of the queue that runs; told if the open take does not.
+        queued: name, stage and fraction of a take of the queue that runs; shown if the open take does not.
     """
     if workspace.busy and workspace.run.stage:
         progress = workspace.run.progress
@@ -120,5 +120,5 @@ def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float 
 
 
 def run_words(stage: str, fraction: float | None) -> str:
-    """ "37% train"; only the stage if it has not told how far it is."""
+    """ "37% train"; only the stage if it has not reported its progress."""
     return stage if fraction is None else f"{int(100 * fraction)}% {stage}"

@@ -50,7 +50,7 @@ class Page(Protocol):
     """The start page, for other actions."""
 
     def hide(self) -> bool:
-        """Show what is open again; returns whether the page was over it."""
+        """Show the open take or stream again; returns whether the page was over it."""
 
 
 class Shell(Protocol):

@@ -26,7 +26,7 @@ class WindowState:
         opening: path or URL being opened; "" if none.
         dialog: name of the open dialog; "" if none.
         typing: whether the dialog's text field has the keyboard focus.
-        lines: what the dialog's list shows, where that changes by itself.
+        lines: what the dialog's list shows, where that changes without the user.
         stage, mode: the selected stage and the pressed buttons above the viewport.
         edits, selected: the take's edits in words; number of splats that are selected for removal.
         fullscreen, figures: whether the panels are hidden; whether the right panel is visible.
@@ -43,13 +43,13 @@ class WindowState:
         menu_camera: the camera whose menu is open; "" if none is.
         places: the middle of what shows a camera, and of the ends of the scene's axes, 0 to 1 across and down the
             viewport; those in front last.
-        shown: frame of the newest picture; None if there is none.
-        settled: whether the newest picture shows what was last requested.
-        pictures: number of pictures shown so far.
-        handed_over: pictures per second.
+        shown: frame of the newest image; None if there is none.
+        settled: whether the newest image shows what was last requested.
+        pictures: number of images shown so far.
+        handed_over: images per second.
         notice: the newest notice; "" if there is none.
         start: whether the start page is on screen.
-        cards: what the start page tells of recent takes: name, state, PSNR in dB.
+        cards: what the start page shows of recent takes: name, state, PSNR in dB.
         start_places: the middle of what can be chosen there, 0 to 1 across and down, by name.
         focus: what has the keyboard focus there.
         numbers: the frame that the picture, the figures and the timeline show; None for what shows none.
@@ -61,7 +61,7 @@ class WindowState:
         orbit: yaw, pitch, distance, target (x, y, z).
         background: name of the viewport's background.
         timeline_left, timeline_width: column of the timeline where frame 0 begins, and columns of all frames, pixels.
-        hint: what is told of the button under the pointer; "" if nothing is.
+        hint: tooltip of the button under the pointer; "" if there is none.
         keys: number of key presses passed on to the toolkit, and of its reports of one press again, which were dropped.
         widgets: [x, y, width, height] in window pixels by name; visible widgets only.
         texts: content of each visible text field, by widget name.
@@ -251,7 +251,7 @@ class StateLog:
         self.tick()  # after the line, so that after waiting for a tick one reads a state at least as new
 
     def tick(self) -> None:
-        """Count a tick at which nothing was looked at, because nothing has happened."""
+        """Count a tick at rest."""
         if self._file is not None:
             self._count(self._ticks + 1)
 

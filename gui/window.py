@@ -1,4 +1,4 @@
-"""The main window: connects panels and presenters and forwards events. All state is in the presenters."""
+"""The main window: makes the models, actions and widgets, connects them, and runs them at each tick."""
 
 from __future__ import annotations
 
@@ -255,7 +255,7 @@ class MainWindow:
             self.changed()
 
     def failed(self, error: Exception) -> None:
-        """Tell what a callback raised; an open dialog stays."""
+        """Report what a callback raised; an open dialog stays."""
         message = as_message(error)
         bug = "\nThis is a bug in V3 Studio; the terminal shows the details." if message.code == "program.bug" else ""
         self.notices.tell(f"{message}{bug}", bad=True)

@@ -118,7 +118,7 @@ class CameraActions:
             notices.tell(refused, bad=True, topic="camera use")
             return
         notices.clear("camera use")
-        notices.tell(f"{words[0].upper()}{words[1:]}: Ctrl+Z takes it back.")
+        notices.tell(f"{words[0].upper()}{words[1:]}: Ctrl+Z undoes it.")
 
     def ask(self) -> None:
         """Ask for the use of every camera."""

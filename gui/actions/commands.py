@@ -48,7 +48,7 @@ OVER_PAGE = (
     "new", "open", "address", "preferences", "quit", "fullscreen", "queue", "start", "stop_export",
     "stop_serving", "shortcuts", "about", "search",
 )  # fmt: skip
-"""Items of the menu that act while the start page is shown; the others are about what is open, which it covers."""
+"""Menu items that act while the start page is shown; the others need the open take or stream, which it covers."""
 
 
 class Actions:
@@ -123,7 +123,7 @@ class Actions:
         return {key: act if key in OVER_PAGE else partial(self._uncovered, act) for key, act in actions.items()}
 
     def _uncovered(self, action: Action) -> None:
-        """Act on what is open, without the start page over it."""
+        """Act on the open take or stream, without the start page over it."""
         if self._window.start.shown and not self.start.hide():
             self._window.notices.tell("Open a take or a stream first.")
         else:
@@ -208,7 +208,7 @@ class Actions:
 
     def _toggle_sound(self) -> None:
         if self._window.player.audio is None:
-            self._window.notices.tell("What is open has no sound.")
+            self._window.notices.tell("This take or stream has no sound.")
         else:
             self._window.player.toggle_sound()
 

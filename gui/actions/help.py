@@ -61,7 +61,7 @@ SHORTCUTS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
         (
             (
                 "H",
-                "show the start page, or what is open; there, arrow keys and Enter choose, Ctrl+V opens a path",
+                "show or hide the start page; there, arrow keys and Enter choose, Ctrl+V opens a path",
             ),
             ("Ctrl+K, Ctrl+Shift+P", "find a command by typing part of it"),
             ("I, J", "show or hide the inspector and log; enlarge the log"),

@@ -50,7 +50,7 @@ class NoticeKeys:
         return True
 
     def _copied(self, text: str) -> bool:
-        """Whether there was a clipboard to copy to; otherwise it is told."""
+        """Whether there was a clipboard to copy to; otherwise a notice says so."""
         if self._clipboard.copy(text):
             self._window.notices.clear("copy")
             return True

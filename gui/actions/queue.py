@@ -1,4 +1,4 @@
-"""The queue of takes: shows its dialog and keeps it up to date."""
+"""The queue of takes: shows its dialog and keeps it current."""
 
 from __future__ import annotations
 

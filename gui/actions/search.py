@@ -1,4 +1,4 @@
-"""The list of all commands: `Ctrl+K`. Says why some are not possible now."""
+"""The list of all commands: `Ctrl+K`. Shows why some are not possible now."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ NEEDS_OPEN = frozenset(
         "export", "share folder", "share single-file", "serve",
     )
 )  # fmt: skip
-"""Commands about what is open, be it a take or a stream."""
+"""Commands that need an open take or stream."""
 
 NEEDS_TAKE = frozenset(("report", "edit", "cameras"))
-"""Commands about what a stream does not have."""
+"""Commands that need an open take."""
 
 
 def opens_list(event: gui.KeyEvent, shift: bool) -> bool:
@@ -79,7 +79,7 @@ class SearchActions:
         window = self._window
         opened = window.player.opened
         if key in NEEDS_OPEN and opened is None:
-            return "nothing is open"
+            return "no take or stream is open"
         if key in NEEDS_TAKE and window.workspace.take is None:
             return "no take is open"
         history, path = window.workspace.history, window.exports.path

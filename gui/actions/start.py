@@ -62,19 +62,19 @@ class StartActions:
             self.page.look(self._window.preferences.recent)
 
     def show(self) -> None:
-        """Show the page over what is open."""
+        """Show the page over the open take or stream."""
         self._window.player.transport.pause()
         self._asked = True
         self.update()
 
     def hide(self) -> bool:
-        """Show what is open again; returns whether the page was over it."""
+        """Show the open take or stream again; returns whether the page was over it."""
         was_shown, self._asked = self._asked and self._window.player.opened is not None, False
         self.update()
         return was_shown
 
     def toggle(self) -> None:
-        """Show the page, or what is open."""
+        """Show the page, or the open take or stream."""
         if not self.hide():
             self.show()
 

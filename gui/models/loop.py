@@ -1,7 +1,7 @@
 """What happens on the window's thread: callbacks that other threads post, timers, and signals by which models notify.
 
 A model changes only on this thread. A worker's result, or a line of a child process, is posted; the model takes it in
-and emits a signal; whoever shows the model has connected to that signal.
+and emits a signal; widgets and actions that show the model are connected to that signal.
 """
 
 from __future__ import annotations

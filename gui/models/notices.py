@@ -1,4 +1,4 @@
-"""Notices: what the window tells without stopping the user's work."""
+"""Notices: what the window reports without stopping the user's work."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_FAILURES = 20
 
 @dataclass(frozen=True)
 class Notice:
-    """Something that is told.
+    """One message.
 
     Attributes:
         text: one or more sentences; may have line breaks.

@@ -120,7 +120,7 @@ class StageViews:
         self.editor.background = player.background
         self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
         self._looks = (player.camera, player.orbit)
-        self.shown_anew()
+        self.show_again()
 
     def leave_edits(self) -> bool:
         """Show the take again; returns whether the edits were on screen. A selection is let go first."""
@@ -132,7 +132,7 @@ class StageViews:
         self.editing = False
         if self.editor.orbit is not None:
             self.player.orbit = self.editor.orbit
-        self.shown_anew()
+        self.show_again()
         return True
 
     def chosen(self) -> set[str]:
@@ -164,7 +164,7 @@ class StageViews:
             self.stage_views[self.stage].mode = key
             if self.stage == "capture" and key != GARBAGE:
                 self.capture.garbage.leave()
-            self.shown_anew()
+            self.show_again()
         elif self.shows_scene and key in PARTS:
             player.scene_parts ^= {key}
         elif key == "edit":
@@ -191,7 +191,7 @@ class StageViews:
         """Show a stage."""
         if stage != self.stage:
             self._go(stage)
-            self.shown_anew()
+            self.show_again()
 
     def _go(self, stage: str) -> None:
         """Set the stage. Only Review has a scene: it is left with Review, and is back with it."""
@@ -206,7 +206,7 @@ class StageViews:
             self._left_scene_of = None
         self.stage = stage
 
-    def shown_anew(self) -> None:
+    def show_again(self) -> None:
         """Redraw, because something else was on screen."""
         self.player.show_again()
         for stage_view in (*self.stage_views.values(), self.points, self.editor):

@@ -1,7 +1,7 @@
 """The clipboard of X11, which the toolkit's Python interface does not offer.
 
-Copied text is kept by this process: whoever pastes asks for it, and `poll` answers (ICCCM, section 2). So it is lost
-when the window is closed, unless the desktop has a clipboard manager.
+Copied text is kept by this process: the program that pastes asks for it, and `poll` answers (ICCCM, section 2). So it
+is lost when the window is closed, unless the desktop has a clipboard manager.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 FRAMES = 3
 """Frames on the screen, each after a request of its own, after which a change has surely been drawn. The first may
-have been begun before the change; a menu, or text that was laid out anew, takes two."""
+have been begun before the change; a menu, or text with a new layout, takes two."""
 
 
 class Redraws:

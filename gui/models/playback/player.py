@@ -285,7 +285,7 @@ class PlayerPresenter(Viewpoint):
     def toggle_sound(self) -> None:
         """Turn the sound off or on."""
         if self.audio is None:
-            self.message = "What is open has no sound."
+            self.message = "This take or stream has no sound."
         else:
             self.audio.volume = 0.0 if self.audio.volume else 1.0
 

@@ -26,7 +26,7 @@ class Rest:
 
         Args:
             view: everything that the picture depends on.
-            moving: whether it moves by itself, as in playback.
+            moving: whether it moves without the user, as in playback.
         """
         if moving or view != self._view:
             self._view, self._since = view, self._now()

@@ -63,11 +63,11 @@ REMEDIES: Mapping[str, Remedy] = {
 
 NO_SETTING = frozenset(
     {
-        "bake.live_failed",  # tried again by itself
+        "bake.live_failed",  # retried automatically
         "calibration.low_coverage",  # film the board, or the set, in more of the image
         "calibration.poor_cameras",  # they moved, or are out of focus
         "calibration.unregistered",  # too few matches: film more of the set
-        "cluster.worker_lost",  # started again by itself
+        "cluster.worker_lost",  # restarted automatically
         "evaluation.not_visible",  # of one frame
         "footage.color_drift",  # in the footage
         "lpips.other_weights",  # a file on this machine

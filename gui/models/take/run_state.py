@@ -62,11 +62,11 @@ class RunState:
         outcome: "" during the run, then "done", "failed" or "cancelled".
         message: text of the outcome.
         lines: the log, newest last, with that of earlier runs: (kind, text), kind one of "", "warning", "error".
-        times: when each line was told, seconds since 1970; 0 if unknown.
-        notices: the warning or error of this run that each line tells; None for others.
-        begun: whether this run has told anything.
+        times: when each line was added, seconds since 1970; 0 if unknown.
+        notices: the warning or error of this run in each line; None for others.
+        begun: whether this run has any lines.
         curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
-        previews: latest picture by camera.
+        previews: latest image by camera.
         lanes: latest state by stage and group, of stages that ran on several machines.
         changes: incremented with every event.
     """
@@ -160,7 +160,7 @@ class RunState:
             self._say(text, "error" if event.outcome == "failed" else "")
 
     def crashed(self, message: str, tail: str = "") -> None:
-        """Note that the process ended without reporting an outcome."""
+        """Note that the process ended without an outcome."""
         self.changes += 1
         self._now = 0.0
         if self.stage:
@@ -171,7 +171,7 @@ class RunState:
         self._say(message, "error")
 
     def note(self, text: str, now: float, failed: bool = False) -> None:
-        """Add a line to the log that no event tells.
+        """Add a line to the log that comes from no event.
 
         Args:
             text: the line.

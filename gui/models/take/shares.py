@@ -25,7 +25,7 @@ PHONES = {
     "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
     "that were sent to them: share a folder for phones, or serve it.",
 }
-"""What whoever watches needs."""
+"""What viewers need."""
 
 PHONES_SERVE = (
     "The phone must be in the same network, and this machine's firewall must let it in.\n"

@@ -28,7 +28,7 @@ class QueueRow:
 
     Attributes:
         stage: what runs; "" if nothing does.
-        fraction: how much of it is done, 0 to 1; None if it has not told yet, or nothing runs.
+        fraction: how much of it is done, 0 to 1; None if it is not known yet, or nothing runs.
     """
 
     number: int
@@ -79,7 +79,7 @@ def look(queue: QueueFile) -> QueueView:
 def _killed(number: int) -> str:
     name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
     memory = ", as by the system when memory runs out" if number == signal.SIGKILL else ""
-    return f"The program that worked through the queue was ended by {name}{memory}. Start it again to go on."
+    return f"The program that worked through the queue was ended by {name}{memory}. Start it again to continue."
 
 
 class TakeQueue:
@@ -189,7 +189,7 @@ class TakeQueue:
         self._change(lambda: self._queue.retry(number))
 
     def start(self) -> None:
-        """Work through the queue in a process that goes on when the window is closed."""
+        """Work through the queue in a process that keeps running when the window is closed."""
 
         def started() -> None:
             self._queue.path.parent.mkdir(parents=True, exist_ok=True)

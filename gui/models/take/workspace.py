@@ -85,7 +85,7 @@ class Workspace:
         self._fingerprint: tuple[object, ...] = ()
         self._results_seen = 0
 
-    # What is open
+    # The open take
 
     def open(self, take: Take | None) -> None:
         """Open this take; None for a bare stream. A job of the previous take keeps running."""
@@ -198,8 +198,8 @@ class Workspace:
             return
         self.paused = self.pid is not None and not self._elsewhere and is_paused(self.pid)
         if self.job is None:
-            anew, events = self._follower.poll()
-            if anew and events:
+            is_new, events = self._follower.poll()
+            if is_new and events:
                 self.run = self.run.followed()
             for event in events:
                 self.run.apply(event)
@@ -236,7 +236,7 @@ class Workspace:
 
     @property
     def busy(self) -> bool:
-        """Whether a run is in progress on the take, whoever started it."""
+        """Whether a run is in progress on the take, here or elsewhere."""
         return self.job is not None or self.holder is not None
 
     def rows(self) -> list[StageRow]:
@@ -321,7 +321,7 @@ class Workspace:
         self._notify()
 
     def cancel(self) -> None:
-        """Stop the run, whoever started it; finished work is kept."""
+        """Stop the run, wherever it was started; finished work is kept."""
         if self.job is not None:
             self.job.cancel()
             self.cancelling = True
@@ -341,8 +341,8 @@ class Workspace:
                 self.message = f"Cannot stop the run (process {pid}) from here. Stop it where it was started."
 
     def pause(self) -> None:
-        """Suspend or resume the run, whoever started it. A suspended run stays in memory; unfinished work is lost if
-        the machine is switched off."""
+        """Suspend or resume the run, wherever it was started. A suspended run stays in memory; unfinished work is lost
+        if the machine is switched off."""
         pid = self.pid
         if pid is None:
             return

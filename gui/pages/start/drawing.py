@@ -35,7 +35,7 @@ BUTTONS = (
 NO_SAMPLE = "Comes with the source of V3 Studio"
 
 HINTS = {
-    "back": "Go back to what is open (H, Escape)",
+    "back": "Go back to the open take or stream (H, Escape)",
     "new": "Create a take from a folder of videos or images",
     "open": "Choose the folder of a take or of a stream",
     "address": "Open a stream by its URL",

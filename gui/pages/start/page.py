@@ -61,7 +61,7 @@ class StartPage:
         pictures: thumbnails by place; None where there is nothing to see.
         focus: name of what has the keyboard focus, see `drawing`: "new", "card 0", ...
         sample: whether the sample capture is there.
-        back: name of what is open below the page; "" if nothing is.
+        back: name of the open take or stream below the page; "" if there is none.
         changed: emitted when something visible has changed.
     """
 

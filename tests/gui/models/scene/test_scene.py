@@ -46,7 +46,7 @@ class Scene:
 
     def picture(self, rests: bool = False) -> np.ndarray:
         """The newest picture, at rest or not."""
-        self.views.shown_anew()
+        self.views.show_again()
         self.views.poll(FULL, DRAWN, 14.0)
         self.clock += 2 * RESTS_AFTER if rests else 0.0
         pictures: list[np.ndarray] = []
