@@ -60,7 +60,7 @@ from studio.metrics import psnr
 from studio.rasterizer import available_backends, rasterize
 from studio.training import TrainingView, TrainSettings, interframe_steps, train_interframe, train_keyframe
 from studio.training.coded_loss import CodedLoss
-from studio.training.hashgrid import Corners
+from studio.training.hashgrid import Corners, HashGrid
 from studio.training.motion import MotionField
 from studio.training.photometric import photometric_loss, photometric_loss_torch
 
@@ -82,7 +82,6 @@ TINY = {
     "max_splats": 200,
     "motion_iterations": 4,
     "hash_levels": 2,
-    "hash_log2_size": 6,
     "finetune_iterations": 4,
 }
 """Settings of a dry run."""
@@ -302,10 +301,14 @@ def training_cases(dry: bool) -> dict[str, Callable[[torch.dtype, str], Computat
     before = torch.randn(count, 14, generator=random) * 20
     now = before + torch.randn(before.shape, generator=random) * 2
     means = torch.rand(count, 3, generator=random)
-    settings = TrainSettings(hash_log2_size=8) if dry else TrainSettings()
-    initial = MotionField(means.amin(0), means.amax(0), settings, random)
+
+    def field_with(generator: torch.Generator) -> MotionField:
+        grid = HashGrid(2 if dry else 16, log2_size=8 if dry else 15, generator=generator)
+        return MotionField(means.amin(0), means.amax(0), grid, 64, 2, generator)
+
+    initial = field_with(random)
     corners = initial.corners(means)
-    weights = {name: torch.randn(value.shape, generator=random) * 0.3 for name, value in initial.weights().items()}
+    weights = {name: torch.randn(value.shape, generator=random) * 0.3 for name, value in initial.named_parameters()}
 
     def picture(dtype: torch.dtype, device: str) -> Computation:
         leaf, other = image.to(device, dtype).requires_grad_(), target.to(device, dtype)
@@ -319,8 +322,8 @@ def training_cases(dry: bool) -> dict[str, Callable[[torch.dtype, str], Computat
         return lambda: loss(leaf, 7)[0], lambda: loss.forward_torch(leaf, 7)[0], [leaf, *loss.parameters()]
 
     def motion(dtype: torch.dtype, device: str) -> Computation:
-        field = MotionField(means.amin(0), means.amax(0), settings, torch.Generator()).to(device, dtype)
-        field.load_weights({name: value.to(device, dtype) for name, value in weights.items()})
+        field = field_with(torch.Generator()).to(device, dtype)
+        field.load_state_dict({name: value.to(device, dtype) for name, value in weights.items()}, strict=False)
         here = Corners(corners.rows.to(device), corners.weights.to(device, dtype), corners.level_rows)
         return lambda: field(here), lambda: field.forward_torch(here), list(field.parameters())
 

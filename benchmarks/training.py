@@ -36,12 +36,12 @@ from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize, set_kernel_threads
 from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.kernels import definitions_only
-from studio.stream.profiles import coding_of
+from studio.stream.profiles import PlanesCoding
 from studio.training import TrainingView, TrainSettings
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.coded_loss import CodedLoss
 from studio.training.dropout import drop_splats
-from studio.training.hashgrid import Corners
+from studio.training.hashgrid import Corners, HashGrid
 from studio.training.interframe import performer_box
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
@@ -166,7 +166,7 @@ class Scene:
             self.pair(
                 "dropout", lambda: torch.autograd.grad(drop_splats(logits, settings.dropout, 1).sum(), logits), step
             )
-        coding = coding_of(settings.regularize, self.previous)
+        coding = PlanesCoding(self.previous)
         inputs = [splats.quats, splats.log_scales, splats.logit_opacities, splats.sh]
         values = coding.coded_values(splats).detach().requires_grad_()
         ones = torch.ones_like(values)
@@ -178,7 +178,9 @@ class Scene:
     def field(self) -> tuple[MotionField, Corners]:
         """A motion field after a few updates, and its corners."""
         generator = torch.Generator().manual_seed(0)
-        field = MotionField(*performer_box(self.previous.means), self.settings, generator)
+        grid = HashGrid(self.settings.hash_levels, generator=generator)
+        low, high = performer_box(self.previous.means)
+        field = MotionField(low, high, grid, self.settings.mlp_width, self.settings.mlp_layers, generator)
         with torch.no_grad():  # the last layer starts at zero
             for parameter in field.mlp[-1].parameters():
                 parameter.normal_(0, 0.01, generator=generator)
@@ -186,9 +188,9 @@ class Scene:
 
     def coded(self) -> CodedLoss:
         """The loss on coded values."""
-        settings, coding = self.settings, coding_of(self.settings.regularize, self.previous)
+        settings, coding = self.settings, PlanesCoding(self.previous)
         before = coding.coded_values(self.previous).detach()
-        weights = (settings.entropy_weight, settings.temporal_weight, settings.temporal_huber)
+        weights = (settings.entropy_weight, settings.temporal_weight)
         return CodedLoss(before, coding.quantizer(before)[1], coding.attributes, coding.pixels, *weights)
 
     def steps(self) -> None:
@@ -219,7 +221,7 @@ class Scene:
             adam.zero_grad()
 
         self.pair("whole step", motion, "motion")
-        coding, coded = coding_of(settings.regularize, self.previous), self.coded()
+        coding, coded = PlanesCoding(self.previous), self.coded()
         entropy_adam = Adam([ParameterGroup(list(coded.parameters()), 1e-9)])
         tuned = SplatOptimizer(self.now, settings.rates, extent, train_means=settings.finetune_means)
 

@@ -15,3 +15,12 @@ class ProgressFn(Protocol):
 
 def no_progress(done: int, total: int, **figures: Any) -> None:
     """A `ProgressFn` that does nothing."""
+
+
+def part_of(progress: ProgressFn, start: int, stop: int) -> ProgressFn:
+    """A callback for one step, mapped to the range `start` to `stop` percent of `progress`."""
+
+    def inner(done: int, total: int, **figures: Any) -> None:
+        progress(100 * start + round(100 * (stop - start) * done / max(total, 1)), 10_000, **figures)
+
+    return inner

@@ -38,7 +38,6 @@ VARIANTS = (
         {
             "train.motion_iterations": 0,
             "train.motion_first_iterations": None,
-            "train.motion_velocity": False,
             "train.finetune_means": True,
         },
     ),
@@ -50,16 +49,8 @@ VARIANTS = (
 
 OPTIONS = (
     Variant("by-motion", "groups chosen by motion", {"train.grouping": "motion"}),
-    Variant("no-velocity", "no velocity prediction", {"train.motion_velocity": False}),
-    Variant("splat-velocity", "velocity per splat, not smoothed", {"train.motion_velocity_neighbors": 0}),
-    Variant("warm-start", "motion network starts from the previous frame", {"train.motion_warm_start": True}),
     Variant("fixed-positions", "means are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
-    Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
-    Variant(
-        "regularize-motion", "losses on the values that the motion profile encodes", {"train.regularize": "motion"}
-    ),
-    Variant("simulated-quantization", "fine-tuned with quantized attributes", {"train.simulate_quantization": True}),
     Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),
     Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
 )

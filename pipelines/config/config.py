@@ -25,12 +25,8 @@ class GroupSettings(Settings):
     """Maximum number of frames per group; the first is the keyframe. The paper uses 20."""
 
     grouping: Annotated[Literal["fixed", "motion"], Affects("grouping")] = "fixed"
-    """Where groups begin. fixed: every group_size frames. motion: earlier where the footage has changed too much since
-    the keyframe."""
-
-    group_change: Annotated[float, Affects("grouping")] = Field(default=0.4, gt=0, lt=1)
-    """Grouping by motion: change of the performer's appearance, independent of their position, at which a new group
-    begins. 0: identical images; 1: nothing in common. Groups have at least 4 frames."""
+    """Where groups begin. fixed: every group_size frames. motion: earlier where the performer's appearance has
+    changed too much since the keyframe, but after at least 4 frames."""
 
     check_footage: Annotated[bool, Affects()] = True
     """Read all frames while training begins and stop at broken footage (unreadable files, empty or all-white masks).

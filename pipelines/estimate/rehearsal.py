@@ -240,24 +240,21 @@ class _Training:
         self.splats = splats.map(lambda tensor: tensor[order].clone())
 
     def _later_frame(self) -> None:
-        share = self._inputs.config.train.motion_half_size
-        for part, at_half_size in ((1 - share, 0.0), (share, 1.0)):
-            if part:
-                motion = self._steps_of(part, finetune_iterations=0, motion_half_size=at_half_size)
-                self.found.motion_step += part * motion.seconds if motion.ends else 0.0
-        tuning = self._steps_of(1.0, motion_iterations=0)
+        motion = self._steps_of(finetune_iterations=0)
+        self.found.motion_step = motion.seconds if motion.ends else 0.0
+        tuning = self._steps_of(motion_iterations=0)
         self.found.finetune_step = tuning.seconds if tuning.ends else 0.0
 
-    def _steps_of(self, part: float, **changes: float) -> _Steps:
-        """Train one kind of step, which is `part` of a stage; the time until the first one is that of the frame."""
+    def _steps_of(self, **changes: int) -> _Steps:
+        """Train one kind of step; the time until the first one is that of the frame."""
         from studio.training import train_interframe
 
-        steps, settings = _Steps(part * SECONDS / 4, self._stop.check), self._settings(**changes)
+        steps, settings = _Steps(SECONDS / 4, self._stop.check), self._settings(**changes)
         begun = time.perf_counter()
         with suppress(_Enough):
             train_interframe(self.splats, self._training, settings, before_previous=self.splats.clone(), progress=steps)
         if steps.ends:
-            self.found.frame += part * (steps.ends[0] - begun)
+            self.found.frame += steps.ends[0] - begun
         return steps
 
 

@@ -88,7 +88,7 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
 
     footage = inputs.footage.calibrated
     fit = fit_chart_colors(footage, frame, footage.train_cameras, tell)
-    _write(inputs, key, frame, fit.matrices, {})
+    _write(inputs, key, frame, fit.matrices)
     for name in fit.matrices:
         reporter.log(
             f"colors of {name}: {fit.before[name]:.1f} levels of 255 from the mean camera on the chart, "
@@ -105,18 +105,11 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
         )
 
 
-def _write(
-    inputs: Inputs,
-    key: str,
-    frame: int,
-    matrices: Mapping[str, Any],
-    vignettes: Mapping[str, tuple[float, float, float]],
-) -> CameraColors:
+def _write(inputs: Inputs, key: str, frame: int, matrices: Mapping[str, Any]) -> CameraColors:
     colors = CameraColors(
         key=key,
         frame=int(frame),
         cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()},
-        vignettes=dict(vignettes),
     )
     write_model(inputs.take.camera_colors, colors)
     return colors
@@ -146,11 +139,8 @@ def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         progress=tell,
     )
     names = [view.camera.name for view in views]
-    vignettes = {
-        name: (one.a, one.b, one.reach) for name, one in zip(names, found.vignettes, strict=True) if one is not None
-    }
-    colors = _write(inputs, key, group.keyframe, dict(zip(names, found.matrices, strict=True)), vignettes)
-    _tell(reporter, colors)
+    colors = _write(inputs, key, group.keyframe, dict(zip(names, found, strict=True)))
+    _log_differences(reporter, colors)
     without = [name for name in inputs.footage.calibrated.train_cameras if name not in names]
     if without:
         reporter.warn(
@@ -165,8 +155,8 @@ def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         )
 
 
-def _tell(reporter: StageReporter, colors: CameraColors) -> None:
-    """Log how far apart the cameras are, on a middle gray, and which have a vignette."""
+def _log_differences(reporter: StageReporter, colors: CameraColors) -> None:
+    """Log how far apart the cameras are, on a middle gray."""
     off = {name: colors.off_on_gray(name) for name in colors.cameras}
     far = sorted((name for name in off if off[name] > _LARGE), key=lambda name: -off[name])
     reporter.log(
@@ -174,11 +164,6 @@ def _tell(reporter: StageReporter, colors: CameraColors) -> None:
         f"{sum(off.values()) / len(off):.0f} levels of 255 (mean), {max(off.values()):.0f} (most)"
         + (f"; most in {', '.join(far[:5])}" if far else "")
     )
-    if colors.vignettes:
-        reporter.log(
-            "vignettes, brightness where the performer is farthest from the middle of the image: "
-            + ", ".join(f"{name} {100 * (colors.change_at_reach(name) or 0):+.0f}%" for name in colors.vignettes)
-        )
 
 
 def _key_of_file(inputs: Inputs) -> str | None:

@@ -22,6 +22,10 @@ CAMERAS = 8
 FEWEST = 4
 """Minimum number of frames in a group, except the last: keyframes take more time and bytes than other frames."""
 
+MOST_CHANGE = 0.4
+"""Change of the performer's appearance, independent of their position, at which a new group begins. 0: identical
+images; 1: nothing in common."""
+
 
 def groups_of(footage: TakeFootage) -> tuple[Group, ...]:
     """The take's groups, of fixed length until groups by motion are known."""
@@ -48,7 +52,7 @@ def key(footage: TakeFootage) -> str:
     """Digest of everything that groups by motion depend on."""
     settings = footage.config.train
     seen = footage.seen_by_training()
-    return digest_of([1, seen, list(footage.raw.frames), settings.group_size, settings.group_change])
+    return digest_of([1, seen, list(footage.raw.frames), settings.group_size, MOST_CHANGE])
 
 
 def find_groups(footage: TakeFootage, progress: ProgressFn) -> None:
@@ -69,7 +73,7 @@ def find_groups(footage: TakeFootage, progress: ProgressFn) -> None:
     for number, frame in enumerate(raw.frames):
         progress(number, len(raw.frames))
         looks.append([look(raw.raw_image(name, frame), raw.raw_mask(name, frame)) for name in cameras])
-    starts, changes = starts_of(looks, settings.group_size, settings.group_change)
+    starts, changes = starts_of(looks, settings.group_size, MOST_CHANGE)
     found = FoundGroups(
         key=key(footage),
         starts=tuple(starts),

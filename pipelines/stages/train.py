@@ -241,13 +241,6 @@ def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> int
         if about is None or about.key != key:
             break
         count += 1
-    if inputs.config.train.motion_warm_start:
-        # the next frame needs the motion network of the last finished one
-        while 1 < count < len(keys):
-            about = read_about(take.motion_network(group.index, group.first + count - 1))
-            if about is not None and about.key == keys[count - 1]:
-                break
-            count -= 1
     return count
 
 
@@ -256,5 +249,3 @@ def _drop_leftovers(inputs: Inputs, group: Group) -> None:
     for path in inputs.take.train_group(group.index).glob("frame_*.safetensors"):
         if path not in wanted:
             remove(path)
-    for path in inputs.take.train_group(group.index).glob("motion_*.safetensors"):
-        remove(path)

@@ -38,9 +38,6 @@ _MOTION_NETWORK, _MOTION_VIEW = 0.5, 0.75
 quickstart with two views, 2 cores: 78 s for the 3200 steps of a keyframe, 14 s for 170 steps of motion and 250 of
 fine-tuning; the network takes a quarter of a motion step, docs/measurements/training.md)."""
 
-_HALF_SIZE = 0.57
-"""Time of a view at half size in that of one at full size (docs/measurements/training.md: 19 ms instead of 33.5)."""
-
 
 class TrainClock:
     """Elapsed fraction of the training time.
@@ -57,10 +54,11 @@ class TrainClock:
     def __init__(self, groups: Sequence[Group], finished: Mapping[int, int], settings: TrainSettings) -> None:
         todo = [position for group in groups for position in range(finished[group.index], len(group.frames))]
         self._left = {True: todo.count(0), False: len(todo) - todo.count(0)}
-        rounds = max(1, settings.prune_rounds)
+        # of a motion step, in steps of keyframes or fine-tuning
+        motion = _MOTION_NETWORK + _MOTION_VIEW * settings.motion_views
         self._steps = {
-            True: settings.keyframe_iterations + rounds * settings.prune_finetune_iterations,
-            False: _motion_step(settings) * settings.motion_iterations + settings.finetune_iterations,
+            True: settings.keyframe_iterations + settings.prune_finetune_iterations,
+            False: motion * settings.motion_iterations + settings.finetune_iterations,
         }
         self._seconds: dict[bool, list[float]] = {True: [], False: []}
         self._current: dict[int, tuple[bool, float]] = {}
@@ -94,12 +92,6 @@ class TrainClock:
         if other:
             return self._steps[kind] * (sum(other) / len(other)) / max(1, self._steps[not kind])
         return float(self._steps[kind])
-
-
-def _motion_step(settings: TrainSettings) -> float:
-    """Mean time of a step of motion, in steps of keyframes or fine-tuning."""
-    share = settings.motion_half_size
-    return _MOTION_NETWORK + _MOTION_VIEW * settings.motion_views * (1 - share + share * _HALF_SIZE)
 
 
 class GroupWork:
@@ -187,7 +179,6 @@ class GroupWork:
     ) -> Gaussians:
         from studio.training import train_interframe
 
-        take, index = self.inputs.take, group.first + position
         device = self.inputs.device
         seed = derived_seed(self.inputs.config.run.seed, "train", group.index, position)
 
@@ -196,24 +187,16 @@ class GroupWork:
 
         if previous is None:
             return self._keyframe(group, views, keys[0], seed, snapshot)
-        warm_start = None
-        if self.settings.motion_warm_start and position > 1:
-            warm_start = read_tensors(take.motion_network(group.index, index - 1), keys[position - 1])
-            warm_start = warm_start and {name: value.to(device) for name, value in warm_start.items()}
         found = train_interframe(
             previous.to(device),
             views,
             self.settings,
             before_previous=None if before is None else before.to(device),
             third_last=None if third is None else third.to(device),
-            warm_start=warm_start,
             seed=seed,
             progress=self._progress(group, position),
             snapshot=snapshot,
         )
-        if self.settings.motion_warm_start:
-            write_tensors(take.motion_network(group.index, index), found.motion, FrameMetadata(key=keys[position]))
-            remove(take.motion_network(group.index, index - 2))
         return found.gaussians.detach().to("cpu")
 
     def _keyframe(

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from studio.capture import FootageView
     from studio.edits import CropBox
     from studio.training import TrainingView
-    from studio.vignette import Vignette
 
 
 def training_views(
@@ -54,7 +53,7 @@ def training_views(
     marked = details_at(inputs.edits, inputs.footage.raw.frames.index(frame)) if colored else []
     details = [Detail(*one) for one in marked]
     colors = read_camera_colors(inputs) if colored and settings.camera_colors else {}
-    closer = bool(details) and settings.full_size_details and inputs.config.capture.scale < 1
+    closer = bool(details) and inputs.config.capture.scale < 1
 
     def read(number: int) -> TrainingView | None:
         reporter.check()
@@ -69,7 +68,7 @@ def training_views(
         chroma = footage.chroma(name) if sampling else None
         seen = TrainingView.from_view(view, inputs.device, settings.crop_margin, settings.use_plates, chroma)
         # a camera that did not see the performer in the frame that was fitted has no matrix
-        seen = seen.with_color(*colors[name]) if name in colors else seen
+        seen = seen.with_color(colors[name]) if name in colors else seen
         seen = seen.with_details(details) if details else seen
         if large is None:
             return seen
@@ -105,21 +104,16 @@ def training_views(
     return views
 
 
-def read_camera_colors(inputs: Inputs) -> dict[str, tuple[Tensor, Vignette | None]]:
-    """(3, 4) float64 color matrix and vignette by camera.
+def read_camera_colors(inputs: Inputs) -> dict[str, Tensor]:
+    """(3, 4) float64 color matrix by camera.
 
     Raises:
         StudioError: `take.file_not_found` or `take.damaged`: run `v3studio train` again.
     """
     import torch
 
-    from studio.vignette import Vignette
-
     found = read_model(inputs.take.camera_colors, CameraColors)
-    vignettes = {name: Vignette(*one) for name, one in found.vignettes.items()}
-    return {
-        name: (torch.tensor(matrix, dtype=torch.float64), vignettes.get(name)) for name, matrix in found.cameras.items()
-    }
+    return {name: torch.tensor(matrix, dtype=torch.float64) for name, matrix in found.cameras.items()}
 
 
 def details_at(edits: EditList, frame: int) -> list[tuple[tuple[float, float, float], float, float]]:

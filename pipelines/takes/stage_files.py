@@ -62,21 +62,10 @@ class CameraColors(Result):
     """By training camera: 3x4 matrix from the splats' colors (RGB 0 to 1, and 1) to those of the camera. The mean of
     all cameras changes nothing."""
 
-    vignettes: dict[str, tuple[float, float, float]] = Field(default_factory=dict)
-    """By camera that has one: a, b and reach of its gain toward the corners, see `studio.vignette.Vignette`."""
-
     def off_on_gray(self, camera: str) -> float:
         """By how much a camera shows a middle gray differently from the mean camera: the largest difference of a
         channel, in levels of 255."""
         return 255 * max(abs(sum(row[:3]) / 2 + row[3] - 0.5) for row in self.cameras[camera])
-
-    def change_at_reach(self, camera: str) -> float | None:
-        """The change in brightness, as a share, by a camera's vignette where the performer was farthest from the middle
-        of its image; None without a vignette."""
-        if camera not in self.vignettes:
-            return None
-        a, b, reach = self.vignettes[camera]
-        return a * reach + b * reach**2
 
 
 class BakedGroupNote(Result):

@@ -185,10 +185,6 @@ class Take:
         """Checkpoint of a keyframe in training; deleted when the keyframe is finished."""
         return self.train_group(group) / "keyframe.checkpoint"
 
-    def motion_network(self, group: int, index: int) -> Path:
-        """Motion network of frame `index`, kept until the next frame is trained (train.motion_warm_start)."""
-        return self.train_group(group) / f"motion_{index:06d}.safetensors"
-
     def splat_offsets(self, group: int, rung: str) -> Path:
         """What fine-tuning added to the splats that a rung keeps; `rung`: "splats50-sh0-1000"."""
         return self.train_group(group) / f"offsets_{rung}.safetensors"

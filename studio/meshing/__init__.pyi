@@ -1,9 +1,8 @@
 from .hull import Hull
 from .initialize import InitResult, initialize_points
-from .sampling import sample_surface
 from .settings import InitializeSettings
 from .silhouettes import Silhouettes
-from .surface import Mesh
+from .surface import Mesh, sample_surface
 from .visual_hull import HullResult, visual_hull
 
 __all__ = [

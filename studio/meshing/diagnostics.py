@@ -38,9 +38,8 @@ def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, 
             f"The visual hull is empty: no point is seen by more than {most} of {count} cameras, but {min_views} are "
             "required",
             value=most,
-            fix="Check the camera poses, or lower initialize.min_view_share.",
+            fix="Check the camera poses.",
             expected=min_views,
-            setting="initialize.min_view_share",
         )
     agreement = (sees & ~rejected).sum(0).float() / views.clamp_min(1)
     agreement[views < min_views] = -1

@@ -10,12 +10,10 @@ import numpy as np
 from studio.cameras import ViewLike
 from studio.errors import Message
 from studio.meshing.coloring import color_points
-from studio.meshing.sampling import sample_surface
 from studio.meshing.settings import InitializeSettings
-from studio.meshing.steps import part_of
-from studio.meshing.surface import Mesh, MeshViews
+from studio.meshing.surface import Mesh, MeshViews, sample_surface
 from studio.meshing.visual_hull import visual_hull
-from studio.progress import ProgressFn, no_progress
+from studio.progress import ProgressFn, no_progress, part_of
 
 _DISAGREEMENT = 0.12
 """Disagreement above which a warning is given. Correct masks (exact masks, clean plates) gave 0.01 to 0.05; masks with

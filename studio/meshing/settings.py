@@ -24,13 +24,6 @@ class InitializeSettings(Settings):
     """Fraction of the cameras whose masks can be outvoted by the others (at least one camera if there are four or
     more). 0: no voting."""
 
-    min_view_share: float | None = Field(default=None, ge=0, le=1)
-    """Minimum fraction of the cameras that must see a point of the hull; always at least two cameras. null: one half,
-    or less if that leaves parts of the masks outside the hull."""
-
-    smoothing: Annotated[float, Heading("Surface")] = Field(default=0.7, ge=0, le=10)
-    """Standard deviation of the Gaussian that smooths the surface, in voxels. 0: no smoothing."""
-
     max_faces: int = Field(default=200_000, ge=100)
     """Maximum number of faces of the mesh."""
 

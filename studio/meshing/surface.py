@@ -128,24 +128,17 @@ def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
     return volume.contiguous().numpy()
 
 
-def extract_surface(
-    hull: Hull,
-    *,
-    smoothing: float = 0.7,
-    min_component: float = 0.01,
-    max_faces: int = 100_000,
-    taubin: int = 10,
-    refine: bool = True,
-) -> Mesh:
-    """The surface of a hull: marching cubes, Taubin smoothing and quadric decimation.
+_LEAST_COMPONENT = 0.01
+"""Components whose area is below this fraction of the largest one's are removed."""
+
+
+def extract_surface(hull: Hull, smoothing: float) -> Mesh:
+    """The surface of a hull, by marching cubes. `refined` takes most of the time and is not needed to compare
+    silhouettes.
 
     Args:
         hull: the field.
         smoothing: standard deviation in voxels of the field's Gaussian smoothing.
-        min_component: components whose area is below this fraction of the largest one's are removed.
-        max_faces: larger meshes are decimated to this number of faces.
-        taubin: number of iterations of Taubin smoothing, which does not shrink the mesh.
-        refine: False leaves out smoothing and decimation, which take most of the time: enough to compare silhouettes.
 
     Returns:
         a mesh without unreferenced vertices, with normals pointing outward; empty if no voxel is inside.
@@ -160,8 +153,7 @@ def extract_surface(
     raw = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor(np.ascontiguousarray(field)), [0.0])
     vertices = raw.vertex.positions.numpy().astype(np.float64) * hull.voxel + hull.origin
     mesh = Mesh(vertices, raw.triangle.indices.numpy().astype(np.int32))
-    mesh = _large_components(mesh, min_component)
-    return refined(mesh, max_faces, taubin) if refine else mesh
+    return _large_components(mesh, _LEAST_COMPONENT)
 
 
 def _large_components(mesh: Mesh, min_component: float) -> Mesh:
@@ -231,3 +223,40 @@ class MeshViews:
         rays[..., :3] = camera.center
         rays[..., 3:] = directions
         return self._scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+
+
+def sample_surface(mesh: Mesh, count: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Sample points by area.
+
+    The total area is divided into `count` equal parts along the list of faces, and one point is drawn from each part
+    (stratified sampling). This distributes points more evenly than independent draws, without a neighbor search.
+
+    Args:
+        mesh: the surface.
+        count: number of points, at least 1.
+        seed: the same seed gives the same points.
+
+    Returns:
+        points (count, 3) float32, and unit normals (count, 3) float32 interpolated between the vertices.
+
+    Raises:
+        StudioError: `mesh.point_count`: `count` is below 1; `mesh.no_area`.
+    """
+    if count < 1:
+        raise StudioError(
+            "mesh.point_count", f"The number of points is {count}", value=count, fix="It must be at least 1."
+        )
+    total = np.cumsum(mesh.areas)
+    if len(total) == 0 or not total[-1] > 0:
+        raise StudioError(
+            "mesh.no_area", "The mesh has no area to sample points from", fix="Check the masks and the camera poses."
+        )
+    random = np.random.default_rng(seed)
+    place = (np.arange(count) + random.random(count)) / count * total[-1]
+    face = np.minimum(np.searchsorted(total, place, side="right"), len(total) - 1)
+    root, second = np.sqrt(random.random(count)), random.random(count)
+    weights = np.stack([1 - root, root * (1 - second), root * second], 1)  # uniform in a triangle
+    points = (mesh.corners[face] * weights[:, :, None]).sum(1)
+    normals = (mesh.vertex_normals[mesh.faces[face]] * weights[:, :, None]).sum(1)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return points.astype(np.float32), normals.astype(np.float32)

@@ -16,13 +16,14 @@ from studio.meshing.hull import Hull, Tick, carve, locate
 from studio.meshing.outlier_masks import restore
 from studio.meshing.settings import InitializeSettings
 from studio.meshing.silhouettes import Silhouettes
-from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews, extract_surface, refined
-from studio.progress import ProgressFn, no_progress
+from studio.progress import ProgressFn, no_progress, part_of
 
 _COMPARE_PIXELS = 120_000
 _COARSE = 96  # voxels along the longest side while searching for bounds
 _COARSE_FACES = 100_000
+_SMOOTHING = 0.7  # of the field before the final surface, standard deviation in voxels
+_VIEW_SHARES = (0.9, 0.7, 0.5, 0.34, 0.2)  # of the cameras, that must see a point of the hull
 _GROSS = 0.05  # cameras that wrongly reject more than this fraction of the hull are excluded
 
 
@@ -86,7 +87,7 @@ def visual_hull(
         settings.outvoted(len(used)),
         coarse.hull.min_views,
         at(70),
-        settings.smoothing,
+        _SMOOTHING,
     )
     mesh = refined(mesh, settings.max_faces)
     if len(mesh.faces) == 0:
@@ -123,10 +124,9 @@ def _choose_min_views(shapes: Silhouettes, settings: InitializeSettings, tick: T
     Space that only a few cameras see is carved by only these, so its shape is unreliable. Nearly all cameras are
     required at first, and fewer only if masks remain uncovered because not every camera sees the whole performer.
     """
-    shares = [0.9, 0.7, 0.5, 0.34, 0.2] if settings.min_view_share is None else [settings.min_view_share]
     best: _Coarse | None = None
     failure: StudioError | None = None
-    for min_views in dict.fromkeys(min(len(shapes), max(2, round(share * len(shapes)))) for share in shares):
+    for min_views in dict.fromkeys(min(len(shapes), max(2, round(share * len(shapes)))) for share in _VIEW_SHARES):
         try:
             found = _zoom(shapes, settings, min_views, tick)
         except StudioError as error:
@@ -177,12 +177,12 @@ def _carve_corrected(
 ) -> tuple[Hull, Mesh]:
     """The hull within bounds, corrected for outlier masks, and its surface, not refined (may be empty)."""
     hull, tolerant = carve(shapes, bounds, resolution=resolution, allowed=allowed, min_views=min_views, tick=tick)
-    surface = extract_surface(hull, smoothing=smoothing, refine=False)
+    surface = extract_surface(hull, smoothing)
     if allowed:
         uncovered_areas, _, _ = _compare(surface, shapes, tick)
         corrected = restore(hull, tolerant, shapes, uncovered_areas, tick)
         if corrected is not hull:  # the same object if there is nothing to correct
-            hull, surface = corrected, extract_surface(corrected, smoothing=smoothing, refine=False)
+            hull, surface = corrected, extract_surface(corrected, smoothing)
     return hull, surface
 
 

@@ -1,34 +1,33 @@
-"""What each splat adds to a picture."""
+"""How much each splat contributes to images."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 import torch
+from torch import Tensor
 
 from studio.cameras import Camera
-from studio.gaussians import Gaussians
+from studio.gaussians import SH_C0, Gaussians
 from studio.rasterizer.interface import rasterize
 
-_Y0 = 0.28209479177387814  # the constant spherical harmonic
 
+def contribution(gaussians: Gaussians, cameras: Sequence[Camera]) -> Tensor:
+    """Sum over cameras and pixels of each splat's blending weight alpha_i prod_(j<i) (1 - alpha_j) (3DGS, equation 3).
 
-def contribution(gaussians: Gaussians, camera: Camera) -> np.ndarray:
-    """Sum over the pixels of each splat's blending weight alpha_i prod_(j<i) (1 - alpha_j) (3DGS, equation 3).
-
-    The weights are the derivative of the picture by the splats' colors, so that one backward pass gives them all.
+    The weights are the derivative of the image by the splats' colors, so one backward pass per camera gives them all.
 
     Args:
         gaussians: N splats, on the device to render on.
-        camera: to look from, without distortion.
+        cameras: at least one, without distortion.
 
     Returns:
-        (N,) float64, at least 0; 0 for splats that the camera does not see.
+        (N,) float64, at least 0; 0 for splats that no camera sees.
     """
     gray = torch.zeros(len(gaussians), 1, 3, device=gaussians.device, dtype=gaussians.means.dtype, requires_grad=True)
-    rendered = rasterize(replace(gaussians.detach(), sh=gray), camera)
-    rendered.image[..., 0].sum().backward()
+    colorless = replace(gaussians.detach(), sh=gray)
+    for camera in cameras:
+        rasterize(colorless, camera).image[..., 0].sum().backward()
     assert gray.grad is not None
-    weights: np.ndarray = gray.grad[:, 0, 0].double().cpu().numpy() / _Y0
-    return np.maximum(weights, 0)
+    return gray.grad[:, 0, 0].double().clamp_min(0) / SH_C0

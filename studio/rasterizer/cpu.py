@@ -17,7 +17,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer.types import Pinhole, Render
 
-KERNEL_INTERFACE = 3
+KERNEL_INTERFACE = 4
 """Number of the functions and arguments of the kernels that this code calls; as `interface` in `csrc/module.cpp`."""
 
 

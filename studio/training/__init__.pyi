@@ -1,4 +1,4 @@
-from .camera_colors import FittedColors, fit_camera_colors
+from .camera_colors import fit_camera_colors
 from .details import Detail
 from .interframe import InterframeResult, interframe_steps, train_interframe
 from .keyframe import keyframe_steps, train_keyframe
@@ -7,7 +7,6 @@ from .views import TrainingView
 
 __all__ = [
     "Detail",
-    "FittedColors",
     "InterframeResult",
     "LearningRates",
     "TrainSettings",

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.torch_rotations import rotate_vectors
-from studio.training.attribution import Shares
 from studio.training.details import Detail, detail_weights
-from studio.training.error_density import ErrorDensity
 from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
@@ -19,6 +17,8 @@ from studio.training.splat_optimizer import SplatOptimizer
 _DENSE_SHARE = 0.01
 """Splats larger than this fraction of the scene extent are split, smaller ones cloned (percent_dense in 3DGS)."""
 _MIN_OPACITY = 0.005
+RESET_EVERY = 3_000
+"""Steps between opacity resets, as in 3DGS; there are none in the last quarter of densification."""
 _RESET_OPACITY = 0.01
 _HUGE_SHARE = 0.1
 """Splats larger than this fraction of the scene extent are removed."""
@@ -29,15 +29,11 @@ def density_control(
     extent: float,
     settings: TrainSettings,
     device: torch.device,
-    shares: Callable[[Gaussians], Shares],
     details: Sequence[Detail] = (),
-) -> DensityControl | Relocation | ErrorDensity:
-    """The densification strategy selected by `settings.strategy`; arguments as for `DensityControl` and
-    `ErrorDensity`, whose `shares` have the weights of the details already."""
+) -> DensityControl | Relocation:
+    """The densification strategy selected by `settings.strategy`; arguments as for `DensityControl`."""
     if settings.strategy == "mcmc":
         return Relocation(settings, details)
-    if settings.strategy == "error":
-        return ErrorDensity(settings, shares)
     return DensityControl(count, extent, settings, device, details)
 
 
@@ -64,8 +60,6 @@ class DensityControl:
         self._settings = settings
         self._device = device
         self._restart(count)
-
-    wants_screen_gradients = True
 
     def _restart(self, count: int) -> None:
         self._sum = torch.zeros(count, device=self._device)
@@ -98,9 +92,9 @@ class DensityControl:
         settings = self._settings
         due = settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0
         if due:
-            self.densify(optimizer, generator, remove_huge=iteration > settings.opacity_reset_every)
+            self.densify(optimizer, generator, remove_huge=iteration > RESET_EVERY)
         last_reset = settings.densify_until - settings.densify_until // 4
-        if iteration % settings.opacity_reset_every == 0 and iteration <= last_reset:
+        if iteration % RESET_EVERY == 0 and iteration <= last_reset:
             optimizer.cap_opacity(_RESET_OPACITY)
 
     def state(self) -> dict[str, Tensor]:

@@ -3,7 +3,7 @@
 The encoded positions are fixed during the motion stage of a frame, so the table rows that each position reads and their
 trilinear weights are computed once. They form a constant sparse matrix, so each step is a sparse-dense product, whose
 gradient is the product with the transpose: exact and deterministic. On the CPU, `motion.py` evaluates grid and MLP with
-one kernel instead, and on an NVIDIA GPU with the kernels of `triton_field.py`.
+one kernel instead, and on an NVIDIA GPU with the kernels of `triton/field.py`.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class Corners:
 
     @cached_property
     def passes(self) -> Passes:
-        """The sums of the product with `spread`, in pieces for `triton_field.py`. Waits for the GPU."""
+        """The sums of the product with `spread`, in pieces for `triton/field.py`. Waits for the GPU."""
         index, weight = self._flat
         order = torch.argsort(index, stable=True)
         counts = torch.bincount(index, minlength=int(self.level_rows[-1]))

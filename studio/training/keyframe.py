@@ -12,12 +12,12 @@ from studio.dilation import DILATION
 from studio.errors import StudioError
 from studio.gaussians import SH_C0, Gaussians
 from studio.progress import ProgressFn, no_progress
-from studio.training.attribution import Shares, shares
+from studio.rasterizer.contribution import contribution
 from studio.training.densify import density_control
 from studio.training.details import detail_weights
 from studio.training.pruning import prune_rounds, pruned_in_round
-from studio.training.refine import Refinement
-from studio.training.settings import TrainSettings
+from studio.training.refine import FINAL_DROPOUT, Refinement
+from studio.training.settings import CHECKPOINT_EVERY, TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import SnapshotFn, Stepper, check_finite
 from studio.training.views import TrainingView
@@ -98,6 +98,7 @@ def train_keyframe(
     snapshot: SnapshotFn | None = None,
     snapshot_every: int = 500,
     checkpoint: CheckpointFn | None = None,
+    checkpoint_every: int = CHECKPOINT_EVERY,
     resume: Checkpoint | None = None,
 ) -> Gaussians:
     """Train a keyframe: 3DGS with densification, then rounds of pruning by opacity and fine-tuning.
@@ -112,7 +113,8 @@ def train_keyframe(
             training crop) and `splats`.
         snapshot: called with the splats every `snapshot_every` steps.
         snapshot_every: steps between these calls.
-        checkpoint: called with the complete state every `settings.checkpoint_every` steps.
+        checkpoint: called with the complete state every `checkpoint_every` steps.
+        checkpoint_every: steps between these calls, at least 1.
         resume: a checkpoint of the same inputs, settings and seed. The result equals that of an uninterrupted run.
 
     Returns:
@@ -130,7 +132,7 @@ def train_keyframe(
         run.step()
         if snapshot is not None and run.done % snapshot_every == 0:
             snapshot(run.done, run.optimizer.gaussians.detach())
-        if checkpoint is not None and settings.checkpoint_every and run.done % settings.checkpoint_every == 0:
+        if checkpoint is not None and run.done % checkpoint_every == 0:
             checkpoint(run.done, run.state())
     return run.optimizer.gaussians.clone()
 
@@ -155,7 +157,7 @@ class _Run:
         self._refinement = Refinement(self._stepper, settings)
         start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
-        self._density = density_control(len(start), self._extent, settings, points.device, self._shares, self._details)
+        self._density = density_control(len(start), self._extent, settings, points.device, self._details)
         self.done = 0
         self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
         self._pruned = 0
@@ -185,20 +187,15 @@ class _Run:
         if settings.prune_finetune_iterations:
             self._advance(self.optimizer.gaussians, None)
 
-    def _shares(self, gaussians: Gaussians) -> Shares:
-        found, weights = shares(gaussians, self._stepper.views), detail_weights(gaussians.means, self._details)
-        return Shares(found.weight * weights, found.error * weights)
-
     def _prune(self) -> None:
         optimizer, settings = self.optimizer, self._settings
+        gaussians = optimizer.gaussians.detach()
         if settings.prune_by == "contribution":
-            worth = self._shares(optimizer.gaussians.detach()).weight
+            importance = contribution(gaussians, [view.camera for view in self._stepper.views])
         else:
-            gaussians = optimizer.gaussians.detach()
-            worth = gaussians.logit_opacities
-            if self._details:
-                worth = gaussians.opacities * detail_weights(gaussians.means, self._details)
-        prune(optimizer, worth, pruned_in_round(settings, len(optimizer), self._pruned))
+            importance = gaussians.logit_opacities if not self._details else gaussians.opacities
+        importance = importance * detail_weights(gaussians.means, self._details)
+        prune(optimizer, importance, pruned_in_round(settings, len(optimizer), self._pruned))
 
     def _refine(self) -> None:
         """Refine the masks if due, and set the dropout."""
@@ -206,23 +203,19 @@ class _Run:
         if not settings.prune_finetune_iterations:
             return
         if self._total - self.done <= settings.final_iterations:
-            self._stepper.dropout = min(settings.dropout, settings.final_dropout)
-        since = self.done - settings.keyframe_iterations
-        if since == 0:
-            self._refinement.begin(self.optimizer.gaussians.detach())
-        elif since % settings.refine_every == 0:
-            self._refinement.refresh(self.optimizer.gaussians.detach())
+            self._stepper.dropout = min(settings.dropout, FINAL_DROPOUT)
+        self._refinement.before_step(self.done - settings.keyframe_iterations, self.optimizer.gaussians)
 
     def _grow(self) -> None:
         settings, optimizer = self._settings, self.optimizer
         iteration = self.done + 1
         optimizer.set_means_progress(iteration / settings.keyframe_iterations)
-        degree = min(settings.sh_degree, iteration // max(1, settings.sh_degree_every))
+        degree = min(settings.sh_degree, iteration // settings.sh_degree_every)
         gaussians = optimizer.gaussians
         if degree < settings.sh_degree:
             gaussians = gaussians.with_sh_degree(degree)
         offsets = None
-        if iteration < settings.densify_until and self._density.wants_screen_gradients:
+        if iteration < settings.densify_until and settings.strategy == "default":
             offsets = torch.zeros(len(gaussians), 2, device=gaussians.device, requires_grad=True)
         self._advance(gaussians, offsets)
         self._density.after_step(iteration, optimizer, self._generator)
@@ -290,7 +283,7 @@ class _Run:
             ) from None
 
 
-def prune(optimizer: SplatOptimizer, worth: Tensor, count: int) -> None:
-    """Remove the `count` splats with the lowest `worth`, (N,); the others keep their order."""
-    order = torch.argsort(worth, stable=True)
+def prune(optimizer: SplatOptimizer, importance: Tensor, count: int) -> None:
+    """Remove the `count` splats with the lowest `importance`, (N,); the others keep their order."""
+    order = torch.argsort(importance, stable=True)
     optimizer.keep(order[count:].sort().values)

@@ -7,17 +7,59 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from studio.errors import StudioError
+from studio.gaussians import Gaussians
 from studio.rasterizer import available_backends
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
+from studio.rasterizer.types import ALPHA_MIN
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.hashgrid import Corners, HashGrid
-from studio.training.settings import TrainSettings
-from studio.training.triton_field import motion_field_triton
+from studio.training.triton.field import motion_field_triton
 
 _BOX_PADDING = 0.05
 """Padding of the bounding box, as a fraction of its longest side."""
+
+_NEIGHBORS = 24
+"""Neighbors over which velocities are smoothed (docs/measurements/training.md)."""
+
+
+def predicted_means(
+    previous: Gaussians, before_previous: Gaussians | None, third_last: Gaussians | None, acceleration: float
+) -> Tensor:
+    """(N, 3) means of frame t, extrapolated from earlier frames.
+
+    Args:
+        previous: splats of frame t-1.
+        before_previous: splats of frame t-2; None: the means of frame t-1 are returned.
+        third_last: splats of frame t-3; None: constant velocity.
+        acceleration: fraction of the last change in velocity that is added to the velocity.
+    """
+    if before_previous is None:
+        return previous.means
+    velocity = previous.means - before_previous.means
+    if acceleration and third_last is not None:
+        velocity = velocity + acceleration * (velocity - (before_previous.means - third_last.means))
+    velocity = local_median(velocity, neighbors(previous.means, _NEIGHBORS))
+    # Splats that are too faint to be rendered have no gradients, so nothing would ever stop them.
+    visible = previous.opacities.reshape(-1, 1) >= ALPHA_MIN
+    return previous.means + torch.where(visible, velocity, torch.zeros_like(velocity))
+
+
+def neighbors(means: Tensor, count: int) -> Tensor:
+    """(N, k) int64 indices of the k = min(count, N - 1) nearest other splats, from (N, 3) means."""
+    from scipy.spatial import cKDTree
+
+    array = means.detach().cpu().numpy()
+    nearest = cKDTree(array).query(array, k=min(count + 1, len(array)), workers=-1)[1]
+    return torch.from_numpy(nearest.reshape(len(array), -1)[:, 1:]).to(means.device)
+
+
+def local_median(values: Tensor, near: Tensor) -> Tensor:
+    """(N, C) per-channel medians of the (N, C) values of each splat and its (N, k) neighbors.
+
+    At motion boundaries, such as a limb in front of the body, a median follows one side; a mean would blend both.
+    """
+    return torch.cat([values[:, None], values[near]], dim=1).median(dim=1).values
 
 
 class _Fused(torch.autograd.Function):
@@ -61,33 +103,28 @@ class MotionField(nn.Module):
 
     Args:
         low, high: (3,) corners of the performer's bounding box, world units.
-        settings: sizes of the grid and the MLP.
+        grid: the hash grid h.
+        width: neurons per hidden layer of the MLP.
+        layers: hidden layers of the MLP.
         generator: draws the initial weights; equal seeds give equal fields.
     """
 
     _low: Tensor
     _side: Tensor
 
-    def __init__(self, low: Tensor, high: Tensor, settings: TrainSettings, generator: torch.Generator) -> None:
+    def __init__(
+        self, low: Tensor, high: Tensor, grid: HashGrid, width: int, layers: int, generator: torch.Generator
+    ) -> None:
         super().__init__()
         side = (high - low).amax().clamp_min(1e-9)
         self.register_buffer("_low", (low + high) / 2 - side * (0.5 + _BOX_PADDING))
         self.register_buffer("_side", side * (1 + 2 * _BOX_PADDING))
-        self.grid = HashGrid(
-            settings.hash_levels,
-            settings.hash_features,
-            settings.hash_log2_size,
-            settings.hash_base_resolution,
-            settings.hash_growth,
-            generator,
-        )
-        layers: list[nn.Module] = []
-        width = self.grid.width
-        for _ in range(settings.mlp_layers):
-            layers += [nn.Linear(width, settings.mlp_width), nn.ReLU()]
-            width = settings.mlp_width
+        self.grid = grid
+        hidden: list[nn.Module] = []
+        for inputs in (grid.width, *[width] * (layers - 1)):
+            hidden += [nn.Linear(inputs, width), nn.ReLU()]
         last = nn.Linear(width, 3)
-        self.mlp = nn.Sequential(*layers, last)
+        self.mlp = nn.Sequential(*hidden, last)
         with torch.no_grad():
             for layer in self.mlp:
                 if isinstance(layer, nn.Linear):
@@ -114,27 +151,6 @@ class MotionField(nn.Module):
     def forward_torch(self, corners: Corners) -> Tensor:
         """`forward` in plain PyTorch, for any device and dtype. This is the definition of the field."""
         return self.mlp(self.grid(corners)) * self._side
-
-    def weights(self) -> dict[str, Tensor]:
-        """Copies of the trained parameters by name, without the bounding box."""
-        return {name: value.detach().clone() for name, value in self.named_parameters()}
-
-    def load_weights(self, weights: dict[str, Tensor]) -> None:
-        """Load the `weights` of a field with the same sizes; its bounding box may differ.
-
-        Raises:
-            StudioError: `training.motion_network_size`: the sizes differ.
-        """
-        own = dict(self.named_parameters())
-        if {name: value.shape for name, value in weights.items()} != {name: value.shape for name, value in own.items()}:
-            raise StudioError(
-                "training.motion_network_size",
-                "the motion network of the previous frame has different sizes",
-                fix="Train the group again",
-            )
-        with torch.no_grad():
-            for name, value in weights.items():
-                own[name].copy_(value)
 
     def optimizer(self, learning_rate: float) -> Adam:
         """Adam with the settings of Mueller et al. for hash grids; the table learns at ten times `learning_rate`."""

@@ -21,7 +21,7 @@ from studio.torch_rotations import quat_multiply
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.interframe import performer_box, rate_factor
 from studio.training.keyframe import scene_extent
-from studio.training.settings import TrainSettings
+from studio.training.settings import CHECKPOINT_EVERY, MEANS_FINETUNE_RATE, TrainSettings
 from studio.training.step import Stepper, check_finite
 from studio.training.views import TrainingView
 
@@ -116,6 +116,7 @@ def train_offsets(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     checkpoint: Callable[[int, OffsetCheckpoint], None] | None = None,
+    checkpoint_every: int = CHECKPOINT_EVERY,
     resume: OffsetCheckpoint | None = None,
 ) -> SplatOffsets:
     """Train offsets with the losses of keyframe fine-tuning (equation 7, opacity and scale, dropout).
@@ -125,12 +126,13 @@ def train_offsets(
         views: training views of each of these frames.
         kept: (M,) int64 indices of the splats to keep, ascending.
         sh_degree: to cut spherical harmonics to.
-        settings: rates, losses, and `checkpoint_every`.
+        settings: rates and losses.
         iterations: training steps, over all frames.
         seed: equal seeds and inputs give equal offsets, bit for bit.
         progress: called with completed and total steps, and regularly also with `loss`, `psnr` (dB) and `splats`.
-        checkpoint: called with step and complete state every `settings.checkpoint_every` steps. The next step modifies
-            the tensors, so write or copy them.
+        checkpoint: called with step and complete state every `checkpoint_every` steps. The next step modifies the
+            tensors, so write or copy them.
+        checkpoint_every: steps between these calls, at least 1.
         resume: a checkpoint of the same inputs. The result equals that of an uninterrupted run.
 
     Raises:
@@ -143,8 +145,7 @@ def train_offsets(
     while run.done < iterations:
         figures = run.step()
         progress(run.done, iterations, **figures)
-        every = settings.checkpoint_every
-        if checkpoint is not None and every and run.done % every == 0 and run.done < iterations:
+        if checkpoint is not None and run.done % checkpoint_every == 0 and run.done < iterations:
             checkpoint(run.done, run.state())
     return run.result()
 
@@ -168,7 +169,7 @@ class _Run:
         self._steppers = [Stepper(seen, settings, self._generator) for seen in views]
         rates = settings.rates
         self._rates = {
-            "means": rates.means_finetune * self._extent,
+            "means": MEANS_FINETUNE_RATE * self._extent,
             "rotation": rates.rotation,
             "log_scales": rates.scale,
             "logit_opacities": rates.opacity,

@@ -12,7 +12,7 @@ from studio.errors import StudioError
 from studio.metrics import check_image_pair, ssim
 from studio.rasterizer import available_backends
 from studio.rasterizer.cpu import kernel_threads, load_kernels
-from studio.training.triton_loss import photometric_loss_triton
+from studio.training.triton.loss import photometric_loss_triton
 
 
 class _Fused(torch.autograd.Function):

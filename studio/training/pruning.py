@@ -6,9 +6,9 @@ from studio.training.settings import TrainSettings
 
 
 def prune_rounds(settings: TrainSettings, splats: int) -> int:
-    """Number of pruning rounds: at least `settings.prune_rounds`, and enough to reach `settings.max_splats`."""
+    """Number of pruning rounds: at least one, and enough to reach `settings.max_splats`."""
     rounds = 0
-    while rounds < settings.prune_rounds or splats > settings.max_splats:
+    while rounds == 0 or splats > settings.max_splats:
         splats -= pruned_in_round(settings, splats, rounds)
         rounds += 1
     return rounds
@@ -18,12 +18,12 @@ def pruned_in_round(settings: TrainSettings, splats: int, rounds: int) -> int:
     """Number of splats that a pruning round removes: at least one, but never all.
 
     Args:
-        settings: `prune_ratio` of the splats, in rounds after `prune_rounds` no more than needed for `max_splats`.
+        settings: `prune_ratio` of the splats; after the first round, no more than needed for `max_splats`.
         splats: number of splats before the round.
         rounds: number of rounds before it.
     """
     count = int(splats * settings.prune_ratio)
-    if rounds >= settings.prune_rounds:
+    if rounds > 0:
         count = min(count, splats - settings.max_splats)
     return min(splats - 1, max(1, count))
 

@@ -13,15 +13,32 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from studio.chroma import Siting, resampled
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
-from studio.training.chroma_siting import chroma_shift
 from studio.training.settings import TrainSettings
 from studio.training.step import Stepper
 from studio.training.views import TrainingView
 
 CONTRAST = 2.0
-"""Slope of `sharpened`: splats draw an outline about twice as soft as a camera does."""
+"""Slope of `sharpened`: splats render an outline about twice as soft as a camera does."""
+
+REFINE_EVERY = 100
+"""Steps after which the masks are refined again."""
+
+FINAL_DROPOUT = 0.1
+"""Highest dropout of the last steps, if `final_iterations` is above 0."""
+
+REFINED_ALPHA_WEIGHT = 1.0
+"""Lowest weight of the alpha loss once masks may be refined, also for masks that auto found good."""
+
+REFINE_ABOVE = 0.22
+"""For auto: mean distance between the outlines of given and rendered masks, in pixels, above which they are refined.
+It is 0.14 for exact masks of the sample capture and 0.33 for those from clean plates."""
+
+REFINE_MOVED_BELOW = 0.66
+"""For auto in later frames: above this distance, in pixels, the motion was not found. The given masks are then kept
+until fine-tuning has brought the splats closer."""
 
 
 def sharpened(alpha: Tensor) -> Tensor:
@@ -76,10 +93,17 @@ class Refinement:
 
     def __init__(self, stepper: Stepper, settings: TrainSettings, moved: bool = False) -> None:
         self._stepper, self._settings = stepper, settings
-        self._highest = settings.refine_moved_below if moved else math.inf
+        self._highest = REFINE_MOVED_BELOW if moved else math.inf
         self.refined: bool | None = None
         self._splats: Gaussians | None = None
         self._siting_shift = 0.0
+
+    def before_step(self, step: int, gaussians: Gaussians) -> None:
+        """Begin or refresh if due; `step` counts from 0."""
+        if step == 0:
+            self.begin(gaussians.detach())
+        elif step % REFINE_EVERY == 0:
+            self.refresh(gaussians.detach())
 
     def begin(self, gaussians: Gaussians) -> None:
         """Decide whether the masks need it, refine them, and set the weights of the steps that follow."""
@@ -105,7 +129,7 @@ class Refinement:
         settings = self._settings
         if settings.refine_masks != "auto":
             return settings.refine_masks == "always"
-        return settings.refine_above < disagreement(drawn, self._stepper.views) < self._highest
+        return REFINE_ABOVE < disagreement(drawn, self._stepper.views) < self._highest
 
     def _set(self, gaussians: Gaussians, drawn: list[Tensor]) -> None:
         stepper, settings = self._stepper, self._settings
@@ -113,7 +137,7 @@ class Refinement:
             stepper.views = [_refined(gaussians, view, one) for view, one in zip(stepper.views, drawn, strict=True)]
         self._splats = gaussians.clone()
         if settings.refine_masks != "never":
-            stepper.alpha_weight = max(stepper.alpha_weight, settings.refined_alpha_weight)
+            stepper.alpha_weight = max(stepper.alpha_weight, REFINED_ALPHA_WEIGHT)
         stepper.chroma_shift = None if settings.chroma_siting == "none" else self._siting_shift
 
     def state(self) -> dict[str, Tensor]:
@@ -133,3 +157,42 @@ class Refinement:
         splats = Gaussians.from_state_dict(parts).to(device)
         self.refined, self._siting_shift = bool(state["refined"]), float(state["siting_shift"])
         self._set(splats, [drawn_mask(splats, view) for view in self._stepper.views] if self.refined else [])
+
+
+SITINGS: tuple[Siting, ...] = ("left", "center")
+
+
+def chroma_shift(gaussians: Gaussians, views: Sequence[TrainingView], siting: str) -> float:
+    """Position of the encoder's chroma samples relative to the decoder's, in pixels to the right.
+
+    Converters often take chroma in the middle and do not say so, and decoders then assume "left". Training images
+    cannot hide it: splats average over cameras on all sides, so they do not follow colors that are shifted in each
+    image.
+
+    Args:
+        gaussians: trained splats.
+        views: training views of the same frame.
+        siting: "left" or "center"; "auto": the one with which drawings come closer to the footage; "none": 0.
+    """
+    sampled = [view for view in views if view.chroma is not None and view.chroma.siting is not None]
+    if siting == "none" or not sampled:
+        return 0.0
+    if siting in SITINGS:
+        return _shift_of(sampled[0], siting)
+    errors = dict.fromkeys(SITINGS, 0.0)
+    with torch.no_grad():
+        for view in sampled:
+            assert view.chroma is not None
+            black = torch.zeros(3, device=view.device)
+            backdrop = view.backdrop(black)
+            target = view.composited(black)
+            image = rasterize(gaussians, view.camera, black if backdrop is None else backdrop).image
+            for one in SITINGS:
+                drawn = resampled(image, view.chroma, _shift_of(view, one))
+                errors[one] += float((drawn - target).square().sum())
+    return _shift_of(sampled[0], min(SITINGS, key=lambda one: errors[one]))
+
+
+def _shift_of(view: TrainingView, siting: Siting) -> float:
+    assert view.chroma is not None
+    return view.chroma.shift(siting)

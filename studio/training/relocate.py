@@ -34,11 +34,9 @@ class Relocation:
     9). Noise on the means of nearly transparent splats makes them explore (equation 8).
 
     Args:
-        settings: uses `densify_from`, `densify_until`, `densify_every`, `densify_max_splats` and `mcmc_noise`.
+        settings: uses `densify_from`, `densify_until`, `densify_every` and `densify_max_splats`.
         details: where splats are sampled in proportion to opacity times weight.
     """
-
-    wants_screen_gradients = False
 
     def __init__(self, settings: TrainSettings, details: Sequence[Detail] = ()) -> None:
         self._settings, self._details = settings, details
@@ -53,8 +51,7 @@ class Relocation:
         if settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0:
             relocate_dead(optimizer, generator, self._details)
             grow(optimizer, settings.densify_max_splats, generator, self._details)
-        if settings.mcmc_noise:
-            add_noise(optimizer, settings.mcmc_noise, generator)
+        add_noise(optimizer, generator)
 
     def state(self) -> dict[str, Tensor]:
         """Empty: this strategy has no state."""
@@ -113,7 +110,7 @@ def grow(optimizer: SplatOptimizer, budget: int, generator: torch.Generator, det
     return more
 
 
-def add_noise(optimizer: SplatOptimizer, strength: float, generator: torch.Generator) -> None:
+def add_noise(optimizer: SplatOptimizer, generator: torch.Generator) -> None:
     """Add noise with the splat's own covariance to the means of nearly transparent splats (equation 8)."""
     gaussians = optimizer.gaussians.detach()
     share = torch.sigmoid(-_NOISE_SHARPNESS * (gaussians.opacities - _NOISE_OPACITY))
@@ -121,7 +118,7 @@ def add_noise(optimizer: SplatOptimizer, strength: float, generator: torch.Gener
     quats = gaussians.unit_quats
     inverse = quats * quats.new_tensor([1, -1, -1, -1])
     noise = rotate_vectors(quats, rotate_vectors(inverse, draws) * gaussians.scales**2)
-    optimizer.shift_means(noise * (share * strength * _NOISE_RATE * optimizer.means_rate)[:, None])
+    optimizer.shift_means(noise * (share * _NOISE_RATE * optimizer.means_rate)[:, None])
 
 
 def _draw(chances: Tensor, count: int, generator: torch.Generator) -> Tensor:

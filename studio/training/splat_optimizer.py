@@ -7,7 +7,7 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.training.adam import Adam, ParameterGroup
-from studio.training.settings import LearningRates
+from studio.training.settings import MEANS_FINAL_RATE, LearningRates
 
 
 class SplatOptimizer:
@@ -39,7 +39,6 @@ class SplatOptimizer:
         }
         groups = [ParameterGroup([leaf], rate[name], name) for name, leaf in self._leaves.items() if leaf.requires_grad]
         self._adam = Adam(groups, eps=1e-15)
-        self._first_rates = [group.rate for group in groups]
 
     def __len__(self) -> int:
         return self._leaves["means"].shape[0]
@@ -57,13 +56,8 @@ class SplatOptimizer:
         """Set the exponentially decayed rate of the means; `fraction` is 0 at the first step and 1 at the last."""
         for group in self._adam.groups:
             if group.name == "means":
-                ratio = self._rates.means_final / self._rates.means
+                ratio = MEANS_FINAL_RATE / self._rates.means
                 group.rate = self._rates.means * self._extent * ratio ** min(1.0, fraction)
-
-    def scale_rates(self, factor: float) -> None:
-        """Set all rates to `factor` times those of the first step."""
-        for group, rate in zip(self._adam.groups, self._first_rates, strict=True):
-            group.rate = rate * factor
 
     @property
     def means_rate(self) -> float:

@@ -16,7 +16,6 @@ from studio.errors import StudioError
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
 from studio.training.details import Detail, DetailBox, detail_boxes
-from studio.vignette import Vignette
 
 CACHED_PIXELS = 400_000
 """Views of up to this many pixels also cache their images as floats, which saves 1.4 of 23 ms per step and takes 32
@@ -47,7 +46,6 @@ class TrainingView:
         camera, full_size, chroma: as above.
         color: (3, 4) matrix from the splats' colors to those of this camera; None: they are the same. See
             `studio.color_fit.correct_color`.
-        vignette: by which this camera's image is darker toward its corners, on top of `color`; None: by nothing.
         details: parts of the performer that count more in this frame; the same in all of its views.
         detail_boxes: where the image shows them.
         closer: a view of each of these boxes alone, with more pixels; None where there is none; empty: of no box.
@@ -64,7 +62,6 @@ class TrainingView:
     ) -> None:
         self.camera, self.full_size, self.chroma = camera, full_size, chroma
         self.color: Tensor | None = None
-        self.vignette: Vignette | None = None
         self.details: tuple[Detail, ...] = ()
         self.detail_boxes: tuple[DetailBox, ...] = ()
         self.closer: tuple[TrainingView | None, ...] = ()
@@ -147,10 +144,10 @@ class TrainingView:
             view._cached = view._parts()
         return view
 
-    def with_color(self, matrix: Tensor, vignette: Vignette | None = None) -> TrainingView:
-        """The same view by a camera with other colors; `matrix`: (3, 4), see `color` and `vignette`."""
+    def with_color(self, matrix: Tensor) -> TrainingView:
+        """The same view from a camera with other colors; `matrix`: (3, 4), see `color`."""
         view = copy.copy(self)
-        view.color, view.vignette = matrix.to(self.device, torch.float32), vignette
+        view.color = matrix.to(self.device, torch.float32)
         return view
 
     def with_details(self, details: Sequence[Detail]) -> TrainingView:
@@ -182,7 +179,7 @@ class TrainingView:
                 return None
             size = (left, top, right - left, bottom - top)
             found = TrainingView.from_view(large, self.device, None, use_plate, chroma, size)
-            found.color, found.vignette = self.color, self.vignette
+            found.color = self.color
             return found
 
         view = copy.copy(self)
@@ -190,46 +187,19 @@ class TrainingView:
         return view
 
     def in_its_colors(self, image: Tensor, alpha: Tensor, behind: Tensor) -> Tensor:
-        """A drawing in the colors of this camera (`color`, `vignette`); differentiable.
+        """A render in the colors of this camera (`color`); differentiable.
 
         Only the splats change: a background color has no color error, and a plate has that of this camera.
 
         Args:
-            image: (H, W, 3) drawn over `behind`.
-            alpha: (H, W) drawn alpha.
+            image: (H, W, 3) rendered over `behind`.
+            alpha: (H, W) rendered alpha.
             behind: (3,) or (H, W, 3) background.
         """
         if self.color is None:
             return image
         rest = (1 - alpha)[..., None] * behind
-        splats = correct_color(image - rest, alpha, self.color)
-        if self.vignette is not None:
-            splats = splats * self.vignette.gain(self.camera, self.full_size, self.device)[..., None]
-        return splats + rest
-
-    def half_size(self) -> TrainingView:
-        """The same view at half the width and height: means of 2x2 pixels, without an odd last row or column.
-
-        Without a plate, pixels of the image count as much as the performer covers them, so that `composited` is the
-        mean as well. The chroma grid does not fit the smaller image and is dropped.
-        """
-        width, height = self.camera.width // 2, self.camera.height // 2
-        camera = self.camera.cropped(0, 0, 2 * width, 2 * height).resized(width, height)
-        covered = self.mask[..., None]
-        mask = _halved(covered)
-        if self._plate is None:
-            image = _halved(self.image * covered) / mask.clamp_min(1e-6)
-        else:
-            image = _halved(self.image)
-
-        def stored(half: Tensor) -> Tensor:
-            return half if self._image.is_floating_point() else (half * 255 + 0.5).to(torch.uint8)
-
-        plate = None if self.plate is None else stored(_halved(self.plate))
-        size = (self.full_size[0] // 2, self.full_size[1] // 2)
-        view = TrainingView(camera, stored(image), stored(mask)[..., 0], size, plate)
-        view.color, view.vignette = self.color, self.vignette
-        return view.with_details(self.details)
+        return correct_color(image - rest, alpha, self.color) + rest
 
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3) target image over a (3,) background color.
@@ -271,11 +241,6 @@ def over_color(image: Tensor, rest: Tensor, color: Tensor) -> Tensor:
 def _floats(image: Tensor) -> Tensor:
     """An image converted to floats in 0 to 1."""
     return image if image.is_floating_point() else image / 255
-
-
-def _halved(image: Tensor) -> Tensor:
-    """(H // 2, W // 2, C) means of 2x2 pixels of an (H, W, C) image of floats."""
-    return torch.nn.functional.avg_pool2d(image.permute(2, 0, 1), 2).permute(1, 2, 0).contiguous()
 
 
 def surroundings(mask: Tensor) -> Tensor:

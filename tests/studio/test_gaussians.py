@@ -15,7 +15,6 @@ from studio.gaussians import Gaussians, common_dilation
 from studio.similarity import Similarity
 from studio.stream.profiles import coding_of
 from studio.training import LearningRates
-from studio.training.error_density import halves
 from studio.training.offsets import SplatOffsets
 from studio.training.splat_optimizer import SplatOptimizer
 from tests.support.errors import refuses
@@ -57,7 +56,6 @@ WAYS: dict[str, Callable[[Gaussians], Gaussians]] = {
     "state": lambda one: Gaussians.from_state_dict(one.state_dict()),
     "turned": lambda one: turned(one, np.eye(3)),
     "moved": lambda one: moved(one, Similarity(2.0)),
-    "halves": lambda one: halves(one)[1],
     "offsets": lambda one: SplatOffsets.zeros(torch.arange(2), 1).applied(one[:2]),
     "optimizer": optimized,
     "planes": coded("planes"),

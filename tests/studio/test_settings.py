@@ -107,8 +107,7 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
     assert found["train.max_splats"] == ("keyframe",)
     assert found["train.motion_views"] == ("later_frames",)
     assert found["train.rates.opacity"] == ("keyframe",)  # from the class that contains it
-    assert found["train.rates.means_finetune"] == ("later_frames",)  # its own
-    assert found["train.checkpoint_every"] == found["run.threads"] == ()
+    assert found["train.check_footage"] == found["run.threads"] == ()
     assert found["calibrate.board.square"] == found["calibrate.board.kind"]  # from the field that contains its model
     assert set(found) == set(all_names())
 

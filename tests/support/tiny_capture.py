@@ -33,13 +33,11 @@ train:
   densify_until: 15
   densify_every: 5
   densify_max_splats: 600
-  opacity_reset_every: 1000
   prune_finetune_iterations: 5
   max_splats: 400
   motion_iterations: 10
   finetune_iterations: 20
   hash_levels: 4
-  hash_log2_size: 8
 run: {threads: 1, preview_seconds: 0}
 """
 

@@ -22,9 +22,9 @@ needs_triton = pytest.mark.skipif(
 )
 
 
-def run_interpreted(file: Path, count: int) -> None:
-    """Run the tests of a file with Triton's interpreter; all `count` must pass."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", str(file)]
+def run_interpreted(files: Sequence[Path], count: int) -> None:
+    """Run the tests of some files with Triton's interpreter; all `count` must pass."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *map(str, files)]
     # The variable is read when Triton is imported, so that this takes a process of its own.
     environment = {**os.environ, "TRITON_INTERPRET": "1", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)

@@ -32,7 +32,6 @@ EMPTY: Mapping[str, str] = {
     "capture.start": "first",
     "capture.stop": "last",
     "evaluate.lpips": "not measured",
-    "initialize.min_view_share": "automatic",
     "run.gpus_per_group": "automatic",
     "run.groups_at_once": "automatic",
     "run.memory_per_group": "automatic",

@@ -117,8 +117,6 @@ class CameraColorPairs:
             "Left: as filmed. Right: in the colors of the mean camera, which the stream has. Below: how far a middle "
             "gray is off, in levels of 255"
         )
-        if colors.vignettes:
-            words += "; brightness by the vignette where the performer is farthest from the middle of the image"
         top = 0.3 * em + _paragraph(canvas, em, 0.5 * em, words, small, DIM, size[0] - 2 * em)
         there = [one for one in pairs.pictures.values() if not isinstance(one, str)]
         aspect = float(np.median([2 * one[0].shape[1] / one[0].shape[0] for one in there])) if there else 1.0
@@ -136,9 +134,8 @@ class CameraColorPairs:
             else:
                 for side, picture in enumerate(found):
                     canvas.fit_image(x + 3 + side * (width / 2 - 2), y + 3, width / 2 - 4, high, picture)
-            canvas.text(
-                x + width / 2, y + row - small - 7, told(colors, name), small, TEXT, align="middle", width=width
-            )
+            caption = f"{name}: {colors.off_on_gray(name):.0f}"
+            canvas.text(x + width / 2, y + row - small - 7, caption, small, TEXT, align="middle", width=width)
         return canvas.pixels
 
 
@@ -148,12 +145,6 @@ def _paragraph(canvas: Canvas, x: float, y: float, words: str, size: int, color:
         canvas.text(x, y, line, size, color)
         y += line_height(size)
     return y
-
-
-def told(colors: CameraColors, camera: str) -> str:
-    """A camera's name and figures."""
-    edge = colors.change_at_reach(camera)
-    return f"{camera}: {colors.off_on_gray(camera):.0f}" + (f"; {100 * edge:+.0f}%" if edge is not None else "")
 
 
 def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarray]:
@@ -167,15 +158,11 @@ def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarr
 
     from studio.color_fit import uncorrected
     from studio.training.views import mask_box
-    from studio.vignette import Vignette
 
     name = view.camera.name
     left, top, width, height = mask_box(view.mask, MARGIN, name)
     inside = (slice(top, top + height), slice(left, left + width))
     seen = torch.from_numpy(np.ascontiguousarray(view.image[inside])) / 255
-    if name in colors.vignettes:
-        gain = Vignette(*colors.vignettes[name]).gain(view.camera, (view.camera.width, view.camera.height))
-        seen = seen / gain[inside][..., None]
     found = uncorrected(seen, torch.tensor(colors.cameras[name])).clamp(0, 1)
     corrected = (255 * found).round().byte().numpy()
     scale = min(1.0, TALLEST / height)

@@ -147,7 +147,7 @@ def rendered_contribution(
         for camera in cameras:
             check()
             smaller = camera.scaled(_WIDTH / camera.width) if camera.width > _WIDTH else camera
-            found = contribution(gaussians.to(device), smaller)
+            found = contribution(gaussians.to(device), [smaller]).cpu().numpy()
             total = found if total is None else total + found
     assert total is not None
     return total

@@ -16,6 +16,10 @@ void release_idle_buffers();
 // Their bytes.
 std::size_t idle_buffer_bytes();
 
+// Throws std::length_error: the number of splats or of (tile, splat) pairs exceeds 32 bits. Defined once, outside the
+// code that is compiled per instruction set.
+[[noreturn]] void throw_too_many_tiles();
+
 // The same template is compiled for several instruction sets. Inlining keeps the linker from picking one copy for all.
 #define VS_ALWAYS_INLINE __attribute__((always_inline))
 

@@ -9,10 +9,9 @@
 #include "buffers.h"
 #include "isa_namespace.h"
 #include "kernels.h"
-#include "parallel_for.h"
 #include "random.h"
 #include "simd.h"
-#include "wide.h"
+#include "threads.h"
 
 namespace vs::VS_ISA {
 
@@ -72,7 +71,7 @@ static void coded_loss(CodedJob<T>& job, int threads) {
     constexpr int W = WIDTH<T>;
     const int channels = job.channels;
     const int blocks = int((job.count + CODED_BLOCK - 1) / CODED_BLOCK);
-    enum { STEP, INVERSE_STEP, MU, INVERSE_SIGMA, HUBER, PATTERNS };
+    enum { STEP, INVERSE_STEP, MU, INVERSE_SIGMA, PATTERNS };
     Buffer<T> pattern_values(std::size_t(PATTERNS * W) * std::size_t(channels));
     T* pattern[PATTERNS];
     for (int k = 0; k < PATTERNS; k++) pattern[k] = pattern_values.get() + std::ptrdiff_t(k) * W * channels;
@@ -82,7 +81,6 @@ static void coded_loss(CodedJob<T>& job, int threads) {
         pattern[INVERSE_STEP][i] = T(1) / job.steps[c];
         pattern[MU][i] = job.mu[c];
         pattern[INVERSE_SIGMA][i] = T(1) / job.sigma[c];
-        pattern[HUBER][i] = job.huber * job.steps[c];
     }
     // per block: bits, difference, then derivatives by mu and sigma of each channel
     const std::size_t per_block = 2 + 2 * std::size_t(channels);
@@ -120,14 +118,8 @@ static void coded_loss(CodedJob<T>& job, int threads) {
                 wide_store<T>(by_sigma + at, wide_load<T>(by_sigma + at) + counted * b.by_sigma);
             }
             if (temporal) {
-                const V size = change < zero ? -change : change;
-                V slope = change > zero ? wide_all<T>(T(1)) : (change < zero ? wide_all<T>(T(-1)) : zero);
-                V value = size;
-                if (job.huber > 0) {
-                    const V width = wide_load<T>(pattern[HUBER] + at), inside = change / width;
-                    value = size < width ? T(0.5) * change * inside : size - T(0.5) * width;
-                    slope = size < width ? inside : slope;
-                }
+                const V value = change < zero ? -change : change;
+                const V slope = change > zero ? wide_all<T>(T(1)) : (change < zero ? wide_all<T>(T(-1)) : zero);
                 gradient += job.difference_weight * slope;
                 wide_store<T>(differences + at, wide_load<T>(differences + at) + counted * value);
             }

@@ -8,8 +8,8 @@
 #include <cstdint>
 
 #include "kernels.h"
-#include "parallel_for.h"
 #include "simd.h"
+#include "threads.h"
 
 namespace vs::VS_ISA {
 

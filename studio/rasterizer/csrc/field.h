@@ -14,9 +14,8 @@
 #include "buffers.h"
 #include "isa_namespace.h"
 #include "kernels.h"
-#include "parallel_for.h"
 #include "simd.h"
-#include "wide.h"
+#include "threads.h"
 
 namespace vs::VS_ISA {
 

@@ -3,12 +3,11 @@
 #pragma once
 
 #include "coded.h"
-#include "composite.h"
-#include "dropout.h"
 #include "field.h"
 #include "isa_namespace.h"
 #include "kernels.h"
 #include "loss.h"
+#include "random.h"
 #include "rasterize.h"
 
 #if !defined(VS_ISA_NAME)

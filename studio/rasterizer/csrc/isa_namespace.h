@@ -6,3 +6,5 @@
 #if !defined(VS_ISA)
 #define VS_ISA baseline
 #endif
+
+#define VS_INLINE static inline __attribute__((always_inline))

@@ -133,7 +133,6 @@ struct CodedJob {
     int channels;
     const T *current, *previous;  // (N, C)
     const T *steps, *mu, *sigma;  // (C,); mu and sigma in steps
-    T huber;                      // in steps; 0: L1
     std::uint32_t seed;           // of the rounding noise
     T bits_weight, difference_weight;
     T* gradient;               // (N, C) of the weighted sum of both; may be null

@@ -19,7 +19,6 @@
 #include <vector>
 
 #include "buffers.h"
-#include "errors.h"
 #include "kernels.h"
 
 namespace nb = nanobind;
@@ -283,8 +282,8 @@ void field_backward(const FieldPass<T>& pass, In<std::int32_t> rows, In<T> corne
 }
 
 template <typename T>
-std::pair<double, double> coded_loss(In<T> current, In<T> previous, In<T> steps, In<T> mu, In<T> sigma, double huber,
-                                     std::uint32_t seed, double bits_weight, double difference_weight,
+std::pair<double, double> coded_loss(In<T> current, In<T> previous, In<T> steps, In<T> mu, In<T> sigma, std::uint32_t seed,
+                                     double bits_weight, double difference_weight,
                                      std::optional<Out<T>> gradient, Out<double> by_mu, Out<double> by_sigma,
                                      int threads) {
     CodedJob<T> job{};
@@ -300,7 +299,7 @@ std::pair<double, double> coded_loss(In<T> current, In<T> previous, In<T> steps,
     expect(by_sigma, channels, "by_sigma");
     job.current = current.data(), job.previous = previous.data();
     job.steps = steps.data(), job.mu = mu.data(), job.sigma = sigma.data();
-    job.huber = T(huber), job.seed = seed;
+    job.seed = seed;
     job.bits_weight = T(bits_weight), job.difference_weight = T(difference_weight);
     job.gradient = pointer(gradient, current.size(), "gradient");
     job.by_mu = by_mu.data(), job.by_sigma = by_sigma.data();
@@ -422,8 +421,7 @@ void add_training(nb::module_& m, const char* pass_name) {
           nb::arg("d_table").noconvert(), nb::arg("d_weights").noconvert(), nb::arg("d_biases").noconvert(),
           nb::arg("threads"));
     m.def("coded_loss", &coded_loss<T>, nb::arg("current").noconvert(), nb::arg("previous").noconvert(),
-          nb::arg("steps").noconvert(), nb::arg("mu").noconvert(), nb::arg("sigma").noconvert(), nb::arg("huber"),
-          nb::arg("seed"), nb::arg("bits_weight"), nb::arg("difference_weight"), nb::arg("gradient").noconvert().none(),
+          nb::arg("steps").noconvert(), nb::arg("mu").noconvert(), nb::arg("sigma").noconvert(), nb::arg("seed"), nb::arg("bits_weight"), nb::arg("difference_weight"), nb::arg("gradient").noconvert().none(),
           nb::arg("by_mu").noconvert(), nb::arg("by_sigma").noconvert(), nb::arg("threads"),
           "Sums of bits and differences; writes the gradient of their weighted sum.");
     m.def("planes_values", &planes_values<T>, nb::arg("quats").noconvert(), nb::arg("log_scales").noconvert(),
@@ -463,7 +461,7 @@ void add(nb::module_& m, const char* frame_name) {
 NB_MODULE(_kernels, m) {
     // An autograd graph may still hold a frame when the interpreter exits; that is not worth a leak warning.
     nb::set_leak_warnings(false);
-    m.attr("interface") = 3;  // as KERNEL_INTERFACE in cpu.py: raise both when functions or their arguments change
+    m.attr("interface") = 4;  // as KERNEL_INTERFACE in cpu.py: raise both when functions or their arguments change
     m.doc() = "C++ kernels of the CPU rasterizer and of training; use studio.rasterizer and studio.training instead.";
     vs::add<float>(m, "FrameFloat");
     vs::add<double>(m, "FrameDouble");

@@ -16,12 +16,11 @@
 #include "backward.h"
 #include "blend.h"
 #include "buffers.h"
-#include "errors.h"
 #include "isa_namespace.h"
 #include "kernels.h"
-#include "parallel_for.h"
 #include "project.h"
 #include "simd.h"
+#include "threads.h"
 #include "tiles.h"
 
 namespace vs::VS_ISA {

@@ -3,6 +3,8 @@
 // finishes even if no worker wakes up.
 #pragma once
 
+#include "isa_namespace.h"
+
 namespace vs {
 
 using Task = void (*)(void* context, int task);
@@ -13,3 +15,13 @@ using Task = void (*)(void* context, int task);
 void run_tasks(int tasks, int threads, Task task, void* context);
 
 }  // namespace vs
+
+namespace vs::VS_ISA {
+
+// Calls body(i) for each i in [0, tasks) on up to `threads` threads; see run_tasks.
+template <typename F>
+VS_INLINE void parallel_for(int tasks, int threads, F& body) {
+    run_tasks(tasks, threads, [](void* context, int task) { (*static_cast<F*>(context))(task); }, &body);
+}
+
+}  // namespace vs::VS_ISA

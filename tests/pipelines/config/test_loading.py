@@ -34,8 +34,7 @@ def test_defaults_are_the_papers():
     assert (train.group_size, train.max_splats, train.prune_ratio) == (20, 100_000, 0.3)
     assert (train.motion_iterations, train.finetune_iterations) == (500, 2000)
     assert (train.dssim_weight, train.temporal_weight) == (0.2, 1e-3)
-    assert (train.hash_levels, train.hash_features) == (16, 4)
-    assert (train.mlp_width, train.mlp_layers) == (64, 2)
+    assert (train.hash_levels, train.mlp_width, train.mlp_layers) == (16, 64, 2)
 
 
 def test_the_entropy_weight_is_not_the_papers():

@@ -91,7 +91,7 @@ def test_sigterm_stops_in_training_and_run_goes_on(finished, project, start, cli
 
 
 def test_killed_inside_a_keyframe_goes_on_from_its_checkpoint(project, start, cli):
-    long = ("--train.keyframe_iterations", "250", "--train.checkpoint_every", "10", "--capture.stop", "2")
+    long = ("--train.keyframe_iterations", "1000", "--capture.stop", "2")
 
     def run(name: str) -> tuple:
         return ("run", project / "ball.yaml", "--take", project / name, "--json", *long)
@@ -114,7 +114,7 @@ def test_killed_inside_a_keyframe_goes_on_from_its_checkpoint(project, start, cl
 def test_killed_between_later_frames_goes_on_with_the_acceleration(project, start, cli):
     """The first guess of frame 4 takes frames 1, 2 and 3, which a resumed run has to read."""
     one_group = ("--train.group_size", "5", "--capture.stop", "5")
-    settings = (*one_group, "--train.motion_acceleration", "0.5", "--train.motion_half_size", "0.5")
+    settings = (*one_group, "--train.motion_acceleration", "0.5")
 
     def run(name: str) -> tuple:
         return ("run", project / "ball.yaml", "--take", project / name, "--json", *settings)

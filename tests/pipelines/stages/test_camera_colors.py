@@ -13,7 +13,6 @@ import pytest
 from pipelines.config import load_config, parse_override
 from pipelines.events import Warned
 from pipelines.events.cancellation import Cancellation
-from pipelines.events.event_types import Log
 from pipelines.runs.runner import run, status
 from pipelines.stages.camera_colors import ensure_camera_colors
 from pipelines.stages.inputs import Inputs
@@ -21,13 +20,16 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import read_json
 from pipelines.takes.take import Take
-from studio.color_fit import neutral
-from studio.training import FittedColors, TrainingView
-from studio.vignette import Vignette
 from tests.support.color_charts import matrices, view_of_chart
 from tests.support.errors import refuses
 
-OPTIONS = ("train.camera_colors=true", "train.camera_color_iterations=20", "train.camera_color_every=10")
+OPTIONS = ("train.camera_colors=true",)
+
+
+@pytest.fixture(autouse=True)
+def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studio.training.camera_colors.STEPS", 20)
+    monkeypatch.setattr("studio.training.camera_colors.EVERY", 10)
 
 
 @pytest.fixture
@@ -80,34 +82,6 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(uneven: Path) -> No
     assert (take.trained_frame(0, 0)).read_bytes() != first["frame_000000.safetensors"]
     config = load_config(uneven / "ball.yaml", [parse_override(text) for text in OPTIONS])
     assert status(take, config)["train"].state == "stale"
-
-
-def test_vignettes_are_kept_told_and_seen_in_all_frames(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """How they are found: `tests/studio/training/test_camera_colors.py`."""
-    vignette = Vignette(-0.2, -0.4, 0.5)
-
-    def found(views: list[TrainingView], *rest: object, **named: object) -> FittedColors:
-        vignettes = [vignette if view.camera.name == "cam2" else None for view in views]
-        return FittedColors(neutral().expand(len(views), 3, 4), tuple(vignettes))
-
-    monkeypatch.setattr("studio.training.fit_camera_colors", found)
-    shutil.copytree(finished, tmp_path / "project")
-    take, events = Take.open(tmp_path / "project" / "take"), []
-    config = load_config(tmp_path / "project" / "ball.yaml", [parse_override(text) for text in OPTIONS])
-    context = Inputs(take, config)
-    ensure_camera_colors(context, StageReporter("train", events.append), "key", Cancellation())
-    assert read_json(take.camera_colors)["vignettes"] == {"cam2": [-0.2, -0.4, 0.5]}
-    lines = [event.message for event in events if isinstance(event, Log)]
-    assert lines[-1].endswith("middle of the image: cam2 -20%")
-
-    for frame, colored in ((0, True), (3, True), (0, False)):
-        seen = training_views(
-            context, StageReporter("train", events.append), frame, lambda number, images: None, colored=colored
-        )
-        vignettes = {view.camera.name: view.vignette for view in seen if view.vignette is not None}
-        assert vignettes == ({"cam2": vignette} if colored else {})
 
 
 def test_without_the_first_groups_points_it_says_so(uneven: Path) -> None:

@@ -32,12 +32,12 @@ def views_of(project: Path, *options: str, details: int = 1, colored: bool = Tru
     return training_views(context, StageReporter("train"), 0, lambda number, images: None, colored=colored)
 
 
-HALF, CLOSER = "capture.scale=0.5", "train.full_size_details=true"
+HALF = "capture.scale=0.5"
 
 
 def test_details_are_also_seen_at_full_size(project: Path) -> None:
-    found = views_of(project, HALF, CLOSER)
-    assert len(found) == len(views_of(project, HALF))
+    found = views_of(project, HALF)
+    assert len(found) == 5
     for view in found:
         (closer,) = view.closer
         assert closer is not None
@@ -51,7 +51,7 @@ def test_details_are_also_seen_at_full_size(project: Path) -> None:
 
 
 def test_they_show_what_was_filmed(project: Path) -> None:
-    for filmed, view in zip(views_of(project, "train.crop_margin=10"), views_of(project, HALF, CLOSER), strict=True):
+    for filmed, view in zip(views_of(project, "train.crop_margin=10"), views_of(project, HALF), strict=True):
         (closer,) = view.closer
         assert closer is not None
         left, top = (round(float(filmed.camera.K[axis, 2] - closer.camera.K[axis, 2])) for axis in (0, 1))
@@ -61,14 +61,13 @@ def test_they_show_what_was_filmed(project: Path) -> None:
 
 
 def test_each_detail_has_its_own(project: Path) -> None:
-    assert {len(view.closer) for view in views_of(project, HALF, CLOSER, details=2)} == {2}
+    assert {len(view.closer) for view in views_of(project, HALF, details=2)} == {2}
 
 
-@pytest.mark.parametrize("options", [(CLOSER,), (HALF, "train.full_size_details=false")])
-def test_there_are_none_at_full_size_or_without_the_setting(project: Path, options: tuple[str, ...]) -> None:
-    assert not any(view.closer for view in views_of(project, *options))
+def test_there_are_none_at_full_size(project: Path) -> None:
+    assert not any(view.closer for view in views_of(project))
 
 
 def test_the_colors_of_cameras_do_not_depend_on_details(project: Path) -> None:
-    found = views_of(project, HALF, CLOSER, colored=False)
+    found = views_of(project, HALF, colored=False)
     assert not any(view.details or view.closer for view in found)

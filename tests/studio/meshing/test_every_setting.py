@@ -19,8 +19,6 @@ CHANGES: dict[str, Any] = {
     "points": 201,
     "resolution": 24,
     "tolerance": 0.0,
-    "min_view_share": 0.2,
-    "smoothing": 0.0,
     "max_faces": 200,
 }
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views, triton_backend
+from studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views
 from studio.rasterizer.triton_backend import Views, bin_splats, project_all
 from studio.rasterizer.types import Pinhole
 from tests.support.errors import refuses
@@ -33,28 +33,23 @@ def compare(helpers, splats, camera, **options) -> None:  # type: ignore[no-unty
         assert truth.gradients["means"].norm() > 0
 
 
-@pytest.mark.parametrize(("count", "degree", "log_scale"), [(1, 0, -2), (20, 3, -2), (6, 1, 1)])
+@pytest.mark.parametrize(("count", "degree", "log_scale"), [(1, 0, -2), (12, 3, -2)])
 def test_random_scenes(helpers, small, count, degree, log_scale) -> None:  # type: ignore[no-untyped-def]
     compare(helpers, helpers.splats(count, degree=degree, log_scale=log_scale), small, picture=True)
 
 
-def test_another_dilation(helpers, small) -> None:  # type: ignore[no-untyped-def]
-    compare(helpers, helpers.splats(20, degree=1, log_scale=-3, dilation=0.05), small)
-
-
 def test_splats_behind_and_beside_the_camera(helpers, small) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(30, spread=4.0, log_scale=-1.0)
+    splats = helpers.splats(16, spread=4.0, log_scale=-1.0)
     depth = (splats.means @ torch.tensor(small.rotation).T)[:, 2] + 3
-    assert (depth < 0).sum() > 3
+    assert (depth < 0).sum() > 1
     compare(helpers, splats, small)
 
 
-@pytest.mark.parametrize("alpha_max", [0.9])
-def test_clamped_splats_that_stop_pixels(helpers, small, alpha_max) -> None:  # type: ignore[no-untyped-def]
+def test_clamped_splats_that_stop_pixels(helpers, small) -> None:  # type: ignore[no-untyped-def]
     splats = helpers.splats(10, log_scale=-0.5)
     splats.logit_opacities[:] = 9.0
-    compare(helpers, splats, small, alpha_max=alpha_max)
-    assert helpers.draw(splats, small, "reference", alpha_max=alpha_max).alpha.max() > 0.999
+    compare(helpers, splats, small, alpha_max=0.9)
+    assert helpers.draw(splats, small, "reference", alpha_max=0.9).alpha.max() > 0.999
 
 
 def test_splats_of_equal_depth_keep_their_order(helpers) -> None:  # type: ignore[no-untyped-def]
@@ -136,15 +131,6 @@ def test_several_views_are_as_one_by_one(helpers, small) -> None:  # type: ignor
             assert getattr(one, name).abs().max() > 0
     for gradient, other in zip(gradients, expected, strict=True):
         torch.testing.assert_close(gradient, other, rtol=1e-4, atol=1e-5 * float(other.abs().max()))
-
-
-def test_more_views_than_a_call_takes(helpers, small, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(4).to(torch.float32)
-    cameras = [helpers.camera(20, 17, focal=20.0, turn=turn) for turn in (0.0, 0.3, 0.6)]
-    together = rasterize_views(splats, cameras, [None] * 3, backend="triton")
-    monkeypatch.setattr(triton_backend, "_VIEWS_AT_ONCE", 2)
-    parts = rasterize_views(splats, cameras, [None] * 3, backend="triton")
-    assert all(torch.equal(one.image, other.image) for one, other in zip(together, parts, strict=True))
 
 
 def test_colors_that_need_no_gradient(helpers, small) -> None:  # type: ignore[no-untyped-def]

@@ -30,7 +30,7 @@ def results(compiler: str, folder: Path, *emulator: str) -> np.ndarray:
     """What kernel_results.cpp writes, built with a compiler: float64."""
     program = folder / compiler
     sources = [HERE / "kernel_results.cpp"]
-    sources += [KERNELS / f"{name}.cpp" for name in ("isa_baseline", "threads", "buffers", "errors")]
+    sources += [KERNELS / f"{name}.cpp" for name in ("isa_baseline", "threads", "buffers")]
     command = [compiler, *OPTIONS, "-static", "-pthread", "-I", KERNELS, "-I", HERE, *sources, "-o", program]
     subprocess.run(command, check=True)
     return np.frombuffer(subprocess.run([*emulator, program], check=True, stdout=subprocess.PIPE).stdout, np.float64)

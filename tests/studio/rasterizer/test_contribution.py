@@ -31,9 +31,9 @@ def splats(count, seed=0):
 
 def test_weights_sum_to_alpha(camera):
     gaussians = splats(40)
-    found = contribution(gaussians, camera)
+    found = contribution(gaussians, [camera])
     assert found.shape == (40,)
-    assert found.sum() == pytest.approx(float(rasterize(gaussians, camera).alpha.sum()), rel=1e-4)
+    assert float(found.sum()) == pytest.approx(float(rasterize(gaussians, camera).alpha.sum()), rel=1e-4)
 
 
 def test_hidden_and_unseen_splats_add_nothing(camera):
@@ -41,6 +41,6 @@ def test_hidden_and_unseen_splats_add_nothing(camera):
     gaussians.means[:] = torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.0, 0.0, -3.0]])
     gaussians.log_scales[:] = torch.tensor([[-1.0], [-4.0], [-1.0]])
     gaussians.logit_opacities[:] = 8.0
-    front, hidden, behind = contribution(gaussians, camera)
+    front, hidden, behind = contribution(gaussians, [camera])
     assert behind == 0
     assert hidden < 0.01 * front

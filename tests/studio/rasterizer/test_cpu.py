@@ -28,30 +28,58 @@ def compare(helpers, splats, camera, **options) -> None:  # type: ignore[no-unty
     helpers.assert_same(single, truth, where=sturdy)
 
 
+Scene = tuple[dict[str, object], dict[str, object], dict[str, object]]
+SCENES: dict[str, Scene] = {
+    "one": ({"count": 1, "degree": 0}, {}, {}),
+    "none": ({"count": 0}, {}, {}),
+    "degree 3": ({"count": 50}, {}, {}),
+    "degree 2": ({"count": 300, "degree": 2, "log_scale": -1}, {}, {}),
+    "many": ({"count": 1000, "log_scale": -3.5}, {}, {}),
+    "large": ({"count": 37, "log_scale": 1}, {}, {}),
+    "huge": ({"count": 20, "log_scale": 4.0}, {}, {}),
+    "tiny": ({"count": 200, "log_scale": -14.0}, {}, {}),
+    "around the camera": ({"count": 200, "spread": 4.0, "log_scale": -1.0}, {}, {}),
+    "little dilation": ({"count": 300, "log_scale": -4, "dilation": 0.001}, {}, {}),
+    "much dilation": ({"count": 300, "log_scale": -4, "dilation": 1.0}, {}, {}),
+    "image alone": ({"count": 80}, {}, {"outputs": ("image",)}),
+    "alpha alone": ({"count": 80}, {}, {"outputs": ("alpha",)}),
+    "depth alone": ({"count": 80}, {}, {"outputs": ("depth",)}),
+    "an image as background": ({"count": 120}, {}, {"outputs": ("image", "alpha"), "picture": True}),
+    "one pixel": ({"count": 40, "log_scale": -2}, {"width": 1, "height": 1, "focal": 40.0}, {}),
+    "one tile": ({"count": 40, "log_scale": -2}, {"width": 32, "height": 32, "focal": 40.0}, {}),
+    "cut tiles": ({"count": 40, "log_scale": -2}, {"width": 33, "height": 65, "focal": 40.0}, {}),
+    "principal point outside": (
+        {"count": 400, "spread": 3.0, "log_scale": -2.0},
+        {"principal": (-70.0, -30.0), "distance": 6.0},
+        {},
+    ),
+    "principal point far below": (
+        {"count": 400, "spread": 3.0, "log_scale": -2.0},
+        {"principal": (36.3, 400.0), "distance": 6.0},
+        {},
+    ),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_scenes(helpers, scene) -> None:
+    splats, camera, options = scene
+    compare(helpers, helpers.splats(**splats), helpers.camera(**camera), **options)
+
+
 @pytest.mark.parametrize(
-    ("count", "degree", "log_scale"), [(1, 0, -3), (50, 3, -3), (300, 1, -3), (300, 2, -1), (1500, 3, -3.5), (37, 3, 1)]
+    ("attribute", "part", "value"),
+    [
+        ("log_scales", slice(None), (0.0, -9.0, -9.0)),  # needles
+        ("log_scales", slice(None), (-0.5, -12.0, -1.0)),  # sheets
+        ("logit_opacities", slice(0, None, 3), 60.0),
+        ("logit_opacities", slice(1, None, 3), -60.0),
+    ],
 )
-def test_random_scenes(helpers, count, degree, log_scale) -> None:
-    compare(helpers, helpers.splats(count, degree=degree, log_scale=log_scale), helpers.camera())
-
-
-@pytest.mark.parametrize("dilation", [0.001, 0.1, 1.0])
-def test_other_dilations(helpers, dilation) -> None:
-    compare(helpers, helpers.splats(300, log_scale=-4, dilation=dilation), helpers.camera())
-
-
-@pytest.mark.parametrize("outputs", [("image",), ("alpha",), ("depth",), ("image", "depth")])
-def test_gradients_of_each_output_alone(helpers, outputs) -> None:
-    compare(helpers, helpers.splats(80), helpers.camera(), outputs=outputs)
-
-
-@pytest.mark.parametrize("outputs", [("image",), ("image", "alpha")])
-def test_a_picture_as_background(helpers, outputs) -> None:
-    compare(helpers, helpers.splats(120), helpers.camera(), outputs=outputs, picture=True)
-
-
-def test_no_splats(helpers) -> None:
-    compare(helpers, helpers.splats(0), helpers.camera())
+def test_extreme_shapes_and_opacities(helpers, attribute, part, value) -> None:
+    splats = helpers.splats(60)
+    getattr(splats, attribute)[part] = torch.tensor(value, dtype=torch.float64)
+    compare(helpers, splats, helpers.camera())
 
 
 def test_nothing_in_sight(helpers) -> None:
@@ -63,40 +91,6 @@ def test_nothing_in_sight(helpers) -> None:
     assert all(drawn.gradients[name].abs().max() == 0 for name in ("means", "quats", "log_scales", "sh"))
 
 
-def test_splats_behind_and_beside_the_camera(helpers) -> None:
-    splats = helpers.splats(200, spread=4.0, log_scale=-1.0)
-    depth = (splats.means @ torch.tensor(helpers.camera().rotation).T)[:, 2] + 3
-    assert (depth < 0).sum() > 20
-    compare(helpers, splats, helpers.camera())
-
-
-def test_huge_splats(helpers) -> None:
-    compare(helpers, helpers.splats(20, log_scale=4.0), helpers.camera())
-
-
-def test_tiny_splats(helpers) -> None:
-    compare(helpers, helpers.splats(200, log_scale=-14.0), helpers.camera())
-
-
-def test_needles(helpers) -> None:
-    splats = helpers.splats(100)
-    splats.log_scales[:] = torch.tensor([0.0, -9.0, -9.0], dtype=torch.float64)
-    compare(helpers, splats, helpers.camera())
-
-
-def test_sheets(helpers) -> None:
-    splats = helpers.splats(60)
-    splats.log_scales[:] = torch.tensor([-0.5, -12.0, -1.0], dtype=torch.float64)
-    compare(helpers, splats, helpers.camera())
-
-
-def test_opacity_zero_and_one(helpers) -> None:
-    splats = helpers.splats(60)
-    splats.logit_opacities[::3] = 60.0
-    splats.logit_opacities[1::3] = -60.0
-    compare(helpers, splats, helpers.camera())
-
-
 def test_on_the_border_and_on_tile_edges(helpers) -> None:
     """Means exactly on the image corners and on tile boundaries (32 pixels here, 16 in the reference)."""
     camera = helpers.camera(96, 64, focal=64.0, principal=(32.0, 32.0), turn=0.0, distance=4.0)
@@ -106,17 +100,6 @@ def test_on_the_border_and_on_tile_edges(helpers) -> None:
         splats.means[i] = torch.tensor([(x - 32) / 64 * 4, (y - 32) / (64 * 1.03) * 4, 0.001 * i])
     splats = splats.map(lambda tensor: tensor.float().double())
     compare(helpers, splats, camera)
-
-
-@pytest.mark.parametrize("size", [(1, 1), (4, 2), (5, 3), (32, 32), (33, 65)])
-def test_image_sizes(helpers, size) -> None:
-    compare(helpers, helpers.splats(40, log_scale=-2), helpers.camera(*size, focal=40.0))
-
-
-@pytest.mark.parametrize("principal", [(-70.0, -30.0), (150.0, 20.0), (36.3, 400.0)])
-def test_principal_point_outside(helpers, principal) -> None:
-    camera = helpers.camera(principal=principal, distance=6.0)
-    compare(helpers, helpers.splats(400, spread=3.0, log_scale=-2.0), camera)
 
 
 def test_a_crop_equals_that_part_of_the_full_image(helpers) -> None:
@@ -155,7 +138,7 @@ def test_screen_offsets_move_splats(helpers) -> None:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_same_bits_for_any_number_of_threads(helpers, dtype) -> None:
-    splats, camera = helpers.splats(3000), helpers.camera(200, 150, focal=150.0)
+    splats, camera = helpers.splats(1500), helpers.camera(200, 150, focal=150.0)
     before = torch.get_num_threads()
     try:
         runs = []
@@ -196,7 +179,7 @@ def test_instruction_sets_agree(helpers) -> None:
         kernels.use_instruction_set("mmx")
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("attribute", ["means", "quats", "log_scales", "logit_opacities", "sh"])
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
 def test_a_value_that_is_not_finite(helpers, attribute, value, backend) -> None:
@@ -208,8 +191,6 @@ def test_a_value_that_is_not_finite(helpers, attribute, value, backend) -> None:
         rasterize(broken, camera, backend=backend, checked=True)
     if attribute == "logit_opacities" and value == math.inf:
         return  # opacity 1 is valid
-    if attribute == "log_scales" and value == -math.inf:
-        return  # zero thickness is valid
     rest = splats[torch.arange(40) != 7]
     drawn, truth = helpers.draw(broken, camera, backend), helpers.draw(rest, camera, backend)
     torch.testing.assert_close(drawn.image, truth.image)
@@ -248,13 +229,6 @@ def test_extreme_values_neither_crash_nor_hang(helpers) -> None:
     assert render.image.shape == (49, 75, 3)
 
 
-def test_views_of_other_tensors(helpers) -> None:
-    camera, splats = helpers.camera(), helpers.splats(30)
-    table = torch.cat([splats.means, splats.quats, splats.log_scales, splats.logit_opacities[:, None]], 1)
-    strided = Gaussians(table[:, :3], table[:, 3:7], table[:, 7:10], table[:, 10], splats.sh.flip(0).flip(0))
-    assert torch.equal(rasterize(strided, camera, backend="cpu").image, rasterize(splats, camera, backend="cpu").image)
-
-
 def test_no_gradient_where_none_is_required(helpers) -> None:
     camera, splats = helpers.camera(), helpers.splats(30)
     assert not rasterize(splats, camera, backend="cpu").image.requires_grad
@@ -271,9 +245,8 @@ def test_no_gradient_where_none_is_required(helpers) -> None:
 ATTRIBUTES = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@pytest.mark.parametrize("degree", [0, 1])
-@pytest.mark.parametrize("outputs", [("image",), ("image", "alpha"), ("image", "depth")])
+@pytest.mark.parametrize(("dtype", "degree"), [(torch.float32, 1), (torch.float64, 0)])
+@pytest.mark.parametrize("outputs", [("image",), ("image", "depth")])
 @pytest.mark.parametrize("trained", [("means",), ("quats", "log_scales"), ("means", "logit_opacities"), ("sh",)])
 def test_gradients_of_some_attributes_alone(helpers, dtype, degree, outputs, trained) -> None:
     """The kernels leave out what only the other gradients need. All of them are checked against the reference above."""
@@ -307,7 +280,7 @@ def test_several_python_threads_at_once(helpers) -> None:
     wrong: list[int] = []
 
     def work(number: int) -> None:
-        for _ in range(20):
+        for _ in range(8):
             if not torch.equal(rasterize(splats, camera, backend="cpu").image, truth):
                 wrong.append(number)
 

@@ -42,7 +42,7 @@ def build(helpers, scene):  # type: ignore[no-untyped-def]
 COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture], "derandomize": True}
 
 
-@settings(max_examples=60, **COMMON)  # type: ignore[arg-type]
+@settings(max_examples=40, **COMMON)  # type: ignore[arg-type]
 @given(scene=scenes())
 def test_double_precision(helpers, scene) -> None:  # type: ignore[no-untyped-def]
     splats, camera = build(helpers, scene)
@@ -52,7 +52,7 @@ def test_double_precision(helpers, scene) -> None:  # type: ignore[no-untyped-de
     torch.testing.assert_close(ours.radii, truth.radii)
 
 
-@settings(max_examples=60, **COMMON)  # type: ignore[arg-type]
+@settings(max_examples=40, **COMMON)  # type: ignore[arg-type]
 @given(scene=scenes())
 def test_single_precision(helpers, scene) -> None:  # type: ignore[no-untyped-def]
     splats, camera = build(helpers, scene)
@@ -64,7 +64,7 @@ def test_single_precision(helpers, scene) -> None:  # type: ignore[no-untyped-de
     helpers.assert_same(ours, truth, where=sturdy, gradient=max(1e-3, 1e-5 / (1 - scene["alpha_max"])))
 
 
-@settings(max_examples=30, **COMMON)  # type: ignore[arg-type]
+@settings(max_examples=20, **COMMON)  # type: ignore[arg-type]
 @given(scene=scenes())
 def test_alpha_and_depth_are_within_bounds(helpers, scene) -> None:  # type: ignore[no-untyped-def]
     """Blending is a weighted mean: alpha is between 0 and 1, and depth between those of the visible splats."""

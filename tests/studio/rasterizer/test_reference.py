@@ -131,7 +131,7 @@ def test_covariance_is_that_of_projected_samples(helpers) -> None:  # type: igno
         w, *v = (splats.quats[i] / splats.quats[i].norm()).tolist()
         v = np.array(v)
         axes = np.stack([e + 2 * np.cross(v, np.cross(v, e) + w * e) for e in np.eye(3)], axis=1)
-        local = rng.standard_normal((400_000, 3)) * splats.scales[i].numpy()
+        local = rng.standard_normal((200_000, 3)) * splats.scales[i].numpy()
         pixels, depth = camera.project(local @ axes.T + splats.means[i].numpy())
         np.testing.assert_allclose(pixels.mean(0), means2d[i], atol=0.05)
         np.testing.assert_allclose(depth.mean(), depths[i], rtol=1e-3)
@@ -193,24 +193,16 @@ def test_color_is_never_negative() -> None:
     assert sh_colors(torch.tensor([[0.0, 0, 1]]), sh).tolist() == [[0, 0, 0]]
 
 
-def test_a_crop_equals_that_part_of_the_full_image(helpers) -> None:  # type: ignore[no-untyped-def]
-    camera, splats = helpers.camera(), helpers.splats(60)
-    whole = rasterize(splats, camera, backend="reference")
-    part = rasterize(splats, camera.cropped(20, 10, 33, 21), backend="reference")
-    torch.testing.assert_close(part.image, whole.image[10:31, 20:53], atol=1e-4, rtol=0)
-
-
-@pytest.mark.parametrize("dilation", [0.3, 0.05])
-def test_gradcheck(helpers, dilation) -> None:  # type: ignore[no-untyped-def]
-    camera = helpers.camera(9, 7, focal=9.0)
-    splats = helpers.splats(6, degree=3, log_scale=-1.5, opacity=1.0)
+def test_gradcheck(helpers) -> None:  # type: ignore[no-untyped-def]
+    camera = helpers.camera(6, 5, focal=6.0)
+    splats = helpers.splats(4, degree=2, log_scale=-1.5, opacity=1.0, dilation=0.05)
     leaves = [tensor.requires_grad_() for _, tensor in splats.items()]
-    offsets = torch.zeros(6, 2, dtype=torch.float64, requires_grad=True)
+    offsets = torch.zeros(4, 2, dtype=torch.float64, requires_grad=True)
     background = torch.tensor([0.3, 0.6, 0.1], dtype=torch.float64, requires_grad=True)
 
     def function(*values: torch.Tensor) -> tuple[torch.Tensor, ...]:
         *attributes, shift, behind = values
-        render = rasterize(Gaussians(*attributes, dilation), camera, behind, backend="reference", screen_offsets=shift)
+        render = rasterize(Gaussians(*attributes, 0.05), camera, behind, backend="reference", screen_offsets=shift)
         return render.image, render.alpha, render.depth
 
     assert torch.autograd.gradcheck(function, (*leaves, offsets, background))

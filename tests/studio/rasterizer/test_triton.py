@@ -17,12 +17,11 @@ from tests.support.triton import compile_kernels, needs_triton, run_interpreted
 
 @needs_triton
 def test_the_interpreted_kernels_against_the_reference() -> None:
-    run_interpreted(Path(__file__).with_name("interpreted_triton.py"), 16)
+    run_interpreted([Path(__file__).with_name("interpreted_triton.py")], 13)
 
 
 @needs_triton
-@pytest.mark.parametrize("capability", [80, 90])
-def test_the_kernels_compile_for_gpus(capability: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_kernels_compile_for_a_gpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
     from studio.rasterizer import triton_kernels, triton_project_kernels
     from studio.rasterizer.triton_backend import BACKWARD_WARPS, FORWARD_WARPS, PROJECT_WARPS
@@ -34,33 +33,30 @@ def test_the_kernels_compile_for_gpus(capability: int, tmp_path: Path, monkeypat
         **dict.fromkeys(("alpha_max", "near", "dilation"), "fp32"),
     }
     warps = {"blend_tile": FORWARD_WARPS, "blend_tile_backward": BACKWARD_WARPS, "sum_pairs": 1}
-    compile_kernels(triton_kernels, types, warps, capability)
-    degrees = ((1, 1), (4, 4), (9, 16), (16, 16)) if capability == 80 else ((16, 16),)
+    compile_kernels(triton_kernels, types, warps, 80)
+    degrees = ((1, 1), (16, 16))
     variants = {
-        "project_splats": [{"COEFFICIENTS": count, "OFFSETS": count == 4} for count, _ in degrees],
+        "project_splats": [{"COEFFICIENTS": count, "OFFSETS": count == 1} for count, _ in degrees],
         "project_splats_backward": [
-            {"COEFFICIENTS": count, "PADDED": padded, "COLORS": colors}
-            for count, padded in degrees
-            for colors in (True, False)
+            {"COEFFICIENTS": count, "PADDED": padded, "COLORS": count == 16} for count, padded in degrees
         ],
     }
-    compile_kernels(triton_project_kernels, types, dict.fromkeys(variants, PROJECT_WARPS), capability, variants)
+    compile_kernels(triton_project_kernels, types, dict.fromkeys(variants, PROJECT_WARPS), 80, variants)
 
 
 @needs_triton
-@pytest.mark.parametrize("number", range(16))
-def test_spherical_harmonics_and_their_derivatives(number: int) -> None:
+def test_spherical_harmonics_and_their_derivatives() -> None:
     from studio.rasterizer import triton_project_kernels
 
     generator = torch.Generator().manual_seed(2)
     directions = torch.nn.functional.normalize(torch.randn(20, 3, generator=generator, dtype=torch.float64), dim=-1)
     leaf = directions.clone().requires_grad_()
-    expected = sh_basis(leaf, 3)[:, number]
-    value, *slopes = triton_project_kernels._harmonic.fn(*directions.unbind(-1), number)
-    torch.testing.assert_close(value, expected.detach())
-    if number:  # the first one is constant
-        (gradient,) = torch.autograd.grad(expected.sum(), leaf)
-        torch.testing.assert_close(torch.stack(slopes, -1), gradient)
+    for number, expected in enumerate(sh_basis(leaf, 3).unbind(-1)):
+        value, *slopes = triton_project_kernels._harmonic.fn(*directions.unbind(-1), number)
+        torch.testing.assert_close(value, expected.detach())
+        if number:  # the first one is constant
+            (gradient,) = torch.autograd.grad(expected.sum(), leaf, retain_graph=True)
+            torch.testing.assert_close(torch.stack(slopes, -1), gradient)
 
 
 @pytest.mark.parametrize(

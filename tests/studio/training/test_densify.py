@@ -106,8 +106,9 @@ def test_faint_and_huge_splats_are_removed() -> None:
     assert len(control.state()["seen"]) == 1
 
 
-def test_when_it_densifies_and_resets() -> None:
-    chosen = settings(densify_from=10, densify_until=41, densify_every=10, opacity_reset_every=15)
+def test_when_it_densifies_and_resets(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studio.training.densify.RESET_EVERY", 15)
+    chosen = settings(densify_from=10, densify_until=41, densify_every=10)
     optimizer = scene([0.001])
     control = DensityControl(1, EXTENT, chosen, torch.device("cpu"))
     grown, reset = [], []

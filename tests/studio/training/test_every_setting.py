@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -20,15 +19,7 @@ from studio.chroma import ChromaSampling
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.settings import affected
-from studio.training import (
-    LearningRates,
-    TrainingView,
-    TrainSettings,
-    fit_camera_colors,
-    train_interframe,
-    train_keyframe,
-)
-from studio.training.camera_colors import camera_colors
+from studio.training import LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
 from tests.studio.training.test_group import HEIGHT, SHIFT, WIDTH, ball, cameras
 from tests.support.color_charts import matrices, view_of_chart, write_charts
 
@@ -43,23 +34,11 @@ BASE: dict[str, Any] = {
     "max_splats": 5000,
     "sh_degree": 1,
     "sh_degree_every": 4,
-    "opacity_reset_every": 7,
     "motion_iterations": 3,
     "motion_views": 2,
     "finetune_iterations": 4,
     "hash_levels": 3,
-    "hash_log2_size": 8,
     "mlp_width": 16,
-    "camera_color_iterations": 6,
-    "camera_color_every": 3,
-}
-MCMC = {"strategy": "mcmc", "densify_max_splats": 600}
-REFINED = {
-    "rates.opacity": 0.5,
-    "refine_masks": "auto",
-    "refine_above": 0.0,
-    "refine_moved_below": 1e9,
-    "refine_every": 2,
 }
 
 CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
@@ -72,56 +51,32 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "dropout": (0.4, {}),
     "dilation": (0.1, {}),
     "refine_masks": ("always", {}),
-    "refine_above": (1e6, REFINED),
-    "refine_moved_below": (1e-6, REFINED),
-    "refine_every": (3, REFINED),
-    "refined_alpha_weight": (0.3, REFINED),
     "chroma_siting": ("center", {}),
     "final_iterations": (2, {}),
-    "final_dropout": (0.0, {"final_iterations": 2}),
     "keyframe_iterations": (13, {}),
     "strategy": ("mcmc", {"densify_max_splats": 600}),
-    "mcmc_noise": (50.0, MCMC),
-    "relocate_ratio": (0.3, {"strategy": "error"}),
     "densify_from": (7, {}),
     "densify_until": (4, {}),
     "densify_every": (3, {}),
     "densify_gradient": (1.0, {}),
     "densify_max_splats": (301, {}),
-    "opacity_reset_every": (1000, {}),
     "sh_degree_every": (6, {}),
     "prune_by": ("contribution", {}),
     "prune_ratio": (0.4, {}),
-    "prune_rounds": (2, {}),
     "max_splats": (150, {}),
     "prune_finetune_iterations": (5, {}),
     "motion_iterations": (5, {}),
     "motion_first_iterations": (6, {}),
     "motion_learning_rate": (1e-2, {}),
     "motion_views": (3, {}),
-    "motion_velocity": (False, {}),
-    "motion_velocity_neighbors": (0, {}),
-    "motion_half_size": (0.5, {}),
-    "motion_warm_start": (True, {}),
-    "motion_neighbors": (6, {}),
     "hash_levels": (4, {}),
-    "hash_features": (2, {}),
-    "hash_log2_size": (6, {}),
-    "hash_base_resolution": (8, {}),
-    "hash_growth": (2.0, {}),
     "mlp_width": (32, {}),
     "mlp_layers": (3, {}),
     "finetune_iterations": (6, {}),
-    "finetune_rate_final": (0.05, {}),
     "finetune_means": (True, {}),
     "entropy_weight": (1.0, {}),
     "temporal_weight": (1.0, {}),
-    "temporal_huber": (2.0, {"temporal_weight": 1.0}),
-    "regularize": ("motion", {"entropy_weight": 1.0}),
-    "simulate_quantization": (True, {}),
     "rates.means": (1e-3, {}),
-    "rates.means_final": (1e-4, {}),
-    "rates.means_finetune": (1e-3, {"finetune_means": True}),
     "rates.sh_dc": (1e-2, {}),
     "rates.sh_rest": (1e-2, {}),
     "rates.opacity": (0.1, {}),
@@ -186,9 +141,7 @@ def trained(chosen: TrainSettings) -> str:
     """Digest of a keyframe and two later frames."""
     first = keyframe(chosen)
     second = train_interframe(first, views(1), chosen, seed=2)
-    third = train_interframe(
-        second.gaussians, views(2), chosen, before_previous=first, warm_start=second.motion, seed=3
-    )
+    third = train_interframe(second.gaussians, views(2), chosen, before_previous=first, seed=3)
     return digest([first, second.gaussians, third.gaussians])
 
 
@@ -222,52 +175,10 @@ def _crop() -> bool:
     return seen[0].image.shape != seen[1].image.shape
 
 
-@observed_by("full_size_details")
-def _full_size_details() -> bool:
-    """In a take: `tests/pipelines/stages/test_training_views.py`. Here, that a view can be of a part alone."""
-    seen = [TrainingView.from_view(captured(), crop_margin=0.3, box=one) for one in (None, (5, 6, 7, 8))]
-    return seen[0].image.shape != seen[1].image.shape == (8, 7, 3)
-
-
 @observed_by("use_plates")
 def _plates() -> bool:
     seen = [TrainingView.from_view(captured(), use_plate=settings(use_plates=one).use_plates) for one in (True, False)]
     return not torch.equal(seen[0].composited(torch.zeros(3)), seen[1].composited(torch.zeros(3)))
-
-
-@observed_by("checkpoint_every")
-def _checkpoints() -> bool:
-    counts = []
-    for every in (2, 5):
-        steps: list[int] = []
-        chosen = settings(checkpoint_every=every)
-        train_keyframe(views(0), *points(), chosen, checkpoint=lambda step, state, to=steps: to.append(step))
-        counts.append(steps)
-    return counts[0] != counts[1] and bool(counts[1])
-
-
-def _colors(**changes: Any) -> torch.Tensor:
-    seen = [view.with_color(torch.eye(3, 4)) for view in views(0)]
-    return fit_camera_colors(seen, *points(), settings(**changes), seed=1).matrices
-
-
-@observed_by("camera_color_iterations")
-def _color_steps() -> bool:
-    return not torch.equal(_colors(), _colors(camera_color_iterations=8))
-
-
-@observed_by("camera_color_every")
-def _color_fits() -> bool:
-    return not torch.equal(_colors(), _colors(camera_color_every=2))
-
-
-@observed_by("camera_vignettes")
-def _camera_vignettes() -> bool:
-    """Here, that the fit is told; what it does: `test_camera_colors.py`."""
-    with mock.patch("studio.training.camera_colors.camera_colors", wraps=camera_colors) as fit:
-        for wanted in (True, False):
-            _colors(camera_vignettes=wanted, camera_color_every=6)
-    return [call.args[2] for call in fit.call_args_list] == [True, False]
 
 
 @observed_by("camera_colors")
@@ -286,13 +197,13 @@ def test_all_frames_keep_the_dilation_that_they_were_trained_with() -> None:
 
 
 def test_a_resumed_keyframe_keeps_its_dilation() -> None:
-    chosen = settings(dilation=0.1, checkpoint_every=7, refine_masks="always")
+    chosen = settings(dilation=0.1, refine_masks="always")
     kept: dict[int, dict[str, torch.Tensor]] = {}
 
     def keep(step: int, state: dict[str, torch.Tensor]) -> None:
         kept[step] = {name: value.clone() for name, value in state.items()}
 
-    whole = train_keyframe(views(0), *points(), chosen, seed=1, checkpoint=keep)
+    whole = train_keyframe(views(0), *points(), chosen, seed=1, checkpoint=keep, checkpoint_every=7)
     resumed = train_keyframe(views(0), *points(), chosen, seed=1, resume=kept[14])
     assert float(kept[14]["refinement.splats.dilation"]) == 0.1
     assert digest([whole]) == digest([resumed])

@@ -1,24 +1,29 @@
-"""The kernel of the motion field against its PyTorch definition."""
+"""The predicted motion, and the kernel of the motion field against its PyTorch definition."""
+
+from dataclasses import replace
 
 import pytest
 import torch
 
 from studio.rasterizer import set_kernel_threads
-from studio.training.motion import MotionField
-from studio.training.settings import TrainSettings
+from studio.training.hashgrid import HashGrid
+from studio.training.motion import MotionField, predicted_means
+from tests.studio.training.test_group import SHIFT, ball
 
 SIZES = {
-    "demo": {"hash_levels": 6},
-    "deep": {"hash_levels": 3, "hash_features": 3, "mlp_width": 20, "mlp_layers": 3, "hash_log2_size": 6},
-    "shallow": {"hash_levels": 1, "hash_features": 16, "mlp_width": 17, "mlp_layers": 1},
+    "demo": {"levels": 6},
+    "deep": {"levels": 3, "features": 3, "log2_size": 6, "width": 20, "layers": 3},
+    "shallow": {"levels": 1, "features": 16, "width": 17, "layers": 1},
 }
 
 
-def field_and_means(dtype: torch.dtype, count: int, **sizes: int) -> tuple[MotionField, torch.Tensor]:
+def field_and_means(
+    dtype: torch.dtype, count: int, width: int = 64, layers: int = 2, **grid: int
+) -> tuple[MotionField, torch.Tensor]:
     random = torch.Generator().manual_seed(3)
     means = torch.rand(count, 3, generator=random, dtype=torch.float64) * torch.tensor([1.0, 2.0, 0.5])
-    settings = TrainSettings(**{"hash_log2_size": 9, **sizes})
-    field = MotionField(means.amin(0), means.amax(0), settings, random).to(dtype)
+    hash_grid = HashGrid(**{"log2_size": 9, **grid}, generator=random)  # type: ignore[arg-type]
+    field = MotionField(means.amin(0), means.amax(0), hash_grid, width, layers, random).to(dtype)
     with torch.no_grad():  # as after some training; the first field is zero
         for parameter in field.parameters():
             parameter.copy_(torch.randn(parameter.shape, generator=random) * 0.3)
@@ -46,15 +51,15 @@ def test_the_kernel_equals_the_definition(sizes: dict[str, int], count: int) -> 
 
 @pytest.mark.usefixtures("instruction_set")
 def test_float32_is_as_accurate_as_the_definition() -> None:
-    exact = both(*field_and_means(torch.float64, 1601, hash_levels=6))[1]
-    fused, plain = both(*field_and_means(torch.float32, 1601, hash_levels=6))
+    exact = both(*field_and_means(torch.float64, 1601, levels=6))[1]
+    fused, plain = both(*field_and_means(torch.float32, 1601, levels=6))
     for value, reference, right in zip(fused, plain, exact, strict=True):
         error, usual = ((one - right).norm() / right.norm() for one in (value.double(), reference.double()))
         assert float(error) < max(4 * float(usual), 2e-6)
 
 
 def test_any_number_of_threads_gives_the_same_bits() -> None:
-    field, means = field_and_means(torch.float32, 5000, hash_levels=6)
+    field, means = field_and_means(torch.float32, 5000, levels=6)
     try:
         results = []
         for threads in (1, 3):
@@ -63,3 +68,29 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
     finally:
         set_kernel_threads(None)
     assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+
+
+def test_the_prediction_continues_velocity_and_part_of_the_acceleration() -> None:
+    third, older, previous = (ball(place * SHIFT) for place in (0, 1, 3))
+    assert predicted_means(previous, None, None, 0.5) is previous.means
+    for earlier, acceleration, shift in ((third, 0.5, 2.5), (third, 0.0, 2.0), (None, 0.5, 2.0)):
+        moved = predicted_means(previous, older, earlier, acceleration)
+        assert torch.allclose(moved, previous.means + shift * SHIFT, atol=1e-6)  # moved by 1, then by 2
+
+
+def test_splats_that_are_too_faint_to_be_rendered_are_predicted_to_stay() -> None:
+    previous, older = ball(torch.zeros(3)), ball(-SHIFT)
+    faint = torch.arange(len(previous)) < 10
+    logits = torch.where(faint, torch.logit(torch.tensor(0.0025)), previous.logit_opacities)
+    moved = predicted_means(replace(previous, logit_opacities=logits), older, None, 0.0)
+    assert torch.equal(moved[faint], previous.means[faint])
+    assert torch.allclose(moved[~faint], previous.means[~faint] + SHIFT, atol=1e-6)
+
+
+def test_the_predicted_velocity_has_less_noise_than_that_of_single_splats() -> None:
+    previous, older = ball(torch.zeros(3)), ball(-SHIFT)
+    noise = 0.3 * SHIFT.norm() * torch.randn(previous.means.shape, generator=torch.Generator().manual_seed(5))
+    moved = predicted_means(previous, replace(older, means=older.means + noise), None, 0.0)
+    error = (moved - previous.means - SHIFT).norm(dim=-1).mean()
+    # the median of 25 Gaussian values has a quarter of their deviation
+    assert error < 0.35 * noise.norm(dim=-1).mean()

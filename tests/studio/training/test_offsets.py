@@ -12,7 +12,7 @@ from tests.studio.training.test_group import ball, views
 from tests.support.errors import refuses
 
 MOVES = (torch.zeros(3), torch.tensor([0.1, 0.0, 0.05]))
-SETTINGS = TrainSettings(dropout=0.0, checkpoint_every=5, rates=LearningRates(scale=0.05))
+SETTINGS = TrainSettings(dropout=0.0, rates=LearningRates(scale=0.05))
 KEPT = torch.arange(0, 300, 3)
 
 
@@ -53,7 +53,7 @@ def test_offsets_resume_from_each_checkpoint_bit_for_bit(frames, seen):
     def keep(step, state):
         kept[step] = {name: value.clone() for name, value in state.items()}
 
-    whole = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, checkpoint=keep)
+    whole = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, checkpoint=keep, checkpoint_every=5)
     assert list(kept) == [5, 10]
     for state in kept.values():
         resumed = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, resume=state)

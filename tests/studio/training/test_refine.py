@@ -13,10 +13,9 @@ import torch
 from studio.cameras import Camera
 from studio.chroma import ChromaSampling, resampled
 from studio.gaussians import Gaussians
-from studio.training import LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
-from studio.training.chroma_siting import chroma_shift
+from studio.training import LearningRates, TrainingView, TrainSettings, refine, train_interframe, train_keyframe
 from studio.training.keyframe import Checkpoint
-from studio.training.refine import Refinement, disagreement, drawn_mask, sharpened
+from studio.training.refine import Refinement, chroma_shift, disagreement, drawn_mask, sharpened
 from studio.training.step import Stepper
 from tests.studio.training.test_group import HEIGHT, WIDTH, cameras
 
@@ -28,12 +27,16 @@ SETTINGS = TrainSettings(
     opacity_reg=0.0,
     refine_masks="auto",
     chroma_siting="auto",
-    refine_above=0.65,  # the pictures are small, and outlines soft
-    refine_every=25,
     final_iterations=40,
     rates=LearningRates(opacity=0.15, means=2e-4),
-    checkpoint_every=0,
 )
+
+
+@pytest.fixture(autouse=True)
+def constants_for_small_images(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The images are small, and outlines soft."""
+    monkeypatch.setattr(refine, "REFINE_ABOVE", 0.65)
+    monkeypatch.setattr(refine, "REFINE_EVERY", 25)
 
 
 def box(x: int, y: int, width: int, height: int) -> torch.Tensor:
@@ -126,15 +129,13 @@ def test_refined_masks_are_closer_to_the_truth(plates: bool) -> None:
     assert refined < (0.85 if plates else 0.97) * given
 
 
-def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians) -> None:
+def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refine, "REFINE_MOVED_BELOW", 2.0)
     views, exact = shadowed(plates=False)
     settings = SETTINGS.replace(
         alpha_weight=1.0,
-        refine_moved_below=2.0,
         motion_iterations=0,
         finetune_iterations=60,
-        hash_levels=4,
-        hash_log2_size=8,
     )
 
     def error(which: TrainSettings) -> float:
@@ -153,17 +154,19 @@ def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
         refinement = Refinement(stepper, SETTINGS)
         refinement.begin(trained)
         assert refinement.refined == refined
-        assert stepper.alpha_weight == SETTINGS.refined_alpha_weight
+        assert stepper.alpha_weight == refine.REFINED_ALPHA_WEIGHT
         found = [view.mask for view in stepper.views]
         assert errors(found, exact) <= errors(masks, exact)
         assert all(torch.equal(one, other) for one, other in zip(found, masks, strict=True)) != refined
 
 
-def test_splats_that_were_moved_badly_do_not_replace_masks(trained: Gaussians) -> None:
+def test_splats_that_were_moved_badly_do_not_replace_masks(trained: Gaussians, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refine, "REFINE_ABOVE", 0.0)
+    monkeypatch.setattr(refine, "REFINE_MOVED_BELOW", 0.8)
     views, exact = shadowed(plates=True)
     views = [view.with_mask(mask) for view, mask in zip(views, exact, strict=True)]
     stepper = Stepper(views, SETTINGS, torch.Generator())
-    refinement = Refinement(stepper, SETTINGS.replace(refine_above=0.0, refine_moved_below=0.8), moved=True)
+    refinement = Refinement(stepper, SETTINGS, moved=True)
     refinement.begin(replace(trained, means=trained.means + 0.1))
     assert refinement.refined is False
     assert stepper.views is views
@@ -184,13 +187,13 @@ def test_an_interrupted_keyframe_continues_to_the_same_bits() -> None:
     views, _ = shadowed(plates=True)
     kept: dict[int, Checkpoint] = {}
 
-    settings = SETTINGS.replace(keyframe_iterations=30, prune_finetune_iterations=60, checkpoint_every=5)
+    settings = SETTINGS.replace(keyframe_iterations=30, prune_finetune_iterations=60)
 
     def keep(step: int, state: Checkpoint) -> None:
         if step in (30, 40, 55, 75):  # before, within and after the first masks; in the last part
             kept[step] = {name: value.clone() for name, value in state.items()}
 
-    whole = train_keyframe(views, *start(), settings, checkpoint=keep)
+    whole = train_keyframe(views, *start(), settings, checkpoint=keep, checkpoint_every=5)
     assert len(kept) == 4
     for state in kept.values():
         again = train_keyframe(views, *start(), settings, resume=state)
@@ -209,11 +212,12 @@ def test_siting_is_found_from_the_footage(siting: str, expected: float, trained:
     assert chroma_shift(trained, views, siting) == expected
 
 
-def test_what_is_refined_stays_refined(trained: Gaussians) -> None:
+def test_what_is_refined_stays_refined(trained: Gaussians, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also once splats have followed their masks so closely that `auto` would not begin."""
+    monkeypatch.setattr(refine, "REFINE_MOVED_BELOW", 50.0)
     views, _ = shadowed(plates=True)
     stepper = Stepper(views, SETTINGS, torch.Generator())
-    refinement = Refinement(stepper, SETTINGS.replace(refine_moved_below=50.0), moved=True)
+    refinement = Refinement(stepper, SETTINGS, moved=True)
     refinement.begin(trained)
     assert refinement.refined is True
     for _ in range(3):

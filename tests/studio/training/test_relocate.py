@@ -73,7 +73,7 @@ def test_noise_moves_nearly_transparent_splats_along_their_own_axes() -> None:
     half = torch.tensor([0.5**0.5, 0.0, 0.0, 0.5**0.5])  # rotated by 90 degrees about z: the long axis is y
     start.quats = half.repeat(100, 1)
     optimizer = SplatOptimizer(start, LearningRates(means=1e-6), 1.0)
-    add_noise(optimizer, 1.0, torch.Generator().manual_seed(2))
+    add_noise(optimizer, torch.Generator().manual_seed(2))
     moved = (optimizer.gaussians.means.detach() - start.means).abs()
     assert float(moved[1::2].max()) < 1e-6
     spread = moved[::2].mean(0)
@@ -89,17 +89,15 @@ def test_the_noise_is_as_strong_as_in_the_paper(opacity: float, share: float) ->
     start = splats([opacity] * 4000)
     start.log_scales = torch.log(torch.tensor([0.5, 0.2, 0.1])).repeat(4000, 1)
     optimizer = SplatOptimizer(start, LearningRates(means=1e-6), 1.0)
-    add_noise(optimizer, 2.0, torch.Generator().manual_seed(3))
+    add_noise(optimizer, torch.Generator().manual_seed(3))
     moved = (optimizer.gaussians.means.detach() - start.means).numpy()
-    expected = 2.0 * 5e5 * 1e-6 * share * np.array([0.5, 0.2, 0.1]) ** 2
+    expected = 5e5 * 1e-6 * share * np.array([0.5, 0.2, 0.1]) ** 2
     np.testing.assert_allclose(moved.std(axis=0), expected, rtol=0.05)
     assert (np.abs(moved.mean(axis=0)) < 0.1 * expected).all()
 
 
 def test_schedule() -> None:
-    settings = TrainSettings(
-        strategy="mcmc", densify_from=1, densify_until=5, densify_every=2, densify_max_splats=200, mcmc_noise=0.0
-    )
+    settings = TrainSettings(strategy="mcmc", densify_from=1, densify_until=5, densify_every=2, densify_max_splats=200)
     optimizer = SplatOptimizer(splats([0.5] * 100), LearningRates(), 1.0)
     control = Relocation(settings)
     counts = []

@@ -4,9 +4,8 @@ import pytest
 import torch
 
 from studio.gaussians import Gaussians
-from studio.training.densify import DensityControl
 from studio.training.keyframe import initial_gaussians, prune
-from studio.training.settings import LearningRates, TrainSettings
+from studio.training.settings import LearningRates
 from studio.training.splat_optimizer import SplatOptimizer
 
 
@@ -69,12 +68,12 @@ def test_frozen_means_do_not_change() -> None:
     assert not torch.equal(optimizer.gaussians.log_scales, start.log_scales)
 
 
-def test_pruning_removes_the_splats_with_the_lowest_worth_and_keeps_the_order() -> None:
+def test_pruning_removes_the_splats_with_the_lowest_importance_and_keeps_the_order() -> None:
     start = splats(100)
     optimizer = SplatOptimizer(start, LearningRates(), 1.0)
-    worth = torch.rand(100, generator=torch.Generator().manual_seed(5))
-    prune(optimizer, worth, 30)
-    kept = [index for index in range(100) if worth[index] >= worth.sort().values[30]]
+    importance = torch.rand(100, generator=torch.Generator().manual_seed(5))
+    prune(optimizer, importance, 30)
+    kept = [index for index in range(100) if importance[index] >= importance.sort().values[30]]
     assert torch.equal(optimizer.gaussians.means.detach(), start.means[kept])
 
 
@@ -83,31 +82,6 @@ def test_opacity_reset_clamps() -> None:
     drive(optimizer, torch.ones(50), 1)
     optimizer.cap_opacity(0.01)
     assert float(optimizer.gaussians.detach().opacities.max()) <= 0.01 + 1e-6
-
-
-def test_densification_clones_small_splits_large_and_removes_transparent_splats() -> None:
-    start = splats(4)
-    start.logit_opacities = torch.tensor([2.0, 2.0, 2.0, -9.0])
-    start.log_scales = torch.log(torch.tensor([0.001, 0.5, 0.001, 0.001]))[:, None].repeat(1, 3)
-    optimizer = SplatOptimizer(start, LearningRates(), 1.0)
-    control = DensityControl(4, 10.0, TrainSettings(densify_gradient=0.1), torch.device("cpu"))
-    gradient = torch.tensor([[1.0, 0], [1.0, 0], [0, 0], [0, 0]])
-    control.observe(gradient, torch.ones(4), (100, 100), (100, 100))
-    control.densify(optimizer, torch.Generator().manual_seed(0), remove_huge=False)
-    # 4 - the invisible one - the split one + its two children + one clone
-    assert len(optimizer) == 5
-    sizes = optimizer.gaussians.detach().scales.amax(-1).sort().values
-    assert torch.allclose(sizes[-2:], torch.tensor(0.5 / 1.6), rtol=1e-4)
-
-
-def test_densification_respects_the_maximum() -> None:
-    start = splats(40)
-    start.logit_opacities = torch.full((40,), 2.0)
-    optimizer = SplatOptimizer(start, LearningRates(), 1.0)
-    control = DensityControl(40, 10.0, TrainSettings(densify_gradient=0.1, densify_max_splats=45), torch.device("cpu"))
-    control.observe(torch.ones(40, 2), torch.ones(40), (10, 10), (10, 10))
-    control.densify(optimizer, torch.Generator(), remove_huge=False)
-    assert len(optimizer) == 45
 
 
 def test_initial_scales_are_the_distances_to_neighbors() -> None:

@@ -104,50 +104,6 @@ def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_mask_is_wro
     assert (60 / 255 * truth + (1 - truth) * color - plain.composited(color)).abs().max() > 0.2
 
 
-def means_of_four(image: torch.Tensor) -> torch.Tensor:
-    return sum(image[y::2, x::2] for y in (0, 1) for x in (0, 1)) / 4  # type: ignore[return-value]
-
-
-@pytest.mark.parametrize("as_bytes", [False, True])
-def test_half_size_is_the_mean_of_four_pixels(as_bytes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.training.views.CACHED_PIXELS", 0 if as_bytes else 10**6)
-    source, color = captured(False), torch.tensor([1.0, 0.0, 0.5])
-    source.mask[41:79:2, 53] = 40  # where pixels of one mean are covered differently
-    view = TrainingView.from_view(source)
-    half = view.half_size()
-    assert (half.camera.width, half.camera.height, half.full_size) == (SIZE // 2, SIZE // 2, (SIZE // 2, SIZE // 2))
-    close = 1.5 / 255
-    assert torch.allclose(half.mask, means_of_four(view.mask), atol=close)
-    assert torch.allclose(half.composited(color), means_of_four(view.composited(color)), atol=close)
-    point = np.array([[0.1, 0.2, 2.0]])
-    assert half.camera.project(point)[0] == pytest.approx(view.camera.project(point)[0] / 2)
-
-
-def test_half_size_with_a_plate_still_compares_the_same_things() -> None:
-    source = captured(True)
-    view = TrainingView.from_view(source)
-    half, color = view.half_size(), torch.tensor([0.2, 0.9, 0.4])
-    truth = means_of_four(torch.from_numpy(source.mask).float()[..., None] / 255)
-    backdrop = half.backdrop(color)
-    assert backdrop is not None
-    inside = interior(half.mask)
-    drawn = 60 / 255 * truth + (1 - truth) * backdrop
-    assert torch.allclose(drawn[inside], half.composited(color)[inside], atol=2 / 255)
-    assert torch.allclose(half.plate, means_of_four(view.plate), atol=1 / 255)  # type: ignore[arg-type]
-
-
-def test_half_size_of_an_odd_crop_keeps_color_and_geometry() -> None:
-    view = TrainingView.from_view(captured(False), crop_margin=0.12).with_color(0.8 * torch.eye(3, 4))
-    odd = view.camera.cropped(0, 0, view.camera.width - 1, view.camera.height - 1)
-    cut = TrainingView(odd, view.image[:-1, :-1], view.mask[:-1, :-1], view.full_size)
-    cut.color = view.color
-    half = cut.half_size()
-    assert half.image.shape[:2] == (odd.height // 2, odd.width // 2) == (half.camera.height, half.camera.width)
-    point = np.array([[0.1, 0.2, 2.0]])
-    assert half.camera.project(point)[0] == pytest.approx(odd.project(point)[0] / 2)
-    assert torch.equal(half.color, cut.color)  # type: ignore[arg-type]
-
-
 def test_surroundings_reach_a_little_beyond_the_mask() -> None:
     mask = torch.zeros(SIZE, SIZE)
     mask[40:80, 50:70] = 1

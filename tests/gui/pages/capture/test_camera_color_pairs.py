@@ -20,21 +20,19 @@ from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.capture import FootageView
 from studio.color_fit import correct_color
-from studio.vignette import Vignette
 
 MATRIX = ((0.8, 0.05, 0.0, 0.02), (0.0, 1.1, 0.0, -0.01), (0.1, 0.0, 0.9, 0.0))
 SIZE = (900, 600)
 
 
 def colors_of(**cameras: tuple[tuple[float, float, float, float], ...]) -> CameraColors:
-    return CameraColors(key="k", frame=0, cameras=cameras, vignettes={"cam0": (-0.3, -0.1, 1.0)})
+    return CameraColors(key="k", frame=0, cameras=cameras)
 
 
 def test_the_correction_is_the_inverse_of_what_the_camera_did() -> None:
     truth = np.random.default_rng(1).uniform(0.2, 0.7, (60, 80, 3)).astype(np.float32)
     camera = Camera("cam0", 80, 60, np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]]), np.eye(4))
-    gain = Vignette(-0.3, -0.1, 1.0).gain(camera, (80, 60))[..., None]
-    filmed = correct_color(torch.from_numpy(truth), torch.ones(60, 80), torch.tensor(MATRIX)) * gain
+    filmed = correct_color(torch.from_numpy(truth), torch.ones(60, 80), torch.tensor(MATRIX))
     mask = np.zeros((60, 80), np.uint8)
     mask[22:40, 30:52] = 255
     view = FootageView(camera, (255 * filmed).round().byte().numpy(), mask, 0, None)

@@ -1,4 +1,4 @@
-"""The kernels of the photometric loss on an NVIDIA GPU (`triton_loss.py`).
+"""The kernels of the photometric loss on an NVIDIA GPU (`loss.py`).
 
 SSIM blurs five moments of the two images and, for the gradient, three derivatives. The window is separable: a kernel
 for the rows is followed by one for the columns. All images and planes are (H, W, 3), so that one element to the right

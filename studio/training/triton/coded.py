@@ -25,7 +25,6 @@ class Coded(Protocol):
     pixels: int
     entropy_weight: float
     temporal_weight: float
-    huber: float
 
     @property
     def attribute_of_channel(self) -> Tensor:
@@ -43,7 +42,7 @@ class _Fused(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, owner: Coded, seed: int, now: Tensor, mu: Tensor, log_sigma: Tensor) -> tuple[Tensor, Tensor]:
-        kernels = importlib.import_module("studio.training.triton_coded_kernels")
+        kernels = importlib.import_module("studio.training.triton.coded_kernels")
         count, channels = now.shape
         blocks = math.ceil(count / kernels.BLOCK)
         gradient, sums = (
@@ -64,7 +63,6 @@ class _Fused(torch.autograd.Function):
                 count,
                 channels,
                 seed,
-                float(owner.huber),
                 bits_weight,
                 difference_weight,
                 num_warps=WARPS,

@@ -1,4 +1,4 @@
-"""The kernel of the loss on coded values on an NVIDIA GPU (`triton_coded.py`).
+"""The kernel of the loss on coded values on an NVIDIA GPU (`coded.py`).
 
 A program computes one channel of a block of splats. Sums have a row for each program and no atomic operations, so that
 the same input gives the same bits.
@@ -63,7 +63,6 @@ def coded_loss(
     count,
     channels,
     seed,
-    huber,
     bits_weight,
     difference_weight,
 ):
@@ -78,7 +77,6 @@ def coded_loss(
         sums: (blocks, C, 4) float32, output: bits, differences, and derivatives of the bits by mu and by sigma.
         count, channels: N and C.
         seed: of the noise.
-        huber: width of the Huber loss in steps; 0: absolute differences.
         bits_weight, difference_weight: of a bit, and of a difference, in the loss.
     """
     channel = tl.program_id(1)
@@ -92,7 +90,7 @@ def coded_loss(
     now = tl.load(current + element, mask=inside, other=0.0)
     change = now - tl.load(previous + element, mask=inside, other=0.0)
 
-    # Mirrored to the upper tail and relative to the nearer end of the interval, as `regularizers.bits_of_residual`.
+    # Mirrored to the upper tail and relative to the nearer end of the interval, as `coded_loss.bits_of_residual`.
     centered = change / step + _noise(element, seed) - mean
     size = tl.abs(centered)
     low = (size - 0.5) * inverse_sigma
@@ -119,12 +117,8 @@ def coded_loss(
     bits = -tl.log2(p) - tl.where(holds_mean, 0.0, log_low)
     by_sigma = _LOG2E * inverse_sigma * (high * slope_high - low * slope_low)
 
-    distance = tl.abs(change)
+    difference = tl.abs(change)
     slope = tl.where(change > 0.0, 1.0, tl.where(change < 0.0, -1.0, 0.0))
-    width = huber * step
-    near = distance < width
-    difference = tl.where(near, 0.5 * change * change / tl.maximum(width, _LEAST), distance - 0.5 * width)
-    slope = tl.where(near, change / tl.maximum(width, _LEAST), slope)
 
     tl.store(gradient + element, bits_weight / step * by_residual + difference_weight * slope, mask=inside)
     row = sums + (tl.program_id(0) * channels + channel) * 4

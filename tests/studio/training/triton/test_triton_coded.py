@@ -1,4 +1,4 @@
-"""The loss on coded values in Triton: interpreted, compiled, chosen on a GPU, and, where there is one, run on it."""
+"""The loss on coded values in Triton: compiled, chosen on a GPU, and, where there is one, run on it."""
 
 from __future__ import annotations
 
@@ -8,23 +8,18 @@ import pytest
 import torch
 
 from studio.training import coded_loss
-from studio.training.triton_coded import WARPS
+from studio.training.triton.coded import WARPS
 from tests.studio.training.test_coded_loss import make
-from tests.support.triton import compile_kernels, needs_triton, run_interpreted
-
-
-@needs_triton
-def test_the_interpreted_kernel_against_the_definition() -> None:
-    run_interpreted(Path(__file__).with_name("interpreted_triton_coded.py"), 25)
+from tests.support.triton import compile_kernels, needs_triton
 
 
 @needs_triton
 def test_the_kernel_compiles_for_a_gpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
-    from studio.training import triton_coded_kernels
+    from studio.training.triton import coded_kernels as triton_coded_kernels
 
     types = {**dict.fromkeys(("count", "channels", "seed"), "i32"), "owner": "*i32"}
-    types |= dict.fromkeys(("huber", "bits_weight", "difference_weight"), "fp32")
+    types |= dict.fromkeys(("bits_weight", "difference_weight"), "fp32")
     compile_kernels(triton_coded_kernels, types, {"coded_loss": WARPS}, 80)
 
 
@@ -36,7 +31,7 @@ def test_the_choice_on_a_gpu(backends: tuple[str, ...], monkeypatch: pytest.Monk
     class OnGpu(torch.Tensor):
         device = torch.device("cuda", 0)  # type: ignore[assignment]
 
-    loss, now = make(torch.float32, 5, 1.0, 0.0, (0.3, 0.2))
+    loss, now = make(torch.float32, 5, 1.0, (0.3, 0.2))
     monkeypatch.setattr(coded_loss, "kernels_for", lambda *_: None)
     monkeypatch.setattr(coded_loss, "available_backends", lambda: backends)
     monkeypatch.setattr(coded_loss, "coded_loss_triton", lambda *_: chosen.append("triton"))
@@ -49,13 +44,13 @@ def test_the_choice_on_a_gpu(backends: tuple[str, ...], monkeypatch: pytest.Monk
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_parity_on_the_gpu() -> None:
-    loss, now = make(torch.float32, 100_000, 2.0, 0.7, (0.3, 0.2))
-    exact, _ = make(torch.float64, 100_000, 2.0, 0.7, (0.3, 0.2))
+    loss, now = make(torch.float32, 100_000, 2.0, (0.3, 0.2))
+    exact, _ = make(torch.float64, 100_000, 2.0, (0.3, 0.2))
     exact.before, exact.steps = loss.before.double(), loss.steps.double()
     exact.entropy._previous, exact.entropy._steps = exact.before / exact.steps, exact.steps
     truth, _ = exact.forward_torch(leaf := now.double().requires_grad_(), 7)
     (true_gradient,) = torch.autograd.grad(truth, leaf)
-    on_gpu, _ = make(torch.float32, 100_000, 2.0, 0.7, (0.3, 0.2))
+    on_gpu, _ = make(torch.float32, 100_000, 2.0, (0.3, 0.2))
     on_gpu = on_gpu.cuda()
     on_gpu.before, on_gpu.steps = loss.before.cuda(), loss.steps.cuda()
     found = []

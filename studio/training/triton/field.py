@@ -26,7 +26,7 @@ _LEAST, _MOST = 16, 64  # columns of a program: tl.dot takes no fewer, and more 
 
 @dataclass(frozen=True)
 class _Layer:
-    """A layer of the MLP, and its place in the matrices of `triton_field_kernels.py`.
+    """A layer of the MLP, and its place in the matrices of `field_kernels.py`.
 
     Attributes:
         reads, gives: inputs and outputs.
@@ -80,7 +80,7 @@ class _Fused(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, corners: Corners, side: Tensor, table: Tensor, *parameters: Tensor) -> Tensor:
-        kernels = importlib.import_module("studio.training.triton_field_kernels")
+        kernels = importlib.import_module("studio.training.triton.field_kernels")
         sizes = tuple((int(weight.shape[0]), int(weight.shape[1])) for weight in parameters[::2])
         layers = _layers(sizes)
         flat = torch.cat([one.detach().reshape(-1) for one in parameters])
@@ -125,7 +125,7 @@ class _Fused(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
-        kernels = importlib.import_module("studio.training.triton_field_kernels")
+        kernels = importlib.import_module("studio.training.triton.field_kernels")
         side, flat, inputs = ctx.saved_tensors
         layers, count = _layers(ctx.sizes), len(inputs)
         if count:

@@ -31,7 +31,7 @@ class _Fused(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, target: Tensor, weight: float) -> Tensor:
-        kernels = importlib.import_module("studio.training.triton_loss_kernels")
+        kernels = importlib.import_module("studio.training.triton.loss_kernels")
         image, target = image.detach().contiguous(), target.contiguous()
         height, width, _ = image.shape
         count = image.numel()

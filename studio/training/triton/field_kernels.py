@@ -1,4 +1,4 @@
-"""The kernels of the motion field on an NVIDIA GPU (`triton_field.py`): hash grid and MLP, forward and backward.
+"""The kernels of the motion field on an NVIDIA GPU (`field.py`): hash grid and MLP, forward and backward.
 
 Each layer is a kernel of its own: a program holds 64x64 products in its registers, whatever the size of the MLP. One
 kernel for all layers would keep whole weight matrices there, and from 64 neurons on, ptxas moves them to memory.

@@ -1,4 +1,4 @@
-"""The Triton kernels of the photometric loss against its definition. `test_triton_loss.py` runs this file with
+"""The Triton kernels of the photometric loss against its definition. `test_interpreted.py` runs this file with
 TRITON_INTERPRET=1.
 """
 
@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from studio.training.photometric import photometric_loss, photometric_loss_torch
-from studio.training.triton_loss import photometric_loss_triton
+from studio.training.triton.loss import photometric_loss_triton
 
 
 def pair(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:

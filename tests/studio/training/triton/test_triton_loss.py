@@ -1,4 +1,4 @@
-"""The photometric loss in Triton: interpreted, compiled for GPUs, chosen on one, and, where there is one, run on it."""
+"""The photometric loss in Triton: compiled for GPUs, chosen on one, and, where there is one, run on it."""
 
 from __future__ import annotations
 
@@ -9,19 +9,14 @@ import torch
 
 from studio.training import photometric
 from studio.training.photometric import photometric_loss, photometric_loss_torch
-from studio.training.triton_loss import WARPS
-from tests.support.triton import compile_kernels, needs_triton, run_interpreted
-
-
-@needs_triton
-def test_the_interpreted_kernels_against_the_definition() -> None:
-    run_interpreted(Path(__file__).with_name("interpreted_triton_loss.py"), 8)
+from studio.training.triton.loss import WARPS
+from tests.support.triton import compile_kernels, needs_triton
 
 
 @needs_triton
 def test_the_kernels_compile_for_a_gpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
-    from studio.training import triton_loss_kernels
+    from studio.training.triton import loss_kernels as triton_loss_kernels
 
     types = {**dict.fromkeys(("width", "height", "count"), "i32"), **dict.fromkeys(("of_l1", "of_ssim"), "fp32")}
     names = ("blur_rows_of_moments", "compare", "blur_rows", "combine")

@@ -1,0 +1,12 @@
+"""All Triton kernels of training in Triton's interpreter, on the CPU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.support.triton import needs_triton, run_interpreted
+
+
+@needs_triton
+def test_the_interpreted_kernels_against_their_definitions() -> None:
+    run_interpreted([Path(__file__).with_name(f"interpreted_{name}.py") for name in ("loss", "coded", "field")], 25)
