@@ -27,6 +27,7 @@ FORMS = [
     (BENT, "intri.yml", ("intri.yml", "extri.yml")),
     (BENT, "model", ("model/cameras.txt", "model/images.txt")),
 ]
+WRONG = ("abc", '"abc"', "[]", "{}", "null", '"²"', "1e999", "")
 PYTHONS = re.compile(r"literal|convert|sequence|inhomogeneous|argument|NoneType|'(list|dict|str)'|unpack|Error")
 
 
@@ -36,8 +37,8 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, rig: Ri
     refused, areas = 0, set()
     for file in (tmp_path / part for part in files):
         text = file.read_text()
-        for place in re.finditer(r"-?\d+\.?\d*(?:e-?\d+)?", text):
-            for wrong in ("abc", '"abc"', "[]", "{}", "null", '"²"', "1e999", ""):
+        for number_of_place, place in enumerate(re.finditer(r"-?\d+\.?\d*(?:e-?\d+)?", text)):
+            for wrong in (WRONG[number_of_place % len(WRONG)], WRONG[(number_of_place + 3) % len(WRONG)]):
                 file.write_text(text[: place.start()] + wrong + text[place.end() :])
                 try:
                     read_rig(tmp_path / name)
@@ -49,7 +50,7 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, rig: Ri
                     assert "\n" not in said
                     assert not PYTHONS.search(said.replace(str(tmp_path), "")), said
         file.write_text(text)
-    assert refused > 100
+    assert refused > 20
     assert areas <= {"camera", "camera_file"}
 
 
@@ -102,15 +103,6 @@ def test_other_formats_name_the_value(tmp_path: Path) -> None:
         path.write_text(path.read_text().replace(old, new, 1))
         with refuses(code, file=path, value=found, **fields):
             read_rig(tmp_path / name)
-
-
-def test_the_sentence(tmp_path: Path) -> None:
-    path = tmp_path / "rig.json"
-    write_rig(BENT, path)
-    path.write_text(path.read_text().replace("201.0", '"x"', 1))
-    with refuses("camera.not_a_number") as caught:
-        read_rig(path)
-    assert str(caught.value) == f"{path}: Camera 'a': K[1][1] is 'x', not a number. Correct it in the camera file."
 
 
 def test_numbers_as_text_count() -> None:

@@ -28,7 +28,7 @@ FILES = (
     "degree1-level1.ksplat",
     "degree2-level2.ksplat",
 )
-REPEATED = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+REPEATED = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 MEMORY = 256 << 20
 
 
@@ -137,8 +137,7 @@ def test_sog_parts_that_disagree(tmp_path):
     def changed(**sections) -> bytes:
         return json.dumps({**meta, **sections}).encode()
 
-    big = io.BytesIO()
-    Image.new("L", (16000, 16000)).save(big, format="PNG")
+    big = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sIIBBBBB", 13, b"IHDR", 16000, 16000, 8, 0, 0, 0, 0) + bytes(50)
     cases = [
         ({"meta.json": b"{"}, "splat_file.sog_meta", {"name": "meta.json"}),
         ({"meta.json": b"[" * 100_000}, "splat_file.sog_meta", {"name": "meta.json"}),
@@ -170,8 +169,8 @@ def test_sog_parts_that_disagree(tmp_path):
         ({"sh0.webp": b"GIF89a" + bytes(50)}, "splat_file.sog_image", {"name": "sh0.webp", "value": None}),
         ({"sh0.webp": image(20, 16, lossless=False)}, "splat_file.sog_image", {"name": "sh0.webp", "value": None}),
         ({"sh0.webp": image(8, 8)}, "splat_file.sog_image", {"name": "sh0.webp", "value": (8, 8)}),
-        ({"sh0.webp": image(4000, 4000)}, "splat_file.sog_image", {"name": "sh0.webp", "value": (4000, 4000)}),
-        ({"sh0.webp": big.getvalue()}, "splat_file.sog_image", {"name": "sh0.webp", "value": (16000, 16000)}),
+        ({"sh0.webp": image(600, 600)}, "splat_file.sog_image", {"name": "sh0.webp", "value": (600, 600)}),
+        ({"sh0.webp": big}, "splat_file.sog_image", {"name": "sh0.webp", "value": (16000, 16000)}),
     ]
     for parts, code, fields in cases:
         write_sog(path, {**good, **parts})
@@ -217,7 +216,7 @@ def test_small_files_that_claim_much(tmp_path):
     zeros = zstandard.compress(bytes(9 * 10_000_000))
     entries = b"".join(struct.pack("<QQ", len(zeros), huge * size) for size in (9, 1, 3, 3, 4))
     spz = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, huge, 0, 12, 0, 5, 32) + entries + zeros * 5
-    sog = {**sog_parts(), "meta.json": b" " * (200 << 20)}
+    sog = {**sog_parts(), "meta.json": b" " * (20 << 20)}
     out = tmp_path / "a.sog"
     write_sog(out, sog, zipfile.ZIP_DEFLATED)
     (tmp_path / "a.spz").write_bytes(spz)
@@ -233,7 +232,7 @@ def test_small_files_that_claim_much(tmp_path):
 def test_zstandard_frames_that_give_more_than_listed(tmp_path):
     good = (DATA / "degree0.spz").read_bytes()
     first, listed = struct.unpack_from("<QQ", good, 32)
-    frame = zstandard.compress(bytes(300_000_000))
+    frame = zstandard.compress(bytes(100_000_000))
     path = tmp_path / "a.spz"
     path.write_bytes(good[:32] + struct.pack("<QQ", len(frame), listed) + good[48:112] + frame + good[112 + first :])
     tracemalloc.start()

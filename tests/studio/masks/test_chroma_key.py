@@ -1,6 +1,5 @@
 """Chroma key: performers composited over screens with known masks."""
 
-import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +9,7 @@ import pytest
 
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
+from studio.masks import chroma_key
 from studio.masks.chroma_key import _extrapolate, chroma_mask
 from studio.masks.clean_plate import DifferenceSettings
 from studio.masks.despill import despill, key_channels
@@ -59,8 +59,9 @@ def performer_of(make: SimpleNamespace, camera: str, frame: int) -> tuple[np.nda
     return np.where(core[..., None] > 0, image, outwards), alpha
 
 
-@pytest.mark.parametrize(("camera", "frame"), [("cam00", 0), ("cam09", 7)])
-@pytest.mark.parametrize("color", [GREEN, BLUE, (30, 80, 45)])
+@pytest.mark.parametrize(
+    ("camera", "frame", "color"), [("cam00", 0, GREEN), ("cam09", 7, BLUE), ("cam09", 7, (30, 80, 45))]
+)
 def test_the_sample_performer_on_a_screen(
     make: SimpleNamespace, camera: str, frame: int, color: tuple[int, int, int]
 ) -> None:
@@ -74,9 +75,11 @@ def test_the_sample_performer_on_a_screen(
 @pytest.mark.parametrize(
     ("color", "front"),
     [
-        *itertools.product((GREEN, BLUE, RED), ((225, 220, 215), (25, 25, 28), (205, 150, 125))),
+        (GREEN, (225, 220, 215)),
+        (GREEN, (205, 150, 125)),
+        (BLUE, (25, 25, 28)),
+        (RED, (205, 150, 125)),
         (YELLOW, (225, 220, 215)),
-        (YELLOW, (25, 25, 28)),
     ],
 )
 def test_screens_of_any_color(color: tuple[int, int, int], front: tuple[int, int, int]) -> None:
@@ -126,7 +129,7 @@ def test_an_empty_screen_has_no_performer() -> None:
     assert chroma_mask(image, find_screen([image], "cam")).max() == 0
 
 
-def test_components_sensitivity_and_large_images() -> None:
+def test_components_sensitivity_and_large_images(monkeypatch: pytest.MonkeyPatch) -> None:
     alpha = np.maximum(disc(70), disc(190, 80, 12))
     image = compose(np.array([205, 150, 125]), alpha, lit_screen(GREEN, alpha))
     screen = find_screen([image], "cam")
@@ -137,7 +140,8 @@ def test_components_sensitivity_and_large_images() -> None:
         int((chroma_mask(near, screen, DifferenceSettings(mask_sensitivity=value)) > 127).sum()) for value in (0.5, 4.0)
     ]
     assert found[0] < 0.1 * found[1]
-    large = cv2.resize(disc(), (2880, 1920), interpolation=cv2.INTER_CUBIC).clip(0, 1)
+    monkeypatch.setattr(chroma_key, "_WORK_SIDE", 320)  # larger images are reduced to this
+    large = cv2.resize(disc(), (480, 320), interpolation=cv2.INTER_CUBIC).clip(0, 1)
     image = compose(np.array([205, 150, 125]), large, lit_screen(GREEN, large, shadow=0.0))
     mask = chroma_mask(image, screen)
     assert mask.shape == large.shape

