@@ -120,7 +120,7 @@ def test_unknown_results_are_refused() -> None:
 def test_headings_come_from_the_fields_of_all_bases() -> None:
     found = [heading.text for field in FIELDS.values() if (heading := marker(field, Heading)) is not None]
     assert found[:2] == ["Files", "Masks: colored screen"]
-    assert {"Groups", "Keyframe", "Fine-tuning", "Solver", "Encoding", "Run"} <= set(found)
+    assert {"Groups", "Keyframe", "Fine-tuning", "Intrinsics", "Encoding", "Run"} <= set(found)
     assert len(set(found)) == len(found)
 
 
