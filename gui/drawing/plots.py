@@ -1,9 +1,10 @@
-"""Line plots on a canvas."""
+"""Axes and line plots on a canvas."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,6 +29,50 @@ def number(value: float) -> str:
     if value == int(value):
         return f"{int(value):,}"
     return f"{value:.4g}"
+
+
+@dataclass(frozen=True)
+class Axes:
+    """The area of a plot, and how values become places in it.
+
+    Attributes:
+        left, top, width, height: of the area, pixels of the canvas.
+        x_limits, y_limits: values at its left and right, and at its lower and upper edge.
+    """
+
+    left: float
+    top: float
+    width: float
+    height: float
+    x_limits: tuple[float, float]
+    y_limits: tuple[float, float]
+
+    def places(self, xs: Sequence[float] | np.ndarray, ys: Sequence[float] | np.ndarray) -> np.ndarray:
+        """(N, 2) pixels of N points."""
+        (left, right), (low, high) = self.x_limits, self.y_limits
+        across = (np.asarray(xs, float) - left) / max(right - left, 1e-12)
+        up = (np.asarray(ys, float) - low) / max(high - low, 1e-12)
+        return np.column_stack([self.left + self.width * across, self.top + self.height * (1 - up)])
+
+    def draw(self, canvas: Canvas, size: int, columns: bool = False) -> None:
+        """Draw the area, and a line with its number at each tick of the y axis; with `columns`, also of the x axis.
+        `size` is that of the numbers, pixels."""
+        canvas.rect(self.left, self.top, self.width, self.height, PANEL)
+        for tick in ticks(*self.y_limits):
+            row = self.places([self.x_limits[0]], [tick])[0, 1]
+            canvas.rect(self.left, row, self.width, 1, LINE)
+            canvas.text(self.left - 6, row - 0.62 * size, number(tick), size, DIM, align="right")
+        for tick in ticks(*self.x_limits) if columns else ():
+            column = self.places([tick], [self.y_limits[0]])[0, 0]
+            canvas.rect(column, self.top, 1, self.height, LINE)
+            canvas.text(column, self.top + self.height + 4, number(tick), size, DIM, align="middle")
+
+
+def limits(values: np.ndarray, share: float, least: float = 0.0) -> tuple[float, float]:
+    """Limits around values, with a share of their range free on each side, at least `least`."""
+    low, high = float(values.min()), float(values.max())
+    pad = max(share * (high - low), least) or 0.05 * abs(high) or 1.0
+    return low - pad, high + pad
 
 
 def curve(
@@ -58,7 +103,6 @@ def curve(
     canvas.text(x + width, y, newest, round(0.95 * em), color, align="right")
     left, top = x + 3.6 * em, y + 1.6 * em
     wide, high = width - 3.6 * em, height - 1.6 * em - 1.5 * size
-    canvas.rect(left, top, wide, high, PANEL)
     lines = [
         np.array([(a, b) for a, b in zip(xs, ys, strict=True) if math.isfinite(a) and math.isfinite(b)])
         for xs, ys in series
@@ -70,22 +114,15 @@ def curve(
     canvas.text(left, top + high + 3, x_words[0], size, DIM)
     canvas.text(left + wide, top + high + 3, x_words[1], size, DIM, align="right")
     if not lines:
+        canvas.rect(left, top, wide, high, PANEL)
         canvas.text(left + wide / 2, top + high / 2 - size / 2, nothing, size, DIM, align="middle")
         return
-    points = np.concatenate(lines)
-    low, high_value = float(points[:, 1].min()), float(points[:, 1].max())
-    pad = 0.06 * (high_value - low) or 0.05 * abs(high_value) or 1.0
-    low, high_value = low - pad, high_value + pad
-    for tick in ticks(low, high_value):
-        row = top + high * (1 - (tick - low) / (high_value - low))
-        canvas.rect(left, row, wide, 1, LINE)
-        canvas.text(left - 6, row - 0.62 * size, number(tick), size, DIM, align="right")
-    span = max(x_limits[1] - x_limits[0], 1e-12)
+    axes = Axes(left, top, wide, high, x_limits, limits(np.concatenate(lines)[:, 1], 0.06))
+    axes.draw(canvas, size)
     for line, own in drawn:
-        across = left + wide * (line[:, 0] - x_limits[0]) / span
-        down = top + high * (1 - (line[:, 1] - low) / (high_value - low))
-        canvas.line(np.column_stack([across, down]), own, 2)
-        canvas.dot(across[-1], down[-1], 3, own)
+        places = axes.places(line[:, 0], line[:, 1])
+        canvas.line(places, own, 2)
+        canvas.dot(*places[-1], 3, own)
 
 
 def legend(canvas: Canvas, x: float, y: float, width: float, size: int, title: str, names: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.span import span_figures, span_rows
 from gui.models.take.workspace import Workspace
 from pipelines.reports.terminal import duration
+from studio.comparison.metrics import EVALUATED
 from studio.errors import StudioError
 
 Row = tuple[str, str]
@@ -60,11 +61,11 @@ def review_blocks(
     ]  # fmt: skip
     figures, whose = evaluation.figures(frame, camera)
     rows: list[Row] = []
-    for name in ("psnr", "ssim", "lpips"):
+    for metric in EVALUATED:
         for what in ("trained", "decoded"):
-            value = figures.get(f"{name}_{what}")
+            value = figures.get(f"{metric.name}_{what}")
             if value is not None:
-                rows.append((f"{name.upper()} {what}", f"{value:.2f} dB" if name == "psnr" else f"{value:.4f}"))
+                rows.append((f"{metric.title} {what}", metric.text(value)))
     row = evaluation.frames.get(frame)
     if row is not None:
         rows.append(("size", f"{row.bytes / 1000:.1f} KB"))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from pipelines.events import Metrics
 from pipelines.reports.summary_words import size_words, summary_words
 from pipelines.reports.terminal import duration
+from studio.comparison.metrics import EVALUATED
 from studio.counts import counted
 from studio.json_types import JsonData
 
@@ -85,11 +86,11 @@ def _bake(figures: Figures) -> list[str]:
 
 def _evaluate(figures: Figures) -> list[str]:
     words = []
-    for name, title, digits, unit in (("psnr", "PSNR", 2, " dB"), ("ssim", "SSIM", 3, ""), ("lpips", "LPIPS", 3, "")):
+    for metric in EVALUATED:
         for kind in ("trained", "decoded"):
-            value = figures.pop(f"{name}_{kind}", None)
+            value = figures.pop(f"{metric.name}_{kind}", None)
             if isinstance(value, int | float):
-                words.append(f"{title} {value:.{digits}f}{unit} {kind}")
+                words.append(f"{metric.title} {metric.text(value)} {kind}")
     return words
 
 

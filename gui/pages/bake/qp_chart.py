@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.palette import ACCENT, DIM, GROUND, LINE, PANEL, RAISED, TEXT
-from gui.drawing.plots import number, ticks
+from gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, RAISED, TEXT
+from gui.drawing.plots import Axes, limits
 from gui.pages.bake.qp_trial import TRIED_QPS, QpTrial, Trial
 from gui.pages.stage_view import Size
 
@@ -76,31 +76,19 @@ class QpChart:
         left, wide, high = x + 3.5 * em, width - 4.5 * em, height - 3 * em
         if wide < 6 * em or high < 4 * em:
             return
-        canvas.rect(left, y, wide, high, PANEL)
         canvas.text(x, y - 1.4 * em, "PSNR, dB", small, DIM)
         canvas.text(left + wide, y + high + 1.4 * em, "KB per frame", small, DIM, align="right")
         if not results:
+            canvas.rect(left, y, wide, high, PANEL)
             canvas.text(left + wide / 2, y + high / 2, "baking the first QP", small, DIM, align="middle")
             return
-        most = 1.1 * max(found.bytes_per_frame for found in results.values()) / 1000
-        low, top = min(found.psnr for found in results.values()), max(found.psnr for found in results.values())
-        pad = max(0.12 * (top - low), 0.5)
-        low, top = low - pad, top + pad
-
-        def place(found: Trial) -> tuple[float, float]:
-            across = found.bytes_per_frame / 1000 / most
-            return left + wide * across, y + high * (1 - (found.psnr - low) / (top - low))
-
-        for tick in ticks(low, top):
-            row = y + high * (1 - (tick - low) / (top - low))
-            canvas.rect(left, row, wide, 1, LINE)
-            canvas.text(left - 6, row - 0.62 * small, number(tick), small, DIM, align="right")
-        for tick in ticks(0.0, most):
-            column = left + wide * tick / most
-            canvas.rect(column, y, 1, high, LINE)
-            canvas.text(column, y + high + 4, number(tick), small, DIM, align="middle")
-        self.points = {qp: place(found) for qp, found in results.items()}
-        canvas.line(np.array(list(self.points.values())), ACCENT, 2)
+        sizes = np.array([found.bytes_per_frame / 1000 for found in results.values()])
+        psnrs = np.array([found.psnr for found in results.values()])
+        axes = Axes(left, y, wide, high, (0.0, 1.1 * float(sizes.max())), limits(psnrs, 0.12, 0.5))
+        axes.draw(canvas, small, columns=True)
+        places = axes.places(sizes, psnrs)
+        self.points = {qp: (float(x), float(y)) for qp, (x, y) in zip(results, places, strict=True)}
+        canvas.line(places, ACCENT, 2)
         for qp, (across, down) in self.points.items():
             now = qp == self._current
             canvas.dot(across, down, 0.42 * em if now else 0.3 * em, TEXT if now else ACCENT)
