@@ -47,9 +47,9 @@ def test_the_scene_and_cameras_that_are_clicked_held_out_and_excluded(
     assert "volume" in state["mode"]
     window.drawn()
     wait_until("the box", lambda: box_pixels(window, artifacts / "scene.png") > 200)
-    before = state["orbit"]
+    orbit = state["orbit"]
     window.drag("viewport", (0.5, 0.8), (0.65, 0.7))
-    window.wait_for("turned", lambda s: s["orbit"] != before and s["settled"])
+    window.wait_for("turned", lambda s: s["orbit"] != orbit and s["settled"])
     window.stage("calibrate")
     window.wait_for("the scene is left", lambda s: s["compare"] == "single")
     window.stage("review")

@@ -66,7 +66,8 @@ def test_settings_help_a_fix_and_a_span(
     window.wait_for("no span", lambda s: s["span"] is None)
 
     window.stage("train")
-    state = window.wait_for("few settings", lambda s: "setting train.dropout" in s["widgets"])
+    window.retype("settings filter", "")
+    state = window.wait_for("few settings", lambda s: "setting train.group_size" in s["widgets"])
     assert len([name for name in state["widgets"] if name.startswith("setting ")]) < 20
     window.click("settings filter")
     window.enter_text("settings filter", "rates opacity")

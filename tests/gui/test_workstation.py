@@ -44,7 +44,7 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.retype("setting bake.quality", "24")
     window.key("Return")
     window.wait_for("no refusal", lambda s: s["error"] == "")
-    assert "qp: 24" in (tmp_path / "take" / "config.yaml").read_text()
+    assert "quality: 24" in (tmp_path / "take" / "config.yaml").read_text()
 
     window.click("all")
     window.saw("a run", lambda s: s["busy"])

@@ -13,7 +13,7 @@ from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
 from studio.formats.camera_path import read_path_keys
 from tests.support.errors import refuses
-from tests.support.waiting import wait_until
+from tests.support.looping import heard, wait_in_loop
 
 ORBIT = OrbitCamera(target=np.array([0.0, 0.0, 0.9]))
 
@@ -83,10 +83,10 @@ def test_thumbnails_are_of_their_view(stream_folder: Path) -> None:
     def picture(number: int) -> np.ndarray | None:
         return thumbnails.get(stream_folder, (), views[number], 3, (64, 36))
 
-    pictures = []
+    changes, pictures = heard(thumbnails.changed), []
     for number in range(2):
         assert picture(number) is None
-        wait_until("a thumbnail", thumbnails.poll)
+        wait_in_loop("a thumbnail", lambda number=number: len(changes) == number + 1)
         found = picture(number)
         assert found is not None
         pictures.append(found.astype(float))

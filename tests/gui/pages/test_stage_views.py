@@ -222,7 +222,7 @@ def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_
     accent = (shown(views) == ACCENT).all(axis=2).sum(axis=1)
     starts = np.flatnonzero((accent > 0) & (np.concatenate([[0], accent[:-1]]) == 0))
     with StreamReader.open(finished_project / "take" / "stream") as reader:
-        rows = [row.bytes for row in shares(reader.manifest)]
+        rows = [row.bytes for row in shares(reader)]
     bars = accent[starts + 1]
     whole = SIZE[0] - 16 * (1 + 15) - 16 * 12  # pixels of a bar of 100%
     drawn = [size for size in rows if int(size / sum(rows) * whole) > 0]
@@ -387,6 +387,7 @@ def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: P
     told: list[str] = []
     window = SimpleNamespace(
         workspace=views.workspace,
+        views=views,
         notices=SimpleNamespace(tell=lambda words, bad, **_: told.append(words), clear=lambda _: None),
     )
     uses = CameraActions(cast("Shell", window))._uses()

@@ -20,8 +20,8 @@ from gui.models.playback.thumbnails import Thumbnails
 from gui.models.playback.timeline import Timeline
 from gui.widgets.timeline import TimelinePanel
 from studio.cameras import Camera
+from tests.support.looping import heard, wait_in_loop
 from tests.support.players import settle
-from tests.support.waiting import wait_until
 from tests.support.web_servers import running
 
 ALL = Timeline(600, 20, 100)
@@ -71,14 +71,15 @@ def test_a_picture_stays_until_that_of_the_new_contents_is_there(
 
     monkeypatch.setattr(Thumbnails, "_draw", draw)
     thumbnails = Thumbnails()
+    changes = heard(thumbnails.changed)
     assert picture_of(thumbnails, tmp_path, "one frame") is None
-    wait_until("a picture", thumbnails.poll)
+    wait_in_loop("a picture", lambda: len(changes) == 1)
     first = picture_of(thumbnails, tmp_path, "one frame")
     assert first is not None
     assert picture_of(thumbnails, tmp_path, "two frames", ask=False) is first
     assert drawn == ["one frame"], "none is drawn while a stage runs"
     assert picture_of(thumbnails, tmp_path, "two frames") is first
-    wait_until("the next picture", thumbnails.poll)
+    wait_in_loop("the next picture", lambda: len(changes) == 2)
     second = picture_of(thumbnails, tmp_path, "two frames")
     assert second is not None
     assert second[0, 0, 0] == 2

@@ -34,7 +34,7 @@ def test_a_finished_take(finished: Path) -> None:
 def test_a_setting_that_was_changed_shows(take_copy: Path) -> None:
     config = take_copy / "config.yaml"
     before = config.read_text()
-    config.write_text(re.sub(r"\bqp: \d+", "qp: 41", before))
+    config.write_text(re.sub(r"\bquality: \d+", "quality: 41", before))
     assert config.read_text() != before
     assert describe(str(take_copy)).state == "Bake and Review stale"
     shutil.rmtree(take_copy / "train")
