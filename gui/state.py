@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from gui.pages.review.session import edits_of
 from gui.shell import Shell
-from pipelines.takes.edit_words import describe
+from pipelines.takes.edits import describe
 
 if TYPE_CHECKING:
     from open3d.visualization import gui

@@ -15,7 +15,7 @@ from gui.pages.review.session import edits_of
 from gui.shell import Shell
 from gui.widgets.dialogs.numbers import ask_numbers
 from gui.widgets.picture import holds
-from pipelines.takes.edit_words import describe
+from pipelines.takes.edits import describe
 from studio.edits.edit_list import EditList
 
 _NUMBERS_OF = {

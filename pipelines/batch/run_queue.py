@@ -1,4 +1,4 @@
-"""Works through the queue, one take after the other."""
+"""Works through the queue, one take after the other, in this process or in one that outlives it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from pipelines.batch.queue_file import QueuedTake, QueueFile, now
 from pipelines.events import Event, RunFinished, read_line
 from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.runs.launch import launch
 from pipelines.takes.take import Take
 from studio.errors import Cancelled
 
@@ -111,3 +112,13 @@ def _run(
     if code < 0:
         return code, f"the process was ended by {signal.Signals(-code).name}"
     return code, "" if code == 0 else message or last or f"exit code {code}"
+
+
+def errors_of(queue: QueueFile) -> Path:
+    """File beside the queue with the standard error of the program that works through it."""
+    return queue.path.with_name(f".{queue.path.name}.errors")
+
+
+def start_queue(queue: QueueFile) -> subprocess.Popen[bytes]:
+    """Start `v3studio queue run`. Raises OSError if there is no room for its messages."""
+    return launch(["queue", "run", "--queue", str(queue.path.absolute())], errors_of(queue))

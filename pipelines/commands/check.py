@@ -91,7 +91,7 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
 
 def _check_stream(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
-    from pipelines.takes.locate_stream import stream_place
+    from pipelines.takes.videos import stream_place
     from studio.stream import StreamReader, check_stream
 
     if arguments.remove:

@@ -144,8 +144,7 @@ def _take(arguments: argparse.Namespace) -> Take:
 
 
 def _list(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.edit_words import describe
-    from pipelines.takes.edits import read_edits_file
+    from pipelines.takes.edits import describe, read_edits_file
 
     found = read_edits_file(_take(arguments).edits)
     if arguments.json:
@@ -338,8 +337,7 @@ def _detail(arguments: argparse.Namespace) -> int:
 
 
 def _remove(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.edit_words import NAMES
-    from pipelines.takes.edits import change_edits, read_edits
+    from pipelines.takes.edits import NAMES, change_edits, read_edits
     from studio.edits.edit_list import EditList
 
     take, name = _take(arguments), _MANY.get(arguments.name, arguments.name)
@@ -398,8 +396,7 @@ def _change(take: Take, name: str, value: object) -> int:
     """Set an edit to JSON-ready values, and say what it is now."""
     from pydantic import ValidationError
 
-    from pipelines.takes.edit_words import describe
-    from pipelines.takes.edits import change_edits, read_edits
+    from pipelines.takes.edits import change_edits, describe, read_edits
     from studio.edits.edit_list import EditList
     from studio.errors import violation
 

@@ -42,7 +42,7 @@ def register(commands: Any) -> None:
 
 def _play(arguments: argparse.Namespace) -> int:
     from pipelines.reports.tables import print_playback
-    from pipelines.takes.locate_stream import stream_place
+    from pipelines.takes.videos import stream_place
     from studio.playback import play_headless
     from studio.stream import StreamReader
 

@@ -91,9 +91,9 @@ def _add(arguments: argparse.Namespace) -> int:
 
 
 def _list(arguments: argparse.Namespace) -> int:
-    from pipelines.batch.progress import progress_words
     from pipelines.reports.tables import escaped, table_of
     from pipelines.reports.terminal import console
+    from pipelines.runs.status import progress_words
     from pipelines.takes.take import Take
 
     queue = _file(arguments)

@@ -27,7 +27,7 @@ def _status(arguments: argparse.Namespace) -> int:
     take = Take.open(arguments.take)
     config = load_config(take.config if take.config.is_file() else None, arguments.overrides)
 
-    from pipelines.runs.status_table import print_status, status_json
+    from pipelines.runs.status import print_status, status_json
 
     if arguments.json:
         print(status_json(take, config), file=arguments.output)

@@ -78,7 +78,7 @@ def _work(arguments: argparse.Namespace) -> int:
         return 0
 
     from pipelines.runs.console import Bars, JsonLines
-    from pipelines.runs.work_run import run_work
+    from pipelines.runs.work import run_work
 
     with JsonLines(arguments.output) if arguments.json else Bars() as show:
         try:

@@ -15,11 +15,11 @@ from pipelines.reports.pictures import encode
 from pipelines.reports.plots import mark_rows, plots
 from pipelines.reports.tables import metric_texts
 from pipelines.takes.atomic_files import digest_of, write_text
-from pipelines.takes.calibration import read_cameras_report
 from pipelines.takes.evaluation import Evaluation, read_evaluation
 from pipelines.takes.groups import Group
 from pipelines.takes.marks import read_marks
 from pipelines.takes.records import note_rewritten, read_record
+from pipelines.takes.stage_files import read_cameras_report
 from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.comparison.metrics import FLICKER

@@ -1,4 +1,4 @@
-"""Runs that go on without the terminal that started them."""
+"""Runs that continue without the terminal that started them."""
 
 from __future__ import annotations
 

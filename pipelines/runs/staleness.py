@@ -23,7 +23,7 @@ from pipelines.takes.atomic_files import (
     remove,
     write_model,
 )
-from pipelines.takes.edit_params import PREFIX
+from pipelines.takes.edits import PREFIX
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
 from studio.errors import StudioError
 from studio.json_types import JsonData

@@ -8,12 +8,14 @@ and puts them together.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 
 from pipelines.config import Config
-from pipelines.events import Emit
-from pipelines.events.cancellation import Cancellation
+from pipelines.events import Emit, RunFinished, RunStarted, StageFinished, StageStarted, as_message
+from pipelines.events.cancellation import Cancellation, stop_on_signals
+from pipelines.events.work_clock import counting_pauses
 from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess
 from pipelines.stages import GROUP_STAGES, Stage, grouping, stage_named
@@ -24,8 +26,9 @@ from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.groups import Group
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.take import Take
+from pipelines.version import program_version
 from studio.counts import counted
-from studio.errors import StudioError
+from studio.errors import Cancelled, Message, StudioError
 
 
 def work(
@@ -204,3 +207,42 @@ def _state(name: str, inputs: Inputs, known: dict[str, StageStatus] | None = Non
             _state(dependency, inputs, known)
         known[name] = assess(stage, inputs, known)
     return known[name].state
+
+
+_STOPPED = Message("run.cancelled", "finished work is kept", fix="Start it again anywhere to go on.")
+
+
+def run_work(take: Take, config: Config, stages: Sequence[str], group: int, emit: Emit) -> None:
+    """Do the stages of a group and report events as a run does; see `pipelines.runs.work.work`.
+
+    Raises:
+        StudioError, Cancelled: from `work`.
+    """
+    cancellation = Cancellation()
+    names = tuple(stage.name for stage in GROUP_STAGES if stage.name in stages)
+
+    def finish(outcome: str, message: Message | None = None) -> None:
+        seconds = round(clock() - started, 2)
+        emit(
+            RunFinished(outcome=outcome, seconds=seconds)
+            if message is None
+            else RunFinished.of(message, outcome=outcome, seconds=seconds)
+        )
+
+    with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _STOPPED)):
+        started = clock()
+        emit(RunStarted(take=str(take.root), stages=names, done=(), pid=os.getpid(), version=program_version()))
+        try:
+            for name in names:
+                began = clock()
+                emit(StageStarted(stage=name, reason=f"group {group}"))
+                done = work(take, config, (name,), group, emit, cancellation=cancellation, clock=clock)
+                summary = {"group": group, "done": "now" if done else "before"}
+                emit(StageFinished(stage=name, seconds=round(clock() - began, 2), summary=summary))
+        except Cancelled:
+            finish("cancelled", _STOPPED)
+            raise
+        except Exception as error:
+            finish("failed", as_message(error))
+            raise
+        finish("done")

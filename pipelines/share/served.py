@@ -23,7 +23,7 @@ def find_streams(folder: str) -> dict[str, Path]:
     Raises:
         StudioError: no stream in the folder (`serve.no_stream`), or a URL (`serve.not_a_folder`).
     """
-    from pipelines.takes.locate_stream import stream_place
+    from pipelines.takes.videos import stream_place
 
     place = stream_place(folder)
     if isinstance(place, str):

@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 
 from pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags
 from pipelines.share.player_files import PlayerFiles, hashed_name
-from pipelines.takes.locate_stream import stream_place
+from pipelines.takes.videos import stream_place
 
 if TYPE_CHECKING:
     from studio.stream import StreamReader

@@ -19,7 +19,7 @@ from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.summaries import BakeSummary
 from pipelines.takes.atomic_files import remove
-from pipelines.takes.edit_params import edit_params
+from pipelines.takes.edits import edit_params
 from pipelines.takes.groups import Group
 from pipelines.takes.records import digests_on_record
 from studio.capture.digest import digest_files

@@ -31,8 +31,8 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.stages.summaries import CalibrateSummary
 from pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_model, write_text
-from pipelines.takes.calibration import CamerasFromFile, CamerasReport
 from pipelines.takes.point_files import write_points
+from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
 from studio.calibration.report import CalibrationReport
 from studio.errors import Message, StudioError
 

@@ -20,8 +20,8 @@ from pipelines.stages.measured_groups import Measured, read_measured, write_meas
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import remove, write_model, write_text
-from pipelines.takes.edit_params import edit_params
 from pipelines.takes.edited import EditedGroup
+from pipelines.takes.edits import edit_params
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of

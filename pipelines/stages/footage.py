@@ -12,8 +12,7 @@ import numpy as np
 from pipelines.config import Config
 from pipelines.stages.params import Params, settings_affecting
 from pipelines.takes.drawn_masks import file_of_garbage, with_garbage_of
-from pipelines.takes.edit_params import edit_params
-from pipelines.takes.edits import read_edits
+from pipelines.takes.edits import edit_params, read_edits
 from pipelines.takes.path_here import path_here
 from pipelines.takes.take import Take
 

@@ -26,7 +26,7 @@ from pipelines.stages.summaries import TrainSummary
 from pipelines.stages.train_group import GroupWork, TrainClock
 from pipelines.stages.training_views import details_at
 from pipelines.takes.atomic_files import read_model, remove
-from pipelines.takes.edit_params import edit_params
+from pipelines.takes.edits import edit_params
 from pipelines.takes.frame_files import read_about
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of

@@ -20,8 +20,7 @@ from pydantic import JsonValue
 
 from pipelines.config.loading import load_config
 from pipelines.takes.atomic_files import digest_of_file, link_or_copy, remove, write_text
-from pipelines.takes.edit_params import PREFIX, edit_params
-from pipelines.takes.edits import read_edits
+from pipelines.takes.edits import PREFIX, edit_params, read_edits
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.integrity import changed_files
 from pipelines.takes.records import StageRecord, read_record, result_of

@@ -1,12 +1,14 @@
-"""The small JSON files that stages write beside their results."""
+"""The small JSON files that stages write beside their results, and the calibration report."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 from pydantic import Field, JsonValue
 
-from pipelines.takes.atomic_files import Result
+from pipelines.takes.atomic_files import Result, read_json, validated
+from pipelines.takes.take import Take
+from studio.calibration.report import CalibrationReport
 
 
 class InitialPointsReport(Result):
@@ -99,3 +101,29 @@ class FoundGroups(Result):
     """Per frame: change since its keyframe, mean over cameras."""
 
     cameras: tuple[str, ...] = ()
+
+
+class CamerasFromFile(Result):
+    """The report if the cameras are from a calibration file."""
+
+    source: Literal["file"] = "file"
+    file: str
+    """The calibration file."""
+
+
+CamerasReport: TypeAlias = CalibrationReport | CamerasFromFile
+
+
+def read_cameras_report(take: Take) -> CamerasReport | None:
+    """The take's calibration report; None if there is none.
+
+    Raises:
+        StudioError: it is not such a report (`take.damaged`).
+    """
+    path = take.calibration_report
+    if not path.is_file():
+        return None
+    values = read_json(path)
+    if isinstance(values, dict) and "reprojection" in values:
+        return validated(path, values, CalibrationReport)
+    return validated(path, values, CamerasFromFile)

@@ -1,4 +1,4 @@
-"""Opens the Gaussian video of a take, a stream or a URL."""
+"""Finds and opens the Gaussian video of a take, a stream or a URL."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.takes.locate_stream import stream_place
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from studio.splat_video import SplatVideo
     from studio.stream import CapturePlace, StreamReader
+
 
 FALLBACK_FPS = 30.0
 """Frame rate if neither the settings nor the stream specify one, as for footage of still images."""
@@ -111,7 +111,7 @@ def open_reader(text: str) -> StreamReader:
     """Open a stream from its folder, the folder of a take, or a URL. The caller closes it.
 
     Raises:
-        StudioError: see `pipelines.takes.locate_stream.stream_place` and `StreamReader.open`.
+        StudioError: see `pipelines.takes.videos.stream_place` and `StreamReader.open`.
     """
     from studio.stream import StreamReader
 
@@ -123,3 +123,34 @@ def capture_place(reader: StreamReader) -> CapturePlace:
     from studio.stream import CapturePlace, StreamMetadata
 
     return StreamMetadata.from_json(reader.manifest.metadata).capture or CapturePlace()
+
+
+def stream_place(text: str) -> Path | str:
+    """The folder, one-file stream or URL of a stream; for a take, the folder of its stream.
+
+    Raises:
+        StudioError: no such folder (`stream.not_found`), or the take has no stream yet (`take.no_stream`).
+    """
+    if "://" in text:
+        return text
+    folder = Path(text).expanduser()
+    if folder.name in ("manifest.json", "take.json") and folder.is_file():
+        folder = folder.parent
+    if folder.is_file():
+        return folder
+    if not (folder / "take.json").is_file():
+        if not folder.is_dir():
+            raise StudioError(
+                "stream.not_found", "no such folder", file=text, fix="Specify the folder of a stream or of a take."
+            )
+        return folder
+    stream = Take.open(folder).stream
+    if not stream.is_dir():
+        raise StudioError(
+            "take.no_stream",
+            "this take has no stream yet",
+            file=text,
+            fix="Run `v3studio run` or `v3studio bake`.",
+            stage="bake",
+        )
+    return stream

@@ -23,27 +23,16 @@ from studio.yaml_text import (
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        # YAML 1.1, https://yaml.org/type/
-        ("yes", True), ("No", False), ("ON", True), ("off", False), ("true", True),
-        ("y", "y"), ("n", "n"), ("yEs", "yEs"),
-        ("010", 8), ("-010", -8), ("08", "08"), ("0o10", "0o10"), ("0x1F", 31), ("0b101", 5), ("1_000", 1000),
-        ("1:30", 90), ("1:30.5", 90.5), ("685_230.15", 685230.15), (".5", 0.5), (".inf", math.inf),
-        ("-.INF", -math.inf),
-        ("~", None), ("Null", None), ("", None), ("none", "none"),
-        ("2026-01-02", datetime.date(2026, 1, 2)), ("2026-1-2", "2026-1-2"),
-        # YAML 1.2
-        ("1e3", 1000.0), ("1e-3", 0.001), ("+1E5", 1e5), ("1.5e3", 1500.0), ("2.e2", 200.0), ("1e", "1e"),
-        ("5.0e-4", 5e-4), ("-3", -3), ("+4", 4), ("cam01", "cam01"), ("'010'", "010"), ('"yes"', "yes"),
+        ("true", True), ("False", False), ("yes", "yes"), ("off", "off"), ("~", None), ("Null", None), ("", None),
+        ("none", "none"), ("010", 10), ("0x1F", 31), ("1:30", "1:30"), (".5", 0.5), (".inf", math.inf),
+        ("2026-01-02", datetime.date(2026, 1, 2)), ("1e3", 1000.0), ("1e-3", 0.001), ("+1E5", 1e5), ("1.5e3", 1500.0),
+        ("5.0e-4", 5e-4), ("-3", -3), ("cam01", "cam01"), ("'010'", "010"), ('"yes"', "yes"),
     ],
 )  # fmt: skip
 def test_what_plain_values_mean(text: str, value: object) -> None:
     for found in (parse_yaml(text), (parse_yaml(f"a: {text}") or {})["a"], parse_yaml(f"[{text or '~'}]")[0]):
         assert found == value
         assert type(found) is type(value)
-
-
-def test_a_version_in_the_file_changes_nothing() -> None:
-    assert parse_yaml("%YAML 1.2\n---\na: yes\nb: 010\n") == {"a": True, "b": 8}
 
 
 def test_not_a_number() -> None:
@@ -61,9 +50,9 @@ def test_anchors_and_merges() -> None:
         ("a:\n b: 1\n  c: 2\n", 3, "mapping values are not allowed here"),
         ("a: *x\n", 1, "found undefined alias 'x'"),
         ("a: 1\n---\nb: 2\n", 2, "but found another document"),
-        ("a: 1\nb: 2026-02-30\n", 2, "'2026-02-30' is not a valid date"),
-        ("\n\na: !!int x\n", 3, "'x' is not a valid number"),
-        ("a: !!bool 3\n", 1, "'3' is not a valid Boolean"),
+        ("a: 1\nb: 2026-02-30\n", 2, "'2026-02-30' is not a valid value"),
+        ("\n\na: !!int x\n", 3, "'x' is not a valid value"),
+        ("a: !!bool 3\n", 1, "'3' is not a valid value"),
         ("a: !thing 3\n", 1, "could not determine a constructor for the tag '!thing'"),
         ("a: 1\nb: {c: 1, c: 2}\n", 2, "duplicate key 'c'"),
         ("a: \x07\n", None, "special characters are not allowed"),
@@ -105,20 +94,20 @@ def test_what_is_written_is_read_as_the_same(value: object, flow: bool | None) -
 def test_how_it_is_written() -> None:
     values = {"train": {"qp": 22, "rate": 1e-05, "names": ["no", "cam 1", None], "empty": [], "text": ""}}
     assert dump_yaml(values) == (
-        "train:\n  qp: 22\n  rate: 1.0e-05\n  names:\n  - 'no'\n  - cam 1\n  - null\n  empty: []\n  text: ''\n"
+        "train:\n  qp: 22\n  rate: 1e-05\n  names:\n  - no\n  - cam 1\n  - null\n  empty: []\n  text: ''\n"
     )
-    assert inline_yaml(values["train"]["names"]) == "['no', cam 1, null]"
+    assert inline_yaml(values["train"]["names"]) == "[no, cam 1, null]"
     assert inline_yaml(5) == "5"
     assert inline_yaml("影") == "影"
 
 
 def test_comments_and_quotes_stay() -> None:
-    text = "# head\na: 'x'  # why\nb: [1, 2]\n\nc:\n  d: 010 # octal\n  e: on\n"
+    text = "# head\na: 'x'  # why\nb: [1, 2]\n\nc:\n  d: 010  # ten\n  e: on\n"
     tree = parse_with_comments(text)
     tree["a"] = "off"
     tree["b"][0] = 7
     found = dump_with_comments(tree)
-    assert parse_yaml(found) == {"a": "off", "b": [7, 2], "c": {"d": 8, "e": True}}
+    assert parse_yaml(found) == {"a": "off", "b": [7, 2], "c": {"d": 10, "e": "on"}}
     assert "# head" in found
     assert "# why" in found
-    assert "# octal" in found
+    assert "# ten" in found

@@ -9,7 +9,7 @@ from typing import Self
 
 from gui.models.evaluation import Evaluation
 from gui.models.take.workspace import Workspace
-from pipelines.takes.calibration import read_cameras_report
+from pipelines.takes.stage_files import read_cameras_report
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.capture import CaptureSettings, find_cameras, held_out_cameras

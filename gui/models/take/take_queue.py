@@ -11,10 +11,10 @@ from pathlib import Path
 
 from gui.models.loop import LOOP, Signal
 from gui.models.worker import Done, LatestWorker
-from pipelines.batch.progress import progress
 from pipelines.batch.queue_file import QueueFile, default_queue
-from pipelines.batch.start import errors_of, start_queue
+from pipelines.batch.run_queue import errors_of, start_queue
 from pipelines.config import load_config
+from pipelines.runs.status import progress
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 

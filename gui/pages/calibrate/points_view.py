@@ -17,7 +17,7 @@ from gui.pages.calibrate.magnifier import Magnifier
 from gui.pages.calibrate.marks import TieMarks, advice, expected
 from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
 from gui.pages.stage_view import Size, StageView
-from pipelines.takes.calibration import read_cameras_report
+from pipelines.takes.stage_files import read_cameras_report
 from studio.calibration.report import CalibrationReport, TiePointReport
 from studio.cameras import Rig
 from studio.errors import StudioError

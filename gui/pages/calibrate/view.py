@@ -19,8 +19,8 @@ from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.rig_coverage import RigCoverage
 from gui.pages.report_table import CAMERA, Sorting, table_text
 from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
-from pipelines.takes.calibration import CamerasReport, read_cameras_report
 from pipelines.takes.point_files import read_points, read_surface
+from pipelines.takes.stage_files import CamerasReport, read_cameras_report
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, CameraReport
 from studio.cameras import Camera, Rig

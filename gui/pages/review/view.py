@@ -37,7 +37,7 @@ from gui.pages.review.picture import Stroke
 from gui.pages.review.session import change, edits_of
 from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
 from gui.pages.stage_view import OrbitView, Size
-from pipelines.takes.edit_words import describe
+from pipelines.takes.edits import describe
 from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.counts import counted

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gui.models.stage_rows import TITLES, pipeline_name
-from pipelines.batch.progress import progress_words
 from pipelines.config import load_config
 from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
+from pipelines.runs.status import progress_words
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from studio.errors import StudioError

@@ -12,8 +12,8 @@ from pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.takes.atomic_files import digest_of_file, read_model
-from pipelines.takes.edit_params import edit_params
 from pipelines.takes.edited import EditedGroup, edits_of_group
+from pipelines.takes.edits import edit_params
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import BakedGroupNote

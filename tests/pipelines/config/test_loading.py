@@ -310,16 +310,13 @@ def test_a_rule_over_several_settings_names_the_command_line_too(tmp_path: Path)
         load_config(path, [("capture.start", 20), ("capture.stop", 4)])
 
 
-@pytest.mark.parametrize(
-    ("value", "kind"),
-    [("2026-02-30", "date"), ("!!int abc", "number"), ("!!float x", "number"), ("!!bool 3", "Boolean")],
-)
-def test_values_that_yaml_cannot_make(tmp_path, value, kind):
+@pytest.mark.parametrize("value", ["2026-02-30", "!!int abc", "!!float x", "!!bool 3"])
+def test_values_that_yaml_cannot_make(tmp_path, value):
     """Python's own errors there become errors with a line."""
     (tmp_path / "a.yaml").write_text(f"train:\n  max_splats: {value}\n")
     with refuses("settings.not_yaml", file=tmp_path / "a.yaml", line=2) as caught:
         load_config(tmp_path / "a.yaml")
-    assert f"is not a valid {kind}" in caught.value.problem
+    assert "is not a valid value" in caught.value.problem
     with refuses("settings.override_syntax", setting="train.max_splats"):
         parse_override(f"train.max_splats={value}")
 

@@ -14,7 +14,7 @@ import pytest
 
 from gui.models.take.take_queue import LOOK_EVERY, QueueRow, TakeQueue, look
 from pipelines.batch.queue_file import QueueFile
-from pipelines.batch.start import errors_of
+from pipelines.batch.run_queue import errors_of
 from pipelines.events import Progress, RunStarted, StageStarted
 from pipelines.runs.runner import Logged
 from pipelines.takes.take import Take

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipelines.takes.atomic_files import read_json, write_json, write_model
-from pipelines.takes.calibration import CamerasFromFile, read_cameras_report
+from pipelines.takes.stage_files import CamerasFromFile, read_cameras_report
 from pipelines.takes.take import Take
 from studio.calibration import reprojection_report
 from studio.calibration.report import CalibrationReport, ErrorStatistics, IntrinsicsReport, TargetReport

@@ -1,0 +1,152 @@
+"""The status of a take's stages and what a run in progress is doing, as tables for people and JSON for programs."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+from dataclasses import asdict, dataclass, replace
+
+from pipelines.config import Config
+from pipelines.events import Event, Progress, RunStarted, StageStarted, parse_event
+from pipelines.reports.tables import escaped, table_of
+from pipelines.reports.terminal import console, duration
+from pipelines.runs.runner import status
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+
+@dataclass(frozen=True)
+class Running:
+    """A run in progress.
+
+    Attributes:
+        pid: of its process.
+        command: as recorded in the lock, for example "v3studio run".
+        host: name of its machine; None for this one.
+        stage: the stage that is running; None before the first, and for commands without stages.
+        reason: why the stage runs, for example "bake.quality changed from 22 to 30".
+        progress: the last progress event of the stage; None if there is none yet.
+    """
+
+    pid: int | None
+    command: str
+    host: str | None = None
+    stage: str | None = None
+    reason: str = ""
+    progress: Progress | None = None
+
+
+def running(take: Take) -> Running | None:
+    """The run that holds the take's lock; None if there is none."""
+    holder = take.running()
+    if holder is None:
+        return None
+    pid = holder.get("pid")
+    host = holder.get("host")
+    elsewhere = str(host) if host not in (None, socket.gethostname()) else None
+    found = Running(pid if isinstance(pid, int) else None, str(holder.get("command", "v3studio")), elsewhere)
+    begun = started = progress = None
+    with contextlib.suppress(OSError), take.log.open(encoding="utf-8", errors="replace") as log:
+        for line in log:  # the log of a long run has megabytes, of which few lines matter
+            if f'"{RunStarted.kind}"' in line:
+                begun = line
+            elif f'"{StageStarted.kind}"' in line:
+                started, progress = line, None
+            elif f'"{Progress.kind}"' in line:
+                progress = line
+    run, stage, last = (_parsed(line) for line in (begun, started, progress))
+    # commands other than runs do not write a log: it is then of an earlier run
+    if not isinstance(run, RunStarted) or run.pid != found.pid or not isinstance(stage, StageStarted):
+        return found
+    return replace(found, stage=stage.stage, reason=stage.reason, progress=last if isinstance(last, Progress) else None)
+
+
+def _parsed(line: str | None) -> Event | None:
+    """None for no line, and for one that is still being written."""
+    try:
+        return None if line is None else parse_event(line)
+    except StudioError:
+        return None
+
+
+def progress_words(take: Take) -> str:
+    """For people: "train 43%, 12 min 05 s left"; "starting" before the first stage. The time is that of the run."""
+    return progress(take)[0]
+
+
+def progress(take: Take) -> tuple[str, str, float | None]:
+    """Of the run in progress: the words of `progress_words`; the stage, "" before the first; and how much of the stage
+    is done, 0 to 1, or None if it has not told yet."""
+    now = running(take)
+    if now is None or now.stage is None:
+        return "starting", "", None
+    if now.progress is None:
+        return now.stage, now.stage, None
+    left = now.progress.total_seconds_left
+    words = f"{now.stage} {now.progress.fraction:.0%}{'' if left is None else f', {duration(left)} left'}"
+    return words, now.stage, now.progress.fraction
+
+
+_COLORS = {
+    "running": "cyan",
+    "done": "green",
+    "partial": "yellow",
+    "stale": "yellow",
+    "failed": "red",
+    "missing": "dim",
+}
+
+
+def print_status(take: Take, config: Config) -> None:
+    """Print one row per stage, and the run in progress."""
+    screen = console()
+    table = table_of("stage", "status", "progress", "time", "reason", left=(0, 1, 4))
+    now = running(take)
+    for name, state in status(take, config).items():
+        if now is not None and name == now.stage:
+            table.add_row(name, f"[{_COLORS['running']}]running[/]", *_running(now))
+            continue
+        units = f"{state.units_done}/{state.units} {state.unit}" if state.units else ""
+        took = duration(state.seconds) if state.seconds is not None and state.state == "done" else ""
+        table.add_row(name, f"[{_COLORS[state.state]}]{state.state}[/]", units, took, escaped(state.reason))
+    screen.print(table)
+    if now is not None:
+        total = None if now.progress is None else now.progress.total_seconds_left
+        left = "" if total is None else f", about {duration(total)} left"
+        process = "" if now.pid is None else f"process {now.pid}{f' on {now.host}' if now.host else ''}, "
+        screen.print(f"run in progress: {process}{now.command}{left}", markup=False)
+
+
+def _running(now: Running) -> tuple[str, str, str]:
+    """Progress, time left, and what the stage that is running is doing."""
+    progress = now.progress
+    if progress is None:
+        return "", "", escaped(now.reason)
+    left = "" if progress.seconds_left is None else f"{duration(progress.seconds_left)} left"
+    return f"{progress.fraction:.0%}", left, escaped(progress.label or now.reason)
+
+
+def status_json(take: Take, config: Config) -> str:
+    """The same as JSON. `running` says which stage runs; its state in `stages` is "running"."""
+    stages = {name: asdict(state) for name, state in status(take, config).items()}
+    now = running(take)
+    if now is None:
+        return json.dumps({"take": str(take.root), "running": None, "stages": stages}, indent=1)
+    found: dict[str, object] = {
+        "pid": now.pid,
+        "host": now.host or socket.gethostname(),
+        "command": now.command,
+        "stage": now.stage,
+        "reason": now.reason,
+    }
+    if now.progress is not None:
+        found |= {
+            "fraction": now.progress.fraction,
+            "seconds_left": now.progress.seconds_left,
+            "total_seconds_left": now.progress.total_seconds_left,
+            "label": now.progress.label,
+        }
+    if now.stage in stages:
+        stages[now.stage] |= {"state": "running", "reason": now.reason}
+    return json.dumps({"take": str(take.root), "running": found, "stages": stages}, indent=1)
