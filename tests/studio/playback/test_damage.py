@@ -92,25 +92,24 @@ def test_only_what_was_to_be_played_is_reported(stream):
 
 def test_a_picture_that_cannot_be_decoded(stream):
     """Names and checksums match here: the manifest is updated to the damaged file."""
-    file = opacity_file(stream, 3)
+    file = opacity_file(stream, 0)
     data = bytearray(file.read_bytes())
     middle = data.rindex(b"mdat") + (len(data) - data.rindex(b"mdat")) // 2
     data[middle:] = bytes(len(data) - middle)
 
     def change(values):
-        components = values["groups"][3]["renditions"][0]["components"]
+        components = values["groups"][0]["renditions"][0]["components"]
         put_file(stream, next(one for one in components if one["name"] == "opacity")["planes"][0], bytes(data))
 
     edit_manifest(stream, change)
     seen = []
     report = play_headless(stream, on_frame=lambda played: seen.append(number(played)))
-    assert seen == list(range(len(seen)))
-    assert 10 <= len(seen) < 16
     (skipped,) = report.skipped
-    assert skipped.first_frame == len(seen)
-    assert skipped.first_frame + skipped.frame_count == 16
+    assert 0 <= skipped.first_frame < 5
+    assert skipped.first_frame + skipped.frame_count == 5
+    assert seen == [*range(skipped.first_frame), *range(5, 16)]
     assert skipped.cause.code in ("stream.video_damaged", "stream.video_too_short", "stream.wrong_luma")
-    assert skipped.cause.file == str(opacity_file(stream, 3))
+    assert skipped.cause.file == str(opacity_file(stream, 0))
 
 
 def test_the_frame_before_stays_up_and_seeking_jumps_over(stream, gated, clock, until):

@@ -25,7 +25,7 @@ RECORDED = Path(__file__).with_name("rate_and_quality.json")
 CASES: dict[str, dict[str, Any]] = {
     "planes": {"profile": "planes"},
     "motion": {},
-    "motion, QP 30": {"qp": 30},
+    "motion, QP 30": {"quality": 30},
     "motion, HEVC": {"codec": "hevc"},
     "motion, AV1": {"codec": "av1"},
 }
@@ -34,7 +34,7 @@ CASES: dict[str, dict[str, Any]] = {
 def measured(settings: dict[str, Any], folder: Path) -> dict[str, float]:
     """Bytes, mean PSNR of the decoded splats as drawn against the originals as drawn, and attribute errors."""
     frames = performer(5, 600)
-    chosen = BakeSettings.model_validate({"qp": 20, "preset": "veryfast", **settings})
+    chosen = BakeSettings.model_validate({"quality": 20, "preset": "veryfast", **settings})
     entry = bake_group(frames, folder, 0, 0, chosen, fps=25.0)
     write_manifest(folder, [entry], 25, chosen)
     with StreamReader.open(folder) as reader:

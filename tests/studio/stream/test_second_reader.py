@@ -75,11 +75,10 @@ LADDER = (Rung(qp=20), Rung(qp=28), Rung(qp=34, splats=0.5, sh_degree=0, finetun
     ("settings", "packed"),
     [
         ({"ladder": LADDER}, False),
-        ({"qp": 24, "splats": 0.9}, True),
-        ({"profile": "planes", "qp": 22}, False),
-        ({"qp": 24}, False),
+        ({"quality": 24}, True),
+        ({"profile": "planes", "quality": 22}, False),
     ],
-    ids=["ladder", "archive", "planes", "version-2"],
+    ids=["ladder", "archive", "planes"],
 )
 def test_it_agrees_on_every_frame(tmp_path, bake, monkeypatch, settings, packed):
     monkeypatch.setattr(manifest_writer, "INLINE_BYTES", 1)  # all groups but the first are in a page
@@ -92,11 +91,11 @@ def test_it_agrees_on_every_frame(tmp_path, bake, monkeypatch, settings, packed)
             write_archive(reader, stream)
     theirs = read(stream, tmp_path / "luma", tmp_path / "out")
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert len(manifest.get("pages", ())) == (manifest["version"] == 3)
-    names = [rendition["id"] for rendition in manifest.get("renditions", [{"id": "only"}])]
+    assert len(manifest["pages"]) == 1
+    names = [rendition["id"] for rendition in manifest["renditions"]]
     assert len(theirs) == 10 * len(names)
     for name in names:
-        with StreamReader.open(folder, rendition=name if manifest["version"] == 3 else None) as reader:
+        with StreamReader.open(folder, rendition=name) as reader:
             for index, frame in enumerate(reader.iterate()):
                 values = theirs[name, index]
                 for what, ours, columns in (

@@ -110,8 +110,6 @@ def test_settings_that_cannot_have_them():
         BakeSettings(b_frames=2, codec="av1")
     with refuses_setting("b_frames", "profile"):
         BakeSettings(b_frames=2, profile="planes")
-    with refuses_setting("splats", "ladder"):
-        BakeSettings(splats=0.9, ladder=[{"qp": 20}])
     with refuses_setting("smooth_paths", "profile"):
         BakeSettings(smooth_paths=True, profile="planes")
 
