@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.arguments import invalid_option
+
 _HELP = "train variants without parts of the method and compare quality and size"
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
 Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
@@ -26,8 +28,6 @@ def register(commands: Any) -> None:
         help=_HELP,
         description=_HELP[0].upper() + _HELP[1:] + ".",
         epilog=_NOTE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings of the full method")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for results and takes")
@@ -77,24 +77,18 @@ def _ablate(arguments: argparse.Namespace) -> int:
 
 
 def _qps(text: str) -> list[int]:
-    from studio.errors import StudioError
 
     try:
         qps = sorted({int(value) for value in text.split(",")})
     except ValueError:
-        raise StudioError(
-            "command.invalid_option",
-            f"--qps '{text}' is not a comma-separated list of integers",
-            value=text,
-            fix="Example: 12,16,20,24.",
-            option="--qps",
+        raise invalid_option(
+            "--qps", f"--qps '{text}' is not a comma-separated list of integers", "Example: 12,16,20,24.", text
         ) from None
     if len(qps) < 4 or not all(0 <= qp <= 51 for qp in qps):
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--qps",
             f"--qps '{text}': comparing curves needs at least four QPs from 0 to 51",
-            value=text,
-            fix="Example: 12,16,20,24.",
-            option="--qps",
+            "Example: 12,16,20,24.",
+            text,
         )
     return qps

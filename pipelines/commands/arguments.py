@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from studio.errors import StudioError
+
 SETTINGS_NOTE = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
   Overrides a setting; example: --train.max-splats 20000. `v3studio config` lists all settings.
@@ -14,10 +16,11 @@ SETTINGS_NOTE = """settings:
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Gives clear errors for numbers."""
+    """Gives clear errors for numbers, takes no abbreviated options, and shows an epilog as it is written."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
+        as_written = argparse.RawDescriptionHelpFormatter if options.get("epilog") else argparse.HelpFormatter
+        super().__init__(*arguments, **{"allow_abbrev": False, "formatter_class": as_written, **options})
         self.register("type", int, _integer)
         self.register("type", float, _number)
 
@@ -55,6 +58,11 @@ def long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentPars
             value = following
         plain.append(f"--set={name}={value}")
     return plain
+
+
+def invalid_option(option: str, problem: str, fix: str, value: Any = None, **fields: Any) -> StudioError:
+    """The error for an option whose value cannot be used (`command.invalid_option`)."""
+    return StudioError("command.invalid_option", problem, value=value, fix=fix, option=option, **fields)
 
 
 def overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:

@@ -21,7 +21,6 @@ def register(commands: Any) -> None:
         description="Keep bakes of a take under names; one of them is the take's stream. A kept bake is the folder "
         "TAKE/bakes/NAME, which can be played, exported, shared, and compared with `v3studio compare` like a take. "
         "`v3studio bake TAKE --keep NAME` bakes and keeps.",
-        allow_abbrev=False,
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 

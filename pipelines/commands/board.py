@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.arguments import invalid_option
+
 
 def add_board_command(commands: Any) -> None:
     """Add the command to the parser's commands."""
@@ -13,7 +15,6 @@ def add_board_command(commands: Any) -> None:
         "board",
         help="write a calibration target to print, as PDF",
         description="Write a calibration target as PDF, to print at 100%, and print the settings that describe it.",
-        allow_abbrev=False,
     )
     board.add_argument("file", type=Path, metavar="FILE.pdf", help="file to write")
     board.add_argument(
@@ -41,34 +42,27 @@ def _board(arguments: argparse.Namespace) -> int:
 
     from pipelines.config.loading import COMMAND_LINE, refused
     from studio.calibration import CalibrationTarget, write_target_pdf
-    from studio.errors import StudioError
     from studio.yaml_text import dump_yaml
 
     if arguments.file.suffix.lower() != ".pdf":
-        raise StudioError(
-            "command.invalid_option",
-            "the target is written as PDF",
-            file=arguments.file,
-            fix="Specify a file name that ends in .pdf.",
-            option="FILE.pdf",
+        raise invalid_option(
+            "FILE.pdf", "the target is written as PDF", "Specify a file name that ends in .pdf.", file=arguments.file
         )
     marker = arguments.marker if arguments.marker is not None else 0.75 * arguments.square
     # checked here in millimeters, as on the command line; `CalibrationTarget` uses meters
     if not 0 < arguments.square < 10_000:
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--square",
             f"--square {arguments.square:g} is not between 0 and 10000 mm",
-            value=arguments.square,
-            fix="Specify the side of a square in millimeters; example: 60.",
-            option="--square",
+            "Specify the side of a square in millimeters; example: 60.",
+            arguments.square,
         )
     if arguments.kind == "charuco" and not 0 < marker < arguments.square:
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--marker",
             f"--marker {marker:g} is not between 0 and the side of a square, {arguments.square:g} mm",
-            value=marker,
-            fix="Specify the side of a marker in millimeters.",
-            option="--marker",
+            "Specify the side of a marker in millimeters.",
+            marker,
         )
     try:
         target = CalibrationTarget(
@@ -101,7 +95,6 @@ def add_sync_command(commands: Any) -> None:
         "sync",
         help="estimate time offsets between cameras",
         description="Estimate the time offsets between cameras from sound or motion, or read them from timecodes.",
-        allow_abbrev=False,
     )
     sync.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings; uses the section capture")
     sync.add_argument(

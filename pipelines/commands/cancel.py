@@ -17,7 +17,6 @@ def register(commands: Any) -> None:
         "cancel",
         help="stop the run in progress on a take, on whichever machine it is",
         description="Stop the run in progress on a take, on whichever machine it is. Finished work is kept.",
-        allow_abbrev=False,
     )
     parser.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
     parser.set_defaults(command=_cancel)

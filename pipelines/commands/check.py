@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.arguments import invalid_option
 from studio.counts import counted
-from studio.errors import StudioError
 from studio.progress import ProgressFn
 
 
@@ -22,7 +22,6 @@ def register(commands: Any) -> None:
         help="find damaged files of a take or a stream",
         description="Read all results of a take, or all files of a stream, and compare them with the checksums that "
         "were recorded when they were written. Exit code 1 if a file is damaged, changed or missing.",
-        allow_abbrev=False,
     )
     command.add_argument(
         "place", metavar="PLACE", help="folder of a take or a stream, a .v3s file, or the URL of a stream"
@@ -95,12 +94,11 @@ def _check_stream(arguments: argparse.Namespace) -> int:
     from studio.stream import StreamReader, check_stream
 
     if arguments.remove:
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--remove",
             "--remove is for takes, whose files can be made again; this is a stream",
-            value=arguments.place,
-            fix="Leave it out, or name the folder of the take.",
-            option="--remove",
+            "Leave it out, or name the folder of the take.",
+            arguments.place,
         )
     with working("check", None) as report, StreamReader.open(stream_place(arguments.place)) as reader:
         found = check_stream(reader, report)

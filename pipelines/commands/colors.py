@@ -14,7 +14,6 @@ def register(commands: Any) -> None:
         help="compare the cameras' colors on a ColorChecker",
         description="Find a ColorChecker Classic (24 patches) in the image of each camera, and show how far the "
         "cameras' colors are apart before and after the correction that train.color_chart_frame makes.",
-        allow_abbrev=False,
     )
     command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings; uses the section capture")
     command.add_argument(

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.arguments import invalid_option
 from studio.comparison.protocols import PROTOCOLS
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ def register(commands: Any) -> None:
         help=_HELP,
         description=_HELP[0].upper() + _HELP[1:] + ".",
         epilog=_NOTE.format(protocols="\n".join(f"  {one.name:<8}{one.title}" for one in PROTOCOLS.values())),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument("takes", type=Path, nargs="+", metavar="TAKE", help="folders of takes with a stream")
     parser.add_argument("--protocol", choices=list(PROTOCOLS), default="box", help="default: %(default)s")
@@ -59,17 +58,12 @@ def _compare(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.comparison.compare import compare
     from pipelines.stages.inputs import choose_device
-    from studio.errors import StudioError
 
     for option, least in (("every", 1), ("pictures", 0)):
         value = getattr(arguments, option)
         if value < least:
-            raise StudioError(
-                "command.invalid_option",
-                f"--{option} {value} is below {least}",
-                value=value,
-                fix=f"Example: --{option} {least or 2}.",
-                option=f"--{option}",
+            raise invalid_option(
+                f"--{option}", f"--{option} {value} is below {least}", f"Example: --{option} {least or 2}.", value
             )
     device = choose_device(arguments.device)
     lpips = None

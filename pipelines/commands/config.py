@@ -16,8 +16,6 @@ def register(commands: Any) -> None:
         help="print all settings with their documentation",
         description="Print all settings with their documentation, as YAML that can be edited and used for a run.",
         epilog=SETTINGS_NOTE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     config.add_argument(
         "config", type=Path, nargs="?", metavar="CONFIG", help="YAML file to take values from (default: the defaults)"

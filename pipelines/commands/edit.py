@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.arguments import invalid_option
 from studio.counts import counted
 from studio.errors import StudioError
 
@@ -41,8 +42,6 @@ def register(commands: Any) -> None:
         help="trim a take, crop it, remove floaters, place its world, mark details; with undo",
         description="Trim a take, crop it, remove floaters, place its world, mark details.",
         epilog=_NOTE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
@@ -186,12 +185,11 @@ def _trim(arguments: argparse.Namespace) -> int:
     take = _take(arguments)
     frames = _frame_count(take)
     if frames is not None and arguments.last >= frames:
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "OUT",
             f"the take has no frame {arguments.last}",
-            value=arguments.last,
-            fix=f"It has frames 0 to {frames - 1}.",
-            option="OUT",
+            f"It has frames 0 to {frames - 1}.",
+            arguments.last,
             expected=[0, frames - 1],
         )
     return _change(take, "trim", {"first": arguments.first, "last": arguments.last})
@@ -268,20 +266,18 @@ def _world(arguments: argparse.Namespace) -> int:
     measured = [arguments.from_point, arguments.to_point, arguments.distance]
     if any(one is not None for one in measured):
         if any(one is None for one in measured) or arguments.scale is not None:
-            raise StudioError(
-                "command.invalid_option",
+            raise invalid_option(
+                "--distance",
                 "--from, --to and --distance are used together, and without --scale",
-                fix="Example: --from 0 0 0 --to 0 1.1 0 --distance 1.8.",
-                option="--distance",
+                "Example: --from 0 0 0 --to 0 1.1 0 --distance 1.8.",
             )
         apart = float(np.linalg.norm(np.subtract(arguments.to_point, arguments.from_point)))
         if not (apart > 0 and arguments.distance > 0):
-            raise StudioError(
-                "command.invalid_option",
+            raise invalid_option(
+                "--distance",
                 "the two points are the same, or their distance is not above 0",
-                value=arguments.distance,
-                fix="Specify two different points and a distance above 0.",
-                option="--distance",
+                "Specify two different points and a distance above 0.",
+                arguments.distance,
             )
         values["scale"] = arguments.distance / apart
     elif arguments.scale is not None:
@@ -316,12 +312,11 @@ def _detail(arguments: argparse.Namespace) -> int:
     for option, least in (("radius", 0), ("weight", 1)):
         value = getattr(arguments, option)
         if not (np.isfinite(value) and value > least):
-            raise StudioError(
-                "command.invalid_option",
+            raise invalid_option(
+                f"--{option}",
                 f"--{option} is {value:g}",
-                value=value,
-                fix="It must be above 0." if option == "radius" else "It must be above 1, which changes nothing.",
-                option=f"--{option}",
+                "It must be above 0." if option == "radius" else "It must be above 1, which changes nothing.",
+                value,
             )
     take = _take(arguments)
     edits = read_edits(take.edits)
@@ -343,21 +338,16 @@ def _remove(arguments: argparse.Namespace) -> int:
     take, name = _take(arguments), _MANY.get(arguments.name, arguments.name)
     edits = read_edits(take.edits)
     if name not in (*NAMES, "all"):
-        raise StudioError(
-            "command.invalid_option",
-            f"there is no edit named '{name}'",
-            value=name,
-            fix=f"Choose one of {', '.join(NAMES)}, all.",
-            option="NAME",
+        raise invalid_option(
+            "NAME", f"there is no edit named '{name}'", f"Choose one of {', '.join(NAMES)}, all.", name
         )
     if arguments.number is not None:
         if name not in _MANY.values() or not 1 <= arguments.number <= len(getattr(edits, name)):
-            raise StudioError(
-                "command.invalid_option",
+            raise invalid_option(
+                "NUMBER",
                 f"there is no {_one(name)} {arguments.number}",
-                value=arguments.number,
-                fix=f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers.",
-                option="NUMBER",
+                f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers.",
+                arguments.number,
             )
         new = edits.without(name, arguments.number - 1)
         change_edits(take.edits, new, f"{_one(name)} {arguments.number} removed", edits)

@@ -31,8 +31,6 @@ def register(commands: Any) -> None:
         help=_HELP,
         description=_HELP[0].upper() + _HELP[1:] + ".",
         epilog=_NOTE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings, or the folder of a take")
     parser.add_argument("--json", action="store_true", help="print JSON")

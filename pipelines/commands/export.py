@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.arguments import invalid_option
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS
@@ -39,8 +40,6 @@ def register(commands: Any) -> None:
         help="export frames as PLY, SPZ, GLB or VideoGS, or as a movie",
         description="Export frames of a take or a stream in other programs' formats, or as a movie.",
         epilog=_NOTE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     export.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
     export.add_argument("--format", choices=list(EXPORTS), required=True, metavar="FORMAT", help=", ".join(EXPORTS))
@@ -82,20 +81,18 @@ def register(commands: Any) -> None:
 def _export(arguments: argparse.Namespace) -> int:
     size = _size(arguments.size)
     if arguments.spz_version is not None and arguments.format != "spz":
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--spz-version",
             f"--format {arguments.format} has no --spz-version",
-            value=arguments.spz_version,
-            fix="Remove --spz-version.",
-            option="--spz-version",
+            "Remove --spz-version.",
+            arguments.spz_version,
         )
     if (arguments.path is not None) != (arguments.format == "camera-path"):
         needs = arguments.format == "camera-path"
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--path",
             "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} does not take --path",
-            fix="Add --path FILE." if needs else "Remove --path.",
-            option="--path",
+            "Add --path FILE." if needs else "Remove --path.",
         )
     from pipelines.commands.working import working
     from pipelines.takes.videos import decoded_video, is_take, open_reader, trained_video
@@ -107,14 +104,7 @@ def _export(arguments: argparse.Namespace) -> int:
         if is_take(arguments.source) and (arguments.of or DEFAULT_OF) == "trained":
             video = trained_video(Path(arguments.source).expanduser())
         elif arguments.of == "trained":
-            raise StudioError(
-                "command.invalid_option",
-                "--of trained needs a take",
-                file=arguments.source,
-                value="trained",
-                fix="Remove --of.",
-                option="--of",
-            )
+            raise invalid_option("--of", "--of trained needs a take", "Remove --of.", "trained", file=arguments.source)
         else:
             _need_stream(arguments.source)
             video = decoded_video(stack.enter_context(open_reader(arguments.source)))
@@ -175,21 +165,19 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
     for option in ("frames", "of", "sh_degree"):
         if getattr(arguments, option) not in (None, "decoded"):
             name = f"--{option.replace('_', '-')}"
-            raise StudioError(
-                "command.invalid_option",
+            raise invalid_option(
+                name,
                 f"--format v3 has no {name}: the stream is written as it is",
-                value=getattr(arguments, option),
-                fix=f"Remove {name}.",
-                option=name,
+                f"Remove {name}.",
+                getattr(arguments, option),
             )
     if arguments.out.suffix.lower() != SUFFIX:
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--out",
             f"--format v3 writes a {SUFFIX} file",
+            f"End the name with {SUFFIX}, by which players recognize it.",
+            arguments.out.suffix,
             file=arguments.out,
-            value=arguments.out.suffix,
-            fix=f"End the name with {SUFFIX}, by which players recognize it.",
-            option="--out",
         )
     _need_stream(arguments.source)
     with open_reader(arguments.source) as reader, new_file(arguments.out) as temporary:
@@ -259,13 +247,7 @@ def _parts(option: str, text: str, pattern: str, form: str, example: str) -> tup
     """The groups of `pattern` in the option's value; "" for one that is missing."""
     found = re.fullmatch(pattern, text)
     if found is None:
-        raise StudioError(
-            "command.invalid_option",
-            f"{option} '{text}' is not of the form {form}",
-            value=text,
-            fix=f"Example: {example}.",
-            option=option,
-        )
+        raise invalid_option(option, f"{option} '{text}' is not of the form {form}", f"Example: {example}.", text)
     return found.groups("")
 
 
@@ -276,12 +258,11 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
     out: Path = arguments.out
     if arguments.format == "videogs":
         if arguments.axes == "viewer":
-            raise StudioError(
-                "command.invalid_option",
+            raise invalid_option(
+                "--axes",
                 "--axes viewer: the VideoGS layout supports only the axes of the capture",
-                value="viewer",
-                fix="Remove --axes.",
-                option="--axes",
+                "Remove --axes.",
+                "viewer",
             )
         export_videogs(video, out, qp=arguments.qp, progress=progress)
         return f"{counted(video.frame_count, 'frame')}, {counted(len(video.groups), 'group')}"
@@ -294,13 +275,12 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
     elif video.frame_count == 1:
         export_frame(video, out, rotation, **options)
     else:
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--out",
             f"{video.frame_count} frames cannot be written to one file",
+            f"Specify a folder, a name without {chosen.suffix}, or select one frame with --frames 0:1.",
+            video.frame_count,
             file=out,
-            value=video.frame_count,
-            fix=f"Specify a folder, a name without {chosen.suffix}, or select one frame with --frames 0:1.",
-            option="--out",
         )
     return counted(video.frame_count, "frame")
 
@@ -338,11 +318,7 @@ def _color(text: str) -> tuple[float, float, float]:
     except ValueError:
         red = green = blue = -1.0
     if not all(0 <= value <= 1 for value in (red, green, blue)):
-        raise StudioError(
-            "command.invalid_option",
-            f"--background '{text}' is not three numbers from 0 to 1",
-            value=text,
-            fix="Example: 1,1,1.",
-            option="--background",
+        raise invalid_option(
+            "--background", f"--background '{text}' is not three numbers from 0 to 1", "Example: 1,1,1.", text
         )
     return red, green, blue

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.arguments import invalid_option
 from studio.counts import counted
-from studio.errors import StudioError
 
 
 def register(commands: Any) -> None:
@@ -19,8 +19,8 @@ def register(commands: Any) -> None:
         "layout into a stream. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json "
         "with its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the "
         "previous frame.",
+        formatter_class=argparse.HelpFormatter,
         epilog="--set bake.quality=22 or --bake.quality 22 overrides a setting; `v3studio config` lists all settings.",
-        allow_abbrev=False,
     )
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream; must not exist")
@@ -38,12 +38,11 @@ def register(commands: Any) -> None:
 
 def _import(arguments: argparse.Namespace) -> int:
     if not 0 < arguments.fps <= 1000:
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--fps",
             f"--fps {arguments.fps:g} is not between 0 and 1000 frames per second",
-            value=arguments.fps,
-            fix="Example: 30.",
-            option="--fps",
+            "Example: 30.",
+            arguments.fps,
         )
     up = None if arguments.up is None else _vector(arguments.up)
     from dataclasses import replace
@@ -77,11 +76,5 @@ def _vector(text: str) -> tuple[float, float, float]:
         x = y = z = 0.0
     length = (x * x + y * y + z * z) ** 0.5
     if not 0 < length < float("inf"):
-        raise StudioError(
-            "command.invalid_option",
-            f"--up '{text}' is not a direction X,Y,Z",
-            value=text,
-            fix="Example: 0,0,1.",
-            option="--up",
-        )
+        raise invalid_option("--up", f"--up '{text}' is not a direction X,Y,Z", "Example: 0,0,1.", text)
     return x / length, y / length, z / length

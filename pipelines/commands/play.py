@@ -29,7 +29,6 @@ def register(commands: Any) -> None:
         description="Decode a stream from a folder or a web server and measure the time and size of each frame. "
         "Damaged groups are skipped and reported, with exit code 1. To watch a stream, use v3studio-gui or `v3studio "
         "serve`.",
-        allow_abbrev=False,
     )
     play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
     play.add_argument("--headless", action="store_true", help="no effect: this command never opens a window")

@@ -20,7 +20,6 @@ def register(commands: Any) -> None:
         help="line up takes, and run them one after the other",
         description="Line up takes, and run them one after the other. A failed take does not stop the next one; an "
         "interrupted one goes on where it stopped.",
-        allow_abbrev=False,
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 

@@ -111,8 +111,6 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
         help=text,
         description=text[0].upper() + text[1:] + ".",
         epilog=SETTINGS_NOTE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument(
         "config",

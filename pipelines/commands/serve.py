@@ -12,6 +12,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from pipelines.commands.arguments import invalid_option
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ def register(commands: Any) -> None:
         description="Serve a stream, the stream of a take, or all streams and takes in a folder, and the browser "
         "player: open the printed address in a browser to play it. Only files of streams are served, no other files of "
         "a take. A take that is being trained with --live is served from its first group on. Press Ctrl-C to stop.",
-        allow_abbrev=False,
     )
     serve.add_argument("folder", metavar="DIR", help="folder of a stream or a take, or a folder of several")
     serve.add_argument(
@@ -163,12 +163,8 @@ def _certificate(arguments: argparse.Namespace) -> Certificate | None:
     if arguments.certificate is not None:
         return load_certificate(arguments.certificate, arguments.key)
     if arguments.key is not None:
-        raise StudioError(
-            "command.invalid_option",
-            "--key needs --certificate",
-            value=arguments.key,
-            fix="Specify the certificate that belongs to the key.",
-            option="--key",
+        raise invalid_option(
+            "--key", "--key needs --certificate", "Specify the certificate that belongs to the key.", arguments.key
         )
     return None
 

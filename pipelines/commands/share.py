@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from studio.errors import StudioError
+from pipelines.commands.arguments import invalid_option
 
 if TYPE_CHECKING:
     from pipelines.share.page import PageText
@@ -24,7 +24,6 @@ def register(commands: Any) -> None:
         description="Write a folder with the browser player and the stream that any web server can serve, below any "
         "path; nothing is loaded from elsewhere. Or write one HTML file that opens from the disk. An earlier share is "
         "replaced, anything else is not.",
-        allow_abbrev=False,
     )
     share.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
     share.add_argument("--out", type=Path, required=True, metavar="PATH", help="folder, or .html file, to write")
@@ -103,10 +102,9 @@ def _check_address(address: str | None) -> None:
         return
     parts = urlsplit(address)
     if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
-        raise StudioError(
-            "command.invalid_option",
+        raise invalid_option(
+            "--address",
             f"--address '{address}' is not the http(s):// address of a folder",
-            value=address,
-            fix="Example: https://example.org/walk/.",
-            option="--address",
+            "Example: https://example.org/walk/.",
+            address,
         )

@@ -13,7 +13,6 @@ def register(commands: Any) -> None:
         "status",
         help="show which stages of a take are up to date, and why others are not",
         description="Show which stages of a take are up to date, and why the others are not.",
-        allow_abbrev=False,
     )
     status.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
     status.add_argument("--json", action="store_true", help="print JSON")

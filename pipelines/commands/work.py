@@ -30,8 +30,6 @@ def register(commands: Any) -> None:
         "from the last finished frame or checkpoint, so it can be started again anywhere that sees the take and the "
         "footage.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take; its cameras must be calibrated")
     parser.add_argument(

@@ -259,26 +259,15 @@ class _Training:
 
 
 def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:
-    """Seconds to draw and compare one view of the evaluation, apart from reading its image."""
-    import torch
+    """Seconds to render and compare one view of the evaluation, apart from reading its image."""
+    from studio.comparison import ViewPair, measure, padded_box
 
-    from pipelines.reports.pictures import draw
-    from studio.comparison import padded_box
-    from studio.metrics import psnr, ssim
-    from studio.perceptual import SMALLEST
-
-    background = inputs.config.capture.background
-    lpips = lpips_of(inputs.config, inputs.device)
+    background, lpips = inputs.config.capture.background, lpips_of(inputs.config, inputs.device)
     box = padded_box(view.mask, inputs.config.evaluate.crop_padding)
-    assert box is not None  # only views that show the performer were kept
     begun = time.perf_counter()
-    truth = torch.from_numpy(view.image[box]).float() / 255
     for _ in ("trained", "decoded"):
-        drawn = torch.from_numpy(draw(splats, view.camera, background, inputs.device)[box])
-        psnr(drawn, truth)
-        ssim(drawn, truth)
-        if lpips is not None and min(drawn.shape[:2]) >= SMALLEST:
-            lpips(drawn, truth)
+        pair = ViewPair.of(splats, view.camera, view.image, view.mask, background, box, inputs.device)
+        measure(pair, lpips)
     return time.perf_counter() - begun
 
 

@@ -118,7 +118,7 @@ class StageCode(Protocol):
             executor: runs groups elsewhere; None: they run in this process.
 
         Returns:
-            the main figures. `Result.summary_text` of the same model describes them in one line.
+            the main figures: a model of `pipelines.stages.summaries`.
 
         Raises:
             StudioError: bad input.

@@ -136,7 +136,7 @@ class GroupWork:
         Args:
             group: the group.
             finished: number of frames that are trained already.
-            keys: key of each frame, see `TrainStage`.
+            keys: key of each frame, see `pipelines.stages.train`.
 
         Raises:
             StudioError: unusable footage, or training diverged.

@@ -63,7 +63,7 @@ class GroupTask:
         stage: name of the stage.
         group: number of the group.
         attempt: 1 at first.
-        key: `GroupStage.group_key`, as the sender knows it.
+        key: `GroupStageCode.group_key`, as the sender knows it.
         settings: values by dotted name that replace those of the take.
         version: of V3 Studio, and `python` of Python, at the sender.
     """

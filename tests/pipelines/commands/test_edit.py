@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from pipelines.review import TakeReview
-from pipelines.takes.edits import change_edits, read_edits
+from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import read_about, read_frame, write_frame
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import read_rig
-from studio.edits import DetailMark, EditList, moved
-from studio.edits.edit_list import MOST_DETAILS
+from studio.edits import moved
 from studio.rasterizer import rasterize
 from studio.stream import StreamMetadata, StreamReader
 
@@ -197,14 +196,6 @@ def test_what_is_removed_has_a_name_and_a_number(here, take) -> None:
     assert done(here("edit", "remove", take, "details")).stdout == "removed: details\n"
     assert done(here("edit", "remove", take, "details")).stdout == "nothing to remove: there are no details\n"
     assert done(here("edit", "remove", take, "crop")).stdout == "nothing to remove: there is no crop edit\n"
-
-
-def test_one_detail_too_many_names_the_way_out(here, take) -> None:
-    mark = DetailMark(radius=0.1, path=((0, (0.0, 0.0, 0.0)),))
-    change_edits(take / "edits.json", EditList(details=(mark,) * MOST_DETAILS), "many")
-    result = here("edit", "detail", take, "--at", *read_points_of(take)[0], "--radius", 0.2)
-    assert result.returncode == 1
-    assert "details must have at most 20 entries. Remove one first: `v3studio edit remove" in result.stderr
 
 
 def test_positions_are_listed_as_they_are_typed(here, take) -> None:

@@ -7,7 +7,6 @@ from html.parser import HTMLParser
 import numpy as np
 
 from pipelines.reports.calibration import (
-    calibration_figures,
     calibration_warnings,
     intrinsics_sentences,
     render_calibration,
@@ -57,19 +56,6 @@ class Page(HTMLParser):
         self.words.append(data)
 
 
-def test_page_says_what_the_report_holds():
-    report = report_with(0.3)
-    page = Page()
-    page.feed(render_calibration(report, ["left <1>", "right"]))
-    assert page.open == []  # whole HTML
-    text = " ".join(" ".join(page.words).split())
-    assert "Calibration: excellent" in text
-    assert "0.300 px" in text
-    assert "80 observations of 40 points by 2 cameras" in text
-    assert "left <1>" in text
-    assert "not registered: only 3 features were found" in text
-
-
 def test_warnings():
     last = calibration_warnings(report_with(0.3))[-1]
     assert str(last) == "camera 'lost' was not registered: only 3 features were found."
@@ -110,11 +96,3 @@ def test_shared_intrinsics():
     report = report_with(0.3, match_inlier_ratio=0.8, sharing=[separate])
     assert "Separate intrinsics for 2 cameras" in intrinsics_sentences(report)[0]
     assert "91 times" in intrinsics_sentences(report)[0]
-
-
-def test_figures_of_the_event():
-    figures = calibration_figures(report_with(0.3))
-    assert figures.reprojection_mean == 0.3
-    assert figures.cameras == {"left <1>": 0.3, "right": 0.3}
-    assert figures.unregistered == {"lost": "only 3 features were found"}
-    assert "match_inlier_ratio" not in figures.to_json()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pipelines.reports.summary_words import size_words, summary_words
+from pipelines.reports.summary_words import summary_words
 from pipelines.stages.summaries import BakeSummary, CalibrateSummary, EvaluationSummary, InitializeSummary, TrainSummary
 
 QUALITY = {"psnr_trained": 30.724, "psnr_decoded": 30.601, "ssim_trained": 0.91, "ssim_decoded": 0.9}
@@ -36,13 +36,3 @@ def test_each_stage(stage: str) -> None:
     words = summary_words(stage, values)
     assert words == WORDS[stage]
     assert not any(name in words for name in values if "_" in name)
-
-
-def test_figures_of_other_versions_and_stages_are_told_too() -> None:
-    assert (
-        summary_words("train", {"frames": 1, "groups": 1, "new_figure": 1.25}) == "1 frame in 1 group, new figure 1.25"
-    )
-    assert summary_words("bake", {"groups": 1, "frames": 2, "bytes": 900}) == "2 frames in 1 group, 0.9 KB"
-    assert summary_words("sharpen", {"images_done": 12000}) == "images done 12,000"
-    assert summary_words("train", {}) == ""
-    assert size_words(999) == "1.0 KB"

@@ -41,7 +41,7 @@ def inodes(take):
 
 
 def test_only_the_sound_is_baked_again(here, take):
-    done(here("bake", take, "--stream-version", "3", "--capture.audio", wav(take)))
+    done(here("bake", take, "--capture.audio", wav(take)))
     assert heard(take) == pytest.approx([0.08], abs=0.0005)
     frames = inodes(take)
     result = done(here("bake", take, "--capture.audio_offset", "0.04", "--json"))

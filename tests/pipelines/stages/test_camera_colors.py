@@ -84,16 +84,6 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(uneven: Path) -> No
     assert status(take, config)["train"].state == "stale"
 
 
-def test_without_the_first_groups_points_it_says_so(uneven: Path) -> None:
-    from pipelines.runs.work import work
-
-    take = Take.open(uneven / "take")
-    config = load_config(uneven / "ball.yaml", [parse_override(text) for text in OPTIONS])
-    (take.initialize_group(0) / "points.ply").unlink()
-    with refuses("training.no_first_points"):
-        work(take, config, ("train",), 1, lambda event: None)
-
-
 def test_a_camera_that_is_not_corrected_is_named(finished: Path, tmp_path: Path) -> None:
     shutil.copytree(finished, tmp_path / "project")
     path = tmp_path / "project" / "capture" / "images" / "cam1" / "000.png"
@@ -152,14 +142,6 @@ def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndar
         views[len(options)] = {view.camera.name: view.color for view in seen}
     assert all(color is None for color in views[2].values())
     assert [name for name, color in views[4].items() if color is None] == ["cam3"]
-
-
-def test_a_chart_without_corrected_colors_is_told(charted: tuple[Path, np.ndarray]) -> None:
-    project, _ = charted
-    events = train(project, CHART[0], CHART[1], "train.color_chart_frame=5")
-    (warning,) = [one for one in events if isinstance(one, Warned) and one.code == "training.chart_unused"]
-    assert warning.message.startswith("train.color_chart_frame is 5, but the colors of the cameras are not corrected")
-    assert not Take.open(project / "take").camera_colors.exists()
 
 
 def test_a_frame_without_a_chart_is_refused_before_anything_is_trained(charted: tuple[Path, np.ndarray]) -> None:

@@ -26,7 +26,7 @@ from pipelines.stages.group_scheduler import (
     threads_by_group,
 )
 from pipelines.takes.take import Take
-from studio.errors import Cancelled, StudioError
+from studio.errors import StudioError
 from tests.support.errors import refuses
 
 
@@ -135,14 +135,6 @@ def test_one_failure_ends_the_others_and_is_what_is_told() -> None:
     with refuses("mask.empty"):
         run_groups({0: endless, 1: bad, 2: lambda: ran.append(2)}, 2, [1, 1, 1], stop)
     assert not ran
-
-
-def test_a_stop_is_told_as_a_stop() -> None:
-    def stopped() -> None:
-        raise Cancelled
-
-    with pytest.raises(Cancelled):
-        run_groups({0: stopped, 1: stopped}, 2, [1, 1], Cancellation())
 
 
 def test_side_by_side_gives_what_one_after_the_other_gives(project: Path, here: Callable[..., Any]) -> None:

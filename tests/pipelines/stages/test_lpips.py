@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 import torch
 
-from pipelines.ablation.report import table_rows
-from pipelines.ablation.results import AblationResults, RatePoint, VariantResult
 from pipelines.config import load_config, parse_override
 from pipelines.events import StageStarted, Warned
 from pipelines.runs.runner import run
@@ -139,21 +137,3 @@ def test_weights_that_are_not_there_are_told_before_training(take: Take, monkeyp
         measured(take, "evaluate.lpips=alex", "train.finetune_iterations=30")
     assert {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")} == frames
     measured(take, "evaluate.lpips=alex", "bake.quality=21", stages=("bake",))  # not needed if nothing is measured
-
-
-def test_only_known_networks_can_be_set() -> None:
-    with pytest.raises(StudioError, match="must be alex or vgg"):
-        load_config(None, [("evaluate.lpips", "squeeze")])
-
-
-def test_the_ablations_table_has_a_column_for_it() -> None:
-    def results(**more: float) -> AblationResults:
-        point = RatePoint(qp=20, kb_per_frame=10.0, psnr_trained=30.0, psnr_decoded=29.0, **more)
-        full = VariantResult(name="full", title="full", points=(point,))
-        return AblationResults(variants=(full, VariantResult(name="new", title="new")))
-
-    assert table_rows(results(), 20)[0].count("LPIPS decoded") == 0
-    header, full, new = table_rows(results(lpips_decoded=0.12345), 20)
-    assert header[4] == "LPIPS decoded"
-    assert full[4] == "0.1235"
-    assert len(header) == len(full) == len(new)

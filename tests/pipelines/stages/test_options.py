@@ -64,13 +64,6 @@ def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, moving):
     assert here("sync", moving, "--capture.offsets", "{left: 2}").returncode == 0, "looked for anew, not applied"
 
 
-@pytest.mark.parametrize("seconds", ["-1", "0"])
-def test_sync_needs_seconds_to_look_through(here, moving, seconds):
-    done = here("sync", moving, "--seconds", seconds)
-    assert done.returncode == 1
-    assert f"The largest offset to search is {seconds} s. It must be positive and finite" in done.stderr
-
-
 def test_sync_by_timecode_prints_the_offsets_to_set(here, tmp_path):
     (tmp_path / "videos").mkdir()
     for name, label in (("left", "23:59:59:24"), ("right", "00:00:00:02")):
