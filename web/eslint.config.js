@@ -12,6 +12,8 @@ export default tseslint.config(
       "@typescript-eslint/restrict-template-expressions": ["error", { allowNumber: true }],
       // Typed arrays are read by index in inner loops, where the bounds are checked once beforehand.
       "@typescript-eslint/no-non-null-assertion": "off",
+      // Handlers of a single call need no block.
+      "@typescript-eslint/no-confusing-void-expression": ["error", { ignoreArrowShorthand: true }],
       eqeqeq: "error",
     },
   },

@@ -153,9 +153,7 @@ void test("warming up reads what it has made up, for as long as it is wanted", a
   assert.equal(others, 3);
 });
 
-void test("the demuxer is warmed up with a video that it reads", async () => {
-  await demuxSample();
-});
+void test("the demuxer is warmed up with a video that it reads", async () => await demuxSample());
 
 void test("tables are right whichever groups came before", async () => {
   const [motion, read] = await side();

@@ -85,12 +85,8 @@ export class Player {
   readonly statistics = new Statistics();
   readonly canvas: HTMLCanvasElement;
   readonly sound = new Sound({
-    changed: () => {
-      this.emit("sound", undefined);
-    },
-    notice: (message) => {
-      this.emit("notice", message);
-    },
+    changed: () => this.emit("sound", undefined),
+    notice: (message) => this.emit("notice", message),
   });
   info: StreamInfo | null = null;
   path: DecodePath | null = null;
@@ -146,21 +142,15 @@ export class Player {
     this.renderer = new Renderer(canvas);
     this.resolution.software = this.renderer.software;
     this.worker = takeWorker();
-    this.videos = new VideoReader((message, transfer) => {
-      this.post(message, transfer);
-    });
+    this.videos = new VideoReader((message, transfer) => this.post(message, transfer));
     this.worker.onmessage = (event: MessageEvent<FromWorker>) => {
       const began = performance.now();
       this.receive(event.data);
       this.handlerTime += performance.now() - began;
     };
-    this.worker.onerror = (event) => {
-      this.fail(`The player's worker failed: ${event.message}.`);
-    };
+    this.worker.onerror = (event) => this.fail(`The player's worker failed: ${event.message}.`);
     const { signal } = this.stop;
-    canvas.addEventListener("webglcontextrestored", () => {
-      this.restore();
-    }, { signal });
+    canvas.addEventListener("webglcontextrestored", () => this.restore(), { signal });
     document.addEventListener("visibilitychange", () => {
       // Hidden pages get no animation frames; the clock must not advance in the meantime.
       this.lastTick = this.drawBegan = this.lastShownAt = null;

@@ -17,7 +17,6 @@ export interface SoundEvents {
 
 export class Sound {
   readonly element = new Audio();
-  private readonly events: SoundEvents;
   private address: string | null = null;
   /** Seconds of the stream at which the sound starts, and its duration. */
   private start = 0;
@@ -32,8 +31,7 @@ export class Sound {
   private lastTime = 0;
   private progressAt = 0;
 
-  constructor(events: SoundEvents) {
-    this.events = events;
+  constructor(private readonly events: SoundEvents) {
     this.element.preload = "auto";
     this.element.addEventListener("error", () => {
       if (this.address !== null) this.fail(this.element.error?.message ?? "");

@@ -50,12 +50,8 @@ export class VideoReader {
     }
     const work = request.type === "video-open" ? this.openSource(request) : this.read(request.source, request.time, request.duration);
     work.then(
-      (luma) => {
-        this.post({ type: "video-frame", request: request.request, luma }, [luma]);
-      },
-      (error: unknown) => {
-        this.post({ type: "video-error", request: request.request, message: messageOf(error) });
-      },
+      (luma) => this.post({ type: "video-frame", request: request.request, luma }, [luma]),
+      (error: unknown) => this.post({ type: "video-error", request: request.request, message: messageOf(error) }),
     );
   }
 
@@ -147,14 +143,12 @@ export class VideoReader {
  * the picture from before the seek.
  */
 class Presented {
-  private readonly element: HTMLVideoElement;
   private readonly reports: boolean;
   /** Presentation time of the picture in seconds; null before the first. */
   private mediaTime: number | null = null;
   private changed: (() => void) | null = null;
 
-  constructor(element: HTMLVideoElement) {
-    this.element = element;
+  constructor(private readonly element: HTMLVideoElement) {
     this.reports = "requestVideoFrameCallback" in element;
     if (this.reports) this.listen();
   }
@@ -206,9 +200,7 @@ function happened(element: HTMLVideoElement, event: "loadeddata" | "seeked"): Pr
       act();
     };
     const timer = setTimeout(
-      end(() => {
-        reject(new StreamError("The browser's video element does not deliver a picture."));
-      }),
+      end(() => reject(new StreamError("The browser's video element does not deliver a picture."))),
       PATIENCE,
     );
     element.addEventListener(event, end(resolve), { signal: stop.signal });

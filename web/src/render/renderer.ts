@@ -31,12 +31,10 @@ const BATCH = 1024;
 
 class Program {
   readonly handle: WebGLProgram;
-  private readonly gl: WebGL2RenderingContext;
   private checked = false;
   private readonly places = new Map<string, WebGLUniformLocation | null>();
 
-  constructor(gl: WebGL2RenderingContext, vertex: string, fragment: string) {
-    this.gl = gl;
+  constructor(private readonly gl: WebGL2RenderingContext, vertex: string, fragment: string) {
     this.handle = gl.createProgram();
     for (const [kind, source] of [
       [gl.VERTEX_SHADER, vertex],
@@ -83,21 +81,15 @@ class Program {
 /** A texture without filtering; its memory is reused while its size does not change. */
 class Texture {
   readonly handle: WebGLTexture;
-  private readonly gl: WebGL2RenderingContext;
-  private readonly unit: number;
-  private readonly format: readonly [internal: number, format: number, type: number];
   private width = 0;
   private height = 0;
 
   constructor(
-    gl: WebGL2RenderingContext,
-    unit: number,
-    format: readonly [internal: number, format: number, type: number],
+    private readonly gl: WebGL2RenderingContext,
+    private readonly unit: number,
+    private readonly format: readonly [internal: number, format: number, type: number],
     filter: number = gl.NEAREST,
   ) {
-    this.gl = gl;
-    this.unit = unit;
-    this.format = format;
     this.handle = gl.createTexture();
     this.bind();
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filter);
@@ -140,10 +132,8 @@ class Texture {
 class Target {
   readonly texture: Texture;
   readonly frame: WebGLFramebuffer;
-  private readonly gl: WebGL2RenderingContext;
 
-  constructor(gl: WebGL2RenderingContext, half: boolean) {
-    this.gl = gl;
+  constructor(private readonly gl: WebGL2RenderingContext, half: boolean) {
     const format = half
       ? ([gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] as const)
       : ([gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE] as const);
@@ -183,10 +173,8 @@ class Resources {
   readonly resolve: Program;
   readonly canvasTarget: Target;
   readonly projects = new Map<string, Program>();
-  private readonly gl: WebGL2RenderingContext;
 
-  constructor(gl: WebGL2RenderingContext, half: boolean) {
-    this.gl = gl;
+  constructor(private readonly gl: WebGL2RenderingContext, half: boolean) {
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
     this.luma = new Texture(gl, LUMA, [gl.R8, gl.RED, gl.UNSIGNED_BYTE]);

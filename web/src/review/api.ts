@@ -66,22 +66,16 @@ export interface Change {
 
 /** A refused change, with the marks as they are. */
 export class Refused extends Error {
-  readonly marks: readonly Mark[];
-
-  constructor(message: string, marks: readonly Mark[]) {
+  constructor(message: string, readonly marks: readonly Mark[]) {
     super(message);
-    this.marks = marks;
   }
 }
 
 export class ReviewServer {
-  private readonly base: URL;
   private tag = "";
 
   /** @param base - the folder `.review/` beside the stream */
-  constructor(base: URL) {
-    this.base = base;
-  }
+  constructor(private readonly base: URL) {}
 
   async data(): Promise<ReviewData> {
     const data = (await (await this.get("data.json")).json()) as ReviewData;

@@ -16,8 +16,6 @@ export class Comparison {
   readonly button = make("button", { type: "button", "aria-pressed": "false", title: "Compare with footage (W)" }, START);
   /** What is compared; hidden while nothing is. */
   readonly choices: HTMLElement;
-  private readonly element: V3PlayerElement;
-  private readonly player: Player;
   private readonly cameras: readonly ReviewCamera[];
   private readonly wipe: Wipe;
   private readonly select = make("select", { "aria-label": "Compare with the footage of a camera" });
@@ -27,29 +25,21 @@ export class Comparison {
 
   /** @param changed - called with the name of the camera that is compared with, null for none */
   constructor(
-    element: V3PlayerElement,
-    player: Player,
+    private readonly element: V3PlayerElement,
+    private readonly player: Player,
     server: ReviewServer,
     data: ReviewData,
     changed: (camera: string | null) => void,
   ) {
-    this.element = element;
-    this.player = player;
     this.cameras = data.cameras;
     this.changed = changed;
     this.select.append(...data.cameras.map(({ name }) => make("option", { value: name }, name)));
     this.choices = make("span", { class: "row", hidden: "" }, this.select, make("label", {}, this.all, " whole picture"));
     this.button.hidden = data.cameras.length === 0;
-    this.wipe = new Wipe(player, server, data.background, () => {
-      this.end();
-    });
-    this.button.addEventListener("click", () => {
-      this.toggle();
-    });
+    this.wipe = new Wipe(player, server, data.background, () => this.end());
+    this.button.addEventListener("click", () => this.toggle());
     for (const control of [this.select, this.all])
-      control.addEventListener("change", () => {
-        this.begin(this.select.value);
-      });
+      control.addEventListener("change", () => this.begin(this.select.value));
   }
 
   /** The camera that is compared with; null for none. */

@@ -22,9 +22,7 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
   };
   const plots = new Plots(data.quality, data.frame_count, fps, seek);
   plots.show(player.frame);
-  const comparison = new Comparison(element, player, server, data, (camera) => {
-    plots.compare(camera);
-  });
+  const comparison = new Comparison(element, player, server, data, (camera) => plots.compare(camera));
   const goTo = ({ frame, view }: Mark): void => {
     seek(frame);
     if (view !== null) comparison.go(view);
@@ -34,9 +32,7 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
     view: () => comparison.view,
     goTo,
     seek,
-    changed: (all: readonly Mark[]) => {
-      plots.mark(all, goTo);
-    },
+    changed: (all: readonly Mark[]) => plots.mark(all, goTo),
     writing: (writing) => {
       panel.classList.toggle("writing", writing);
       fitToKeyboard(writing);
@@ -45,9 +41,7 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
   const tools = make("div", { class: "row tools" }, comparison.button, marks.add, comparison.choices, plots.readout);
   const problems = data.problems.map((text) => make("p", { class: "problem" }, text));
   panel.replaceChildren(tools, marks.form, marks.problem, plots.element, ...problems, marks.element);
-  player.on("frame", ({ frame }) => {
-    plots.show(frame);
-  });
+  player.on("frame", ({ frame }) => plots.show(frame));
   const compared = new URLSearchParams(location.search).get("compare");
   if (compared !== null) comparison.begin(compared);
   element.links.reviewParameters = (): Record<string, string> => {
@@ -81,9 +75,7 @@ async function start(): Promise<void> {
   const opened = new Promise<void>((resolve) => {
     if (element.engine?.info) resolve();
     else
-      element.addEventListener("v3-opened", () => {
-        resolve();
-      }, { once: true });
+      element.addEventListener("v3-opened", () => resolve(), { once: true });
   });
   try {
     const [data] = await Promise.all([server.data(), opened]);

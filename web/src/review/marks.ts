@@ -42,9 +42,6 @@ export interface MarksHost {
 
 export class Marks {
   readonly element = make("div", { class: "marks" });
-  private readonly server: ReviewServer;
-  private readonly host: MarksHost;
-  private readonly fps: number;
   private readonly list = make("ol");
   /** The button that opens the form. */
   readonly add = make("button", { type: "button", class: "add" }, "Mark this frame");
@@ -63,10 +60,7 @@ export class Marks {
   /** The view of the mark that was gone to for editing. */
   private kept: MarkView | null = null;
 
-  constructor(server: ReviewServer, fps: number, host: MarksHost) {
-    this.server = server;
-    this.fps = fps;
-    this.host = host;
+  constructor(private readonly server: ReviewServer, private readonly fps: number, private readonly host: MarksHost) {
     const cancel = make("button", { type: "button" }, "Cancel");
     const kept = make("small", {}, "with this view");
     this.form.append(
@@ -75,12 +69,8 @@ export class Marks {
       make("div", { class: "row" }, this.author, this.save, cancel),
     );
     this.element.append(this.list);
-    this.add.addEventListener("click", () => {
-      this.begin();
-    });
-    cancel.addEventListener("click", () => {
-      this.close();
-    });
+    this.add.addEventListener("click", () => this.begin());
+    cancel.addEventListener("click", () => this.close());
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
       const author = this.author.value.trim();
@@ -94,9 +84,7 @@ export class Marks {
       }
       if (event.key === "Escape") this.close();
     });
-    this.remove.addEventListener("click", () => {
-      void this.send(null);
-    });
+    this.remove.addEventListener("click", () => void this.send(null));
     void this.poll();
   }
 
@@ -193,9 +181,7 @@ export class Marks {
       ...marks.map((mark) => {
         const go = make("button", { type: "button", class: "go" }, make("b", {}, `${mark.frame}`), ` ${clock(mark.frame / this.fps)}`);
         go.setAttribute("aria-label", `Go to frame ${mark.frame}`);
-        go.addEventListener("click", () => {
-          this.host.goTo(mark);
-        });
+        go.addEventListener("click", () => this.host.goTo(mark));
         const text = make("span", { class: "note" }, mark.note === "" ? "(no note)" : mark.note);
         if (mark.author !== "") text.append(make("small", {}, ` ${mark.author}`));
         const change = make("button", { type: "button", "aria-label": `Edit the mark at frame ${mark.frame}` }, "Edit");

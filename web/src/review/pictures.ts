@@ -8,7 +8,6 @@ const AHEAD = 6;
 const RETRY = 3000;
 
 export class Pictures {
-  private readonly server: ReviewServer;
   private readonly arrived: () => void;
   private readonly kept = new Map<string, ImageBitmap>();
   private readonly failed = new Map<string, number>();
@@ -17,8 +16,7 @@ export class Pictures {
   /** Why the last picture could not be fetched; "" if it could. */
   problem = "";
 
-  constructor(server: ReviewServer, arrived: () => void) {
-    this.server = server;
+  constructor(private readonly server: ReviewServer, arrived: () => void) {
     this.arrived = arrived;
   }
 

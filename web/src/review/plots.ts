@@ -23,17 +23,16 @@ export class Plots {
   private readonly ownLegend = make("span", { hidden: "" });
   private range: readonly [number, number] | null = null;
   private readonly strip = make("div", { class: "strip" });
-  private readonly quality: QualityCurves | null;
-  private readonly count: number;
-  private readonly fps: number;
   private frame = 0;
   private hovered: number | null = null;
   private camera: string | null = null;
 
-  constructor(quality: QualityCurves | null, count: number, fps: number, seek: (frame: number) => void) {
-    this.quality = quality;
-    this.count = count;
-    this.fps = fps;
+  constructor(
+    private readonly quality: QualityCurves | null,
+    private readonly count: number,
+    private readonly fps: number,
+    seek: (frame: number) => void,
+  ) {
     this.element.append(this.area, this.axis, this.strip);
     if (quality !== null) {
       const range = decibelRange(quality.psnr_trained, quality.psnr_decoded, ...Object.values(quality.by_camera));
@@ -80,9 +79,7 @@ export class Plots {
       this.area.addEventListener(name, () => {
         pressed = false;
       });
-    this.area.addEventListener("pointerleave", () => {
-      this.hover(null);
-    });
+    this.area.addEventListener("pointerleave", () => this.hover(null));
     this.show(0);
   }
 
@@ -125,9 +122,7 @@ export class Plots {
           const { frame, note } = mark;
           const tick = make("button", { type: "button", title: `Frame ${frame}: ${note}`, "aria-label": `Mark at frame ${frame}` });
           tick.style.left = this.left(frame);
-          tick.addEventListener("click", () => {
-            goTo(mark);
-          });
+          tick.addEventListener("click", () => goTo(mark));
           return tick;
         }),
     );

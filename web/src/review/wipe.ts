@@ -15,8 +15,6 @@ const STEP = 0.02;
 const EDGE = 12;
 
 export class Wipe {
-  private readonly player: Player;
-  private readonly background: Vector;
   private readonly pictures: Pictures;
   private readonly layer: HTMLElement;
   private readonly canvas = make("canvas");
@@ -34,13 +32,14 @@ export class Wipe {
   private readonly resizing: ResizeObserver;
 
   /** @param changed - called when the comparison has ended because the view was moved */
-  constructor(player: Player, server: ReviewServer, background: Vector, changed: () => void) {
-    this.player = player;
-    this.background = background;
+  constructor(
+    private readonly player: Player,
+    server: ReviewServer,
+    private readonly background: Vector,
+    changed: () => void,
+  ) {
     this.changed = changed;
-    this.pictures = new Pictures(server, () => {
-      this.draw();
-    });
+    this.pictures = new Pictures(server, () => this.draw());
     this.line = make("div", {
       role: "slider",
       tabindex: "0",
@@ -53,9 +52,7 @@ export class Wipe {
     (player.canvas.parentElement ?? document.body).append(this.layer);
     // The view behind must not turn meanwhile.
     for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel", "wheel", "dblclick", "touchstart", "gesturestart"])
-      this.layer.addEventListener(name, (event) => {
-        event.stopPropagation();
-      }, { passive: true });
+      this.layer.addEventListener(name, (event) => event.stopPropagation(), { passive: true });
     this.layer.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
       this.layer.setPointerCapture(event.pointerId);
@@ -71,9 +68,7 @@ export class Wipe {
       event.stopPropagation();
       this.place(this.at + step);
     });
-    player.on("frame", () => {
-      this.draw();
-    });
+    player.on("frame", () => this.draw());
     player.on("view", (view) => {
       if (this.camera === null || JSON.stringify(view) === this.behind) return;
       this.show(null, true);

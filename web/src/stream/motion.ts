@@ -39,8 +39,6 @@ function placesOf({ tile, columns, splats }: MotionRendition): Places {
 
 /** Data shared by all frames of a group. */
 export class MotionTables {
-  readonly group: MotionRendition;
-  readonly side: SideFile;
   /** (N) pixel of each splat within a tile: row * tile + column. */
   readonly pixels: Uint32Array<ArrayBuffer>;
   /** (B, 3) mean cell of each block, rounded down. */
@@ -48,9 +46,7 @@ export class MotionTables {
   private readonly offsets: Uint32Array;
   private forPositions: { readonly keyframe: Float32Array; readonly local: Float32Array } | null = null;
 
-  constructor(group: MotionRendition, side: SideFile) {
-    this.group = group;
-    this.side = side;
+  constructor(readonly group: MotionRendition, readonly side: SideFile) {
     const { splats, blocks } = group;
     const { cells, labels } = side;
     const { pixels, offsets } = placesOf(group);

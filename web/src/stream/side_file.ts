@@ -30,12 +30,9 @@ export interface SideFile {
 
 /** Reads the parts of the file in sequence. */
 class Cursor {
-  private readonly data: Uint8Array;
   private position = 0;
 
-  constructor(data: Uint8Array) {
-    this.data = data;
-  }
+  constructor(private readonly data: Uint8Array) {}
 
   get left(): number {
     return this.data.length - this.position;

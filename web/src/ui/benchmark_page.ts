@@ -44,8 +44,6 @@ function show(sheet: HTMLElement, result: BenchmarkResult): void {
     link.href = address;
     link.download = "v3player-benchmark.json";
     link.click();
-    setTimeout(() => {
-      URL.revokeObjectURL(address);
-    }, 1000);
+    setTimeout(() => URL.revokeObjectURL(address), 1000);
   });
 }

@@ -83,9 +83,7 @@ export class V3PlayerElement extends HTMLElement {
       root: this.root,
       watching: () => this.getAttribute("data-link"),
       place: () => (this.player?.info ? this.player : null),
-      notice: (message) => {
-        this.notice(message);
-      },
+      notice: (message) => this.notice(message),
     });
   }
 
@@ -258,18 +256,14 @@ export class V3PlayerElement extends HTMLElement {
     this.panel = new Panel(this.part_(".info"), player);
     this.hint = new Hint(this.part_(".hint"));
     const motion = (this.motion = new Motion(stage, player, {
-      tap: (pointer, x, y) => {
-        this.tapped(pointer, x, y);
-      },
+      tap: (pointer, x, y) => this.tapped(pointer, x, y),
       touched: () => {
         // Who has begun to look around does not need the invitation any more.
         this.part_<HTMLElement>(".start").hidden = true;
         this.hint?.turned();
         this.awake();
       },
-      input: () => {
-        this.endIntro();
-      },
+      input: () => this.endIntro(),
     }));
     motion.ownsWheel = () => this.hasAttribute("page") || document.fullscreenElement === this || this.root.activeElement === stage;
 
@@ -332,9 +326,7 @@ export class V3PlayerElement extends HTMLElement {
       this.timeline?.updateBuffered();
       this.tell("grown", { frameCount: info.frameCount, duration: player.duration, live: info.live });
     });
-    player.on("fetched", () => {
-      this.timeline?.updateBuffered();
-    });
+    player.on("fetched", () => this.timeline?.updateBuffered());
     player.on("view", (view) => {
       this.fade(player.visibility);
       this.tell("view", view);
@@ -347,12 +339,8 @@ export class V3PlayerElement extends HTMLElement {
       this.say("The end");
       this.tell("ended");
     });
-    player.on("looped", () => {
-      this.tell("looped");
-    });
-    player.on("sound", () => {
-      this.showSound(player);
-    });
+    player.on("looped", () => this.tell("looped"));
+    player.on("sound", () => this.showSound(player));
     player.on("notice", (message) => {
       this.timeline?.updateBuffered();
       this.notice(message);
@@ -363,17 +351,11 @@ export class V3PlayerElement extends HTMLElement {
       this.tell("error", message);
     });
 
-    acceptDrops(stage, (file) => {
-      this.openFile(file);
-    }, (name) => {
+    acceptDrops(stage, (file) => this.openFile(file), (name) => {
       this.notice(`${name} is not a stream in one file (.v3s).`);
     }, signal);
-    this.root.addEventListener("click", (event) => {
-      this.clicked(event);
-    }, { signal });
-    this.addEventListener("keydown", (event) => {
-      this.keyDown(event);
-    }, { signal });
+    this.root.addEventListener("click", (event) => this.clicked(event), { signal });
+    this.addEventListener("keydown", (event) => this.keyDown(event), { signal });
     this.addEventListener("keyup", (event) => {
       motion.shift = event.shiftKey;
       motion.key(event.key, false);
@@ -437,53 +419,31 @@ export class V3PlayerElement extends HTMLElement {
     // Space also presses a focused button.
     const onButton = from.tagName === "BUTTON";
     const actions: Record<string, () => void> = {
-      " ": () => {
-        this.togglePlay();
-      },
-      k: () => {
-        this.togglePlay();
-      },
-      j: () => {
-        this.seek(Math.max(0, player.seconds - 1));
-      },
-      l: () => {
-        this.seek(player.seconds + 1);
-      },
+      " ": () => this.togglePlay(),
+      k: () => this.togglePlay(),
+      j: () => this.seek(Math.max(0, player.seconds - 1)),
+      l: () => this.seek(player.seconds + 1),
       ",": () => {
         player.pause();
         this.timeline?.seek(player.frame - 1);
       },
-      "<": () => {
-        this.changeSpeed(-1);
-      },
-      ">": () => {
-        this.changeSpeed(1);
-      },
+      "<": () => this.changeSpeed(-1),
+      ">": () => this.changeSpeed(1),
       b: () => {
         const names = (Object.keys(BACKGROUNDS) as BackgroundName[]).filter((name) => !this.isSuggested(name));
         const next = names[(names.indexOf(this.backgroundName) + 1) % names.length];
         this.setBackground(next);
         this.notice(`Background: ${BACKGROUNDS[next].label}.`);
       },
-      "?": () => {
-        this.toggleHelp();
-      },
+      "?": () => this.toggleHelp(),
       ".": () => {
         player.pause();
         this.timeline?.seek(player.frame + 1);
       },
-      r: () => {
-        motion.reset();
-      },
-      f: () => {
-        void this.toggleFull();
-      },
-      i: () => {
-        this.toggleInfo();
-      },
-      m: () => {
-        this.toggleSound();
-      },
+      r: () => motion.reset(),
+      f: () => void this.toggleFull(),
+      i: () => this.toggleInfo(),
+      m: () => this.toggleSound(),
       c: () => {
         if (this.hasAttribute("page")) this.copyLink();
       },
@@ -608,9 +568,7 @@ export class V3PlayerElement extends HTMLElement {
         : await fetch(new URL(place, document.baseURI)).then((response) => response.text());
       // Meanwhile, the user may have moved the camera.
       if (player !== this.player || this.introEnded) return;
-      this.intro = new Intro(player, readPath(text, player), () => {
-        this.endIntro();
-      });
+      this.intro = new Intro(player, readPath(text, player), () => this.endIntro());
     } catch (error) {
       this.notice(messageOf(error));
     }
@@ -656,9 +614,7 @@ export class V3PlayerElement extends HTMLElement {
     this.toggleSettings(false);
     try {
       this.immersive = await Immersive.start(kind, this.player, this, {
-        hint: (text) => {
-          this.notice(text);
-        },
+        hint: (text) => this.notice(text),
         ended: () => {
           this.immersive = null;
           this.showImmersion(kind, false);
@@ -745,9 +701,7 @@ export class V3PlayerElement extends HTMLElement {
     element.textContent = message;
     element.classList.add("shown");
     clearTimeout(this.noticeTimer);
-    this.noticeTimer = setTimeout(() => {
-      element.classList.remove("shown");
-    }, NOTICE);
+    this.noticeTimer = setTimeout(() => element.classList.remove("shown"), NOTICE);
   }
 
   /** Fades the picture where no camera filmed from nearby, down to a hint of it, and says why. */

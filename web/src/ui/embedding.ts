@@ -31,9 +31,7 @@ export function listen(element: V3PlayerElement): void {
     window.parent.postMessage({ v3player: VERSION, event, detail }, "*");
   };
   for (const event of EVENTS)
-    element.addEventListener(`v3-${event}`, (sent) => {
-      post(event, (sent as CustomEvent).detail);
-    });
+    element.addEventListener(`v3-${event}`, (sent) => post(event, (sent as CustomEvent).detail));
   window.addEventListener("message", ({ data, source }: MessageEvent<unknown>) => {
     if (source !== window.parent || typeof data !== "object" || data === null) return;
     const message = data as Record<string, unknown>;

@@ -15,14 +15,11 @@ function hasTurned(now = false): boolean {
 }
 
 export class Hint {
-  private readonly element: HTMLElement;
   private timer = 0;
   private done = false;
 
   /** @param element - hidden and empty; a live region, so that its text is read when it appears */
-  constructor(element: HTMLElement) {
-    this.element = element;
-  }
+  constructor(private readonly element: HTMLElement) {}
 
   /**
    * Shows it if the view was never turned in this browser.
@@ -35,9 +32,7 @@ export class Hint {
     const fingers = matchMedia("(any-pointer: coarse)").matches;
     this.element.querySelector("b")!.textContent = "Drag to turn";
     this.element.querySelector("small")!.textContent = fingers ? "pinch to zoom" : wheel ? "scroll to zoom" : "";
-    this.timer = setTimeout(() => {
-      this.element.classList.add("brief");
-    }, ALWAYS);
+    this.timer = setTimeout(() => this.element.classList.add("brief"), ALWAYS);
   }
 
   /** The view was turned: it is not shown again. */

@@ -19,11 +19,8 @@ export interface LinkHost {
 export class LinkSheet {
   /** Further URL parameters of links to the review. */
   reviewParameters: () => Readonly<Record<string, string>> = () => ({});
-  private readonly host: LinkHost;
 
-  constructor(host: LinkHost) {
-    this.host = host;
-  }
+  constructor(private readonly host: LinkHost) {}
 
   /** Copies the page's link, or asks which one. */
   async copy(): Promise<void> {

@@ -28,9 +28,6 @@ interface Finger {
 }
 
 export class Motion {
-  private readonly surface: HTMLElement;
-  private readonly player: Player;
-  private readonly events: MotionEvents;
   private readonly fingers = new Map<number, Finger>();
   private readonly stop = new AbortController();
   private readonly calm: MediaQueryList;
@@ -45,39 +42,24 @@ export class Motion {
   /** Whether the wheel zooms; otherwise it scrolls the page around the player. */
   ownsWheel: () => boolean = () => true;
 
-  constructor(surface: HTMLElement, player: Player, events: MotionEvents) {
-    this.surface = surface;
-    this.player = player;
-    this.events = events;
+  constructor(
+    private readonly surface: HTMLElement,
+    private readonly player: Player,
+    private readonly events: MotionEvents,
+  ) {
     this.calm = matchMedia("(prefers-reduced-motion: reduce)");
     const { signal } = this.stop;
     const on = <K extends keyof HTMLElementEventMap>(kind: K, handler: (event: HTMLElementEventMap[K]) => void): void => {
       surface.addEventListener(kind, handler, { signal, passive: false });
     };
-    on("pointerdown", (event) => {
-      this.down(event);
-    });
-    on("pointermove", (event) => {
-      this.move(event);
-    });
-    on("pointerup", (event) => {
-      this.up(event, true);
-    });
-    on("pointercancel", (event) => {
-      this.up(event, false);
-    });
-    on("wheel", (event) => {
-      this.wheel(event);
-    });
-    on("contextmenu", (event) => {
-      event.preventDefault();
-    });
-    on("blur", () => {
-      this.keys.clear();
-    });
-    window.addEventListener("gamepadconnected", () => {
-      this.run();
-    }, { signal });
+    on("pointerdown", (event) => this.down(event));
+    on("pointermove", (event) => this.move(event));
+    on("pointerup", (event) => this.up(event, true));
+    on("pointercancel", (event) => this.up(event, false));
+    on("wheel", (event) => this.wheel(event));
+    on("contextmenu", (event) => event.preventDefault());
+    on("blur", () => this.keys.clear());
+    window.addEventListener("gamepadconnected", () => this.run(), { signal });
   }
 
   dispose(): void {

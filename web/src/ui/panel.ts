@@ -40,14 +40,9 @@ export function figures(player: Player): [string, string][] {
 }
 
 export class Panel {
-  private readonly element: HTMLElement;
-  private readonly player: Player;
   private timer = 0;
 
-  constructor(element: HTMLElement, player: Player) {
-    this.element = element;
-    this.player = player;
-  }
+  constructor(private readonly element: HTMLElement, private readonly player: Player) {}
 
   get open(): boolean {
     return !this.element.hidden;
@@ -58,9 +53,7 @@ export class Panel {
     clearInterval(this.timer);
     if (!open) return;
     this.refresh();
-    this.timer = setInterval(() => {
-      this.refresh();
-    }, 500);
+    this.timer = setInterval(() => this.refresh(), 500);
   }
 
   private refresh(): void {

@@ -18,18 +18,12 @@ interface Copy {
 }
 
 export class Thumbnails {
-  private readonly player: Player;
   private readonly copies = new Map<number, Copy>();
   private next = 0;
 
-  constructor(player: Player) {
-    this.player = player;
-    player.on("opened", () => {
-      this.copies.clear();
-    });
-    player.on("drawn", ({ frame }) => {
-      this.take(frame);
-    });
+  constructor(private readonly player: Player) {
+    player.on("opened", () => this.copies.clear());
+    player.on("drawn", ({ frame }) => this.take(frame));
   }
 
   /** The copy of the frame nearest to `frame`; null if none is near. */

@@ -5,8 +5,6 @@ import { clock } from "./format.ts";
 import { Thumbnails } from "./thumbnails.ts";
 
 export class Timeline {
-  readonly element: HTMLElement;
-  private readonly player: Player;
   private readonly track: HTMLElement;
   private readonly buffered: HTMLElement;
   private readonly bubble: HTMLElement;
@@ -17,9 +15,7 @@ export class Timeline {
   private next: number | null = null;
   private seeking = false;
 
-  constructor(element: HTMLElement, player: Player) {
-    this.element = element;
-    this.player = player;
+  constructor(readonly element: HTMLElement, private readonly player: Player) {
     element.innerHTML = `<div class="track"><div class="buffered"></div><div class="played"></div></div><div class="knob"></div><div class="bubble"><canvas hidden></canvas><span></span></div>`;
     this.track = element.querySelector<HTMLElement>(".track")!;
     this.buffered = element.querySelector<HTMLElement>(".buffered")!;

@@ -27,16 +27,11 @@ interface Entry {
 }
 
 export class ArchiveSource implements Source {
-  private readonly readRange: ReadRange;
-  private readonly name: string;
   private directory: Promise<Map<string, Entry>> | null = null;
   /** The beginning of the file, which has the manifest and usually the first group. */
   private head: Uint8Array<ArrayBuffer> = new Uint8Array(0);
 
-  constructor(readRange: ReadRange, name: string) {
-    this.readRange = readRange;
-    this.name = name;
-  }
+  constructor(private readonly readRange: ReadRange, private readonly name: string) {}
 
   async read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
     const data = await this.readAll(path, bytes, signal);

@@ -6,18 +6,14 @@ import { type Luma, PathFailed, type PictureSource } from "./pictures.ts";
 import type { Pool } from "./pool.ts";
 
 export class CheckedPictures implements PictureSource {
-  private readonly pictures: PictureSource;
-  private readonly checks: readonly LumaCheck[];
-  private readonly name: string;
-  private readonly pool: Pool;
   private begun = false;
 
-  constructor(pictures: PictureSource, checks: readonly LumaCheck[], name: string, pool: Pool) {
-    this.pictures = pictures;
-    this.checks = checks;
-    this.name = name;
-    this.pool = pool;
-  }
+  constructor(
+    private readonly pictures: PictureSource,
+    private readonly checks: readonly LumaCheck[],
+    private readonly name: string,
+    private readonly pool: Pool,
+  ) {}
 
   async get(index: number): Promise<Luma> {
     // Nothing is drawn before the first picture was compared, also where playing or seeking begins after it.

@@ -7,11 +7,7 @@ import type { Source } from "./source.ts";
 export type EmbeddedFiles = Readonly<Record<string, string>>;
 
 export class EmbeddedSource implements Source {
-  private readonly files: EmbeddedFiles;
-
-  constructor(files: EmbeddedFiles) {
-    this.files = files;
-  }
+  constructor(private readonly files: EmbeddedFiles) {}
 
   async read(path: string, bytes: number): Promise<Uint8Array<ArrayBuffer>> {
     const data = await this.readAll(path, bytes);
@@ -20,9 +16,7 @@ export class EmbeddedSource implements Source {
   }
 
   readAll(path: string, limit: number): Promise<Uint8Array<ArrayBuffer>> {
-    return new Promise((resolve) => {
-      resolve(this.decode(path, limit));
-    });
+    return new Promise((resolve) => resolve(this.decode(path, limit)));
   }
 
   private decode(path: string, limit: number): Uint8Array<ArrayBuffer> {

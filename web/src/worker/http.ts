@@ -15,8 +15,6 @@ const STALL = 15_000;
 export type Received = (bytes: number, milliseconds: number) => void;
 
 export class HttpSource implements Source {
-  private readonly base: string;
-  private readonly received: Received;
   private readonly trouble: (message: string) => void;
 
   private readonly earlyFiles: EarlyFiles | null;
@@ -24,14 +22,12 @@ export class HttpSource implements Source {
 
   /** @param earlyFiles - what the page has begun to fetch */
   constructor(
-    base: string,
-    received: Received,
+    private readonly base: string,
+    private readonly received: Received,
     trouble: (message: string) => void,
     earlyFiles: EarlyFiles | null = null,
   ) {
     this.earlyFiles = earlyFiles;
-    this.base = base;
-    this.received = received;
     this.trouble = trouble;
   }
 
@@ -160,9 +156,7 @@ export class HttpSource implements Source {
     use: (response: Response) => Promise<void>,
   ): Promise<void> {
     const stop = new AbortController();
-    const abort = (): void => {
-      stop.abort();
-    };
+    const abort = (): void => stop.abort();
     signal.addEventListener("abort", abort);
     try {
       const url = new URL(path, this.base).href;
@@ -197,13 +191,9 @@ async function consume(response: Response, take: (chunk: Uint8Array) => void): P
     for (;;) {
       let timer: ReturnType<typeof setTimeout> | undefined;
       const stalled = new Promise<never>((_, reject) => {
-        timer = setTimeout(() => {
-          reject(new StreamError("the connection timed out", true));
-        }, STALL);
+        timer = setTimeout(() => reject(new StreamError("the connection timed out", true)), STALL);
       });
-      const { done, value } = await Promise.race([reader.read(), stalled]).finally(() => {
-        clearTimeout(timer);
-      });
+      const { done, value } = await Promise.race([reader.read(), stalled]).finally(() => clearTimeout(timer));
       if (done) return;
       take(value);
     }

@@ -12,9 +12,7 @@ interface Scope {
 }
 
 const scope = self as unknown as Scope;
-const post = (message: FromWorker, transfer?: Transferable[]): void => {
-  scope.postMessage(message, transfer);
-};
+const post = (message: FromWorker, transfer?: Transferable[]): void => scope.postMessage(message, transfer);
 const channel = new VideoChannel(post);
 let session: Session | null = null;
 

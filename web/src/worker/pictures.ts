@@ -34,11 +34,6 @@ const PATIENCE = 20_000;
 
 /** Decodes one video with WebCodecs. */
 export class WebCodecsPictures implements PictureSource {
-  private readonly config: VideoDecoderConfig;
-  private readonly packets: readonly Packet[];
-  private readonly size: readonly [number, number];
-  private readonly name: string;
-  private readonly pool: Pool;
   private decoder: VideoDecoder | null = null;
   /** Packets that the decoder needs for each picture and all before it. */
   private readonly needed: readonly number[];
@@ -56,18 +51,13 @@ export class WebCodecsPictures implements PictureSource {
   private watchdog = 0;
 
   constructor(
-    config: VideoDecoderConfig,
-    packets: readonly Packet[],
-    size: readonly [number, number],
-    name: string,
-    pool: Pool,
+    private readonly config: VideoDecoderConfig,
+    private readonly packets: readonly Packet[],
+    private readonly size: readonly [number, number],
+    private readonly name: string,
+    private readonly pool: Pool,
   ) {
-    this.config = config;
-    this.packets = packets;
     this.needed = packetsNeeded(packets);
-    this.size = size;
-    this.name = name;
-    this.pool = pool;
   }
 
   get(index: number): Promise<Luma> {

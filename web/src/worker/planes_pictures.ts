@@ -13,8 +13,6 @@ import type { Pool } from "./pool.ts";
 const MAX_GROUP_BYTES = 512 << 20;
 
 export class PlanesPictures implements PictureSource {
-  private readonly group: PlanesRendition;
-  private readonly pool: Pool;
   private readonly pictures: Promise<Uint8Array[]>;
   private decode = 0;
   private current: PictureSource | null = null;
@@ -24,9 +22,11 @@ export class PlanesPictures implements PictureSource {
    * @param open - opens the video of plane p
    * @throws StreamError - the group does not fit in memory
    */
-  constructor(group: PlanesRendition, open: (plane: number) => Promise<PictureSource>, pool: Pool) {
-    this.group = group;
-    this.pool = pool;
+  constructor(
+    private readonly group: PlanesRendition,
+    open: (plane: number) => Promise<PictureSource>,
+    private readonly pool: Pool,
+  ) {
     const { tile, columns, rows } = planesLayout(group);
     const bytes = tile * tile * columns * rows * group.frame_count;
     if (bytes > MAX_GROUP_BYTES)

@@ -63,8 +63,6 @@ interface Decoded {
 type Post = (message: FromWorker, transfer?: Transferable[]) => void;
 
 export class Session {
-  private readonly post: Post;
-  private readonly channel: VideoChannel;
   private readonly pool = new Pool();
   private readonly sorter = new DepthSorter();
   private readonly closing = new AbortController();
@@ -76,8 +74,6 @@ export class Session {
   private soundWanted = true;
   private path: DecodePath;
   private readonly mayChangePath: boolean;
-  private loop: boolean;
-  private readonly maxTexture: number;
   private bandwidth = 0;
   private received = 0;
   private wanted: { frame: number; axis: DepthAxis; seek: boolean } | null = null;
@@ -91,11 +87,13 @@ export class Session {
   private readonly decoded: Decoded[] = [];
   private setupSent = -1;
 
-  constructor(post: Post, channel: VideoChannel, path: DecodePath | "auto", maxTexture: number, loop: boolean) {
-    this.post = post;
-    this.channel = channel;
-    this.maxTexture = maxTexture;
-    this.loop = loop;
+  constructor(
+    private readonly post: Post,
+    private readonly channel: VideoChannel,
+    path: DecodePath | "auto",
+    private readonly maxTexture: number,
+    private loop: boolean,
+  ) {
     this.mayChangePath = path === "auto";
     this.path = path !== "auto" ? path : "VideoDecoder" in self ? "webcodecs" : "video";
   }
@@ -147,12 +145,8 @@ export class Session {
       choice,
       source,
       (reads) => this.sameBake(source, name, reads),
-      () => {
-        this.tellFetched();
-      },
-      (group) => {
-        this.improved(group);
-      },
+      () => this.tellFetched(),
+      (group) => this.improved(group),
     );
     this.source = source;
     this.url = address.href;
@@ -297,12 +291,8 @@ export class Session {
   private httpSource(address: string, early: EarlyFiles | null): HttpSource {
     return new HttpSource(
       address,
-      (bytes, milliseconds) => {
-        this.count(bytes, milliseconds);
-      },
-      (message) => {
-        this.post({ type: "trouble", message });
-      },
+      (bytes, milliseconds) => this.count(bytes, milliseconds),
+      (message) => this.post({ type: "trouble", message }),
       early,
     );
   }
@@ -380,16 +370,12 @@ export class Session {
         luma: await prepared.pictures.get(within),
       }));
       const interrupted = new Promise<null>((resolve) => {
-        this.interrupt = (): void => {
-          resolve(null);
-        };
+        this.interrupt = (): void => resolve(null);
       });
       const done = await Promise.race([work, interrupted]);
       if (done === null) {
         work.then(
-          ({ luma }) => {
-            this.pool.give(luma.data);
-          },
+          ({ luma }) => this.pool.give(luma.data),
           () => undefined,
         );
         return;
@@ -540,9 +526,7 @@ export class Session {
     const groups = this.manifest!.spans.length;
     const next = index + 1 < groups ? index + 1 : this.looping ? 0 : -1;
     if (next < 0 || this.prepared.has(next)) return;
-    this.prepare(next).then(({ pictures }) => {
-      pictures.warm();
-    }, (error: unknown) => {
+    this.prepare(next).then(({ pictures }) => pictures.warm(), (error: unknown) => {
       this.drop(next);
       if (error instanceof StreamError && !(error instanceof PathFailed)) this.leaveOut(next, error.message);
     });
@@ -552,9 +536,7 @@ export class Session {
     const prepared = this.prepared.get(index);
     this.prepared.delete(index);
     prepared?.then(
-      ({ pictures }) => {
-        pictures.close();
-      },
+      ({ pictures }) => pictures.close(),
       () => undefined,
     );
   }

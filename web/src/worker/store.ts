@@ -34,10 +34,6 @@ const KEPT_BYTES = 192 << 20;
 const AHEAD_BYTES = 64 << 20;
 
 export class GroupStore {
-  private readonly groups: GroupTable;
-  private readonly choice: Choice;
-  private readonly source: Source;
-  private readonly checked: Checked;
   private readonly changed: () => void;
   private readonly improved: (group: number) => void;
   /** Groups that this device gets no better than they are, with the rendition that was wanted. */
@@ -59,18 +55,14 @@ export class GroupStore {
    * @param improved - called after a group was fetched again in a better rendition
    */
   constructor(
-    groups: GroupTable,
-    choice: Choice,
-    source: Source,
-    checked: Checked,
+    private readonly groups: GroupTable,
+    private readonly choice: Choice,
+    private readonly source: Source,
+    private readonly checked: Checked,
     changed: () => void,
     improved: (group: number) => void,
   ) {
     this.improved = improved;
-    this.groups = groups;
-    this.choice = choice;
-    this.source = source;
-    this.checked = checked;
     this.changed = changed;
   }
 

@@ -21,9 +21,7 @@ export class VideoChannel {
 
   ask(make: (request: number) => VideoRequest): Promise<ArrayBuffer> {
     const request = ++this.last;
-    const answer = new Promise<ArrayBuffer>((resolve, reject) => {
-      this.open.set(request, { resolve, reject });
-    });
+    const answer = new Promise<ArrayBuffer>((resolve, reject) => this.open.set(request, { resolve, reject }));
     this.post(make(request));
     return answer;
   }
@@ -45,12 +43,10 @@ export class VideoChannel {
 }
 
 export class VideoElementPictures implements PictureSource {
-  private readonly channel: VideoChannel;
   /** In order of display. */
   private readonly packets: readonly Packet[];
   private readonly source: number;
   private readonly opened: Promise<unknown>;
-  private readonly pool: Pool;
   private chain: Promise<unknown>;
   private ahead: { index: number; luma: Promise<Luma> } | null = null;
   private closed = false;
@@ -59,19 +55,17 @@ export class VideoElementPictures implements PictureSource {
   private readonly stopped: Promise<never>;
 
   constructor(
-    channel: VideoChannel,
+    private readonly channel: VideoChannel,
     file: Uint8Array<ArrayBuffer>,
     demuxed: Demuxed,
     size: readonly [number, number],
-    pool: Pool,
+    private readonly pool: Pool,
   ) {
     this.stopped = new Promise<never>((_resolve, reject) => {
       this.stop = reject;
     });
     this.stopped.catch(() => undefined);
-    this.channel = channel;
     this.packets = [...demuxed.packets].sort((a, b) => a.picture - b.picture);
-    this.pool = pool;
     const source = (this.source = channel.newSource());
     const [width, height] = size;
     this.opened = channel.ask((request) => ({

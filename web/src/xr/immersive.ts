@@ -70,13 +70,6 @@ export class Immersive {
   readonly resolution = new Resolution();
   /** Of the last frame, for tests: the eyes' cameras and where they are in the layer. */
   views: readonly { readonly pinhole: Pinhole; readonly viewport: XRViewport }[] = [];
-  private readonly kind: Immersion;
-  private readonly session: XRSession;
-  private readonly space: XRReferenceSpace;
-  private readonly layer: XRWebGLLayer;
-  private readonly renderer: Renderer;
-  private readonly hits: XRHitTestSource | null;
-  private readonly player: Player;
   private readonly stop = new AbortController();
   /** Whether it stands where it is; if not, it follows the surface that the viewer looks at, or waits for a first pose. */
   private placed = false;
@@ -90,23 +83,16 @@ export class Immersive {
   private pressed = false;
 
   private constructor(
-    kind: Immersion,
-    session: XRSession,
-    space: XRReferenceSpace,
-    layer: XRWebGLLayer,
-    renderer: Renderer,
-    hits: XRHitTestSource | null,
-    player: Player,
+    private readonly kind: Immersion,
+    private readonly session: XRSession,
+    private readonly space: XRReferenceSpace,
+    private readonly layer: XRWebGLLayer,
+    private readonly renderer: Renderer,
+    private readonly hits: XRHitTestSource | null,
+    private readonly player: Player,
     overlay: HTMLElement,
     handlers: ImmersionHandlers,
   ) {
-    this.kind = kind;
-    this.session = session;
-    this.space = space;
-    this.layer = layer;
-    this.renderer = renderer;
-    this.hits = hits;
-    this.player = player;
     const { info } = player;
     if (info === null) throw new StreamError("The stream is not open yet.");
     this.placement = new Placement(footing(info.box, player.camera.vertical, player.camera.horizontal), kind === "ar");
@@ -117,9 +103,7 @@ export class Immersive {
       player.leaveImmersion();
       handlers.ended();
     });
-    session.addEventListener("select", () => {
-      this.selected(handlers);
-    });
+    session.addEventListener("select", () => this.selected(handlers));
     session.addEventListener("selectstart", ({ inputSource }) => {
       this.restartPinch();
       this.selecting.add(inputSource);
