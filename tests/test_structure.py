@@ -181,6 +181,24 @@ def test_no_modules_import_in_a_circle() -> None:
     assert not circles(edges), "\n".join(" <-> ".join(one) for one in circles(edges))
 
 
+WEB = ("stream", "worker", "render", "player", "xr", "ui", "review")
+"""Folders of web/src, bottom up: each may import itself and the ones before it."""
+
+
+def test_the_players_folders_import_downwards_and_not_in_a_circle() -> None:
+    source = ROOT / "web" / "src"
+    edges: dict[str, set[str]] = {}
+    for folder in WEB:
+        for path in sorted((source / folder).glob("*.ts")):
+            found = re.findall(r'(?:from|import) "(\.[^"]+\.ts)"', path.read_text(encoding="utf-8"))
+            targets = {(path.parent / name).resolve().relative_to(source).as_posix() for name in found}
+            edges[path.relative_to(source).as_posix()] = targets
+            above = {one for one in targets if WEB.index(one.split("/")[0]) > WEB.index(folder)}
+            assert not above, f"{path.relative_to(ROOT)} imports {above}"
+    assert len(edges) > 50
+    assert not circles(edges)
+
+
 GUI = (
     "app",
     "window",

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { RateRule } from "../src/player/rate_rule.ts";
+import { RateRule } from "../src/worker/rate_rule.ts";
 import { ArchiveSource, rangesOf } from "../src/worker/archive.ts";
 
 const signal = new AbortController().signal;

@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import zlib from "node:zlib";
-import { RateRule } from "../src/player/rate_rule.ts";
+import { RateRule } from "../src/worker/rate_rule.ts";
 import { crc32 } from "../src/stream/crc32.ts";
 import { squareSide } from "../src/stream/layout.ts";
 import {

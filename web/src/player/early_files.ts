@@ -3,6 +3,8 @@
  * begins.
  */
 
+import type { EarlyFile, EarlyPort } from "../worker/messages.ts";
+
 /** What the page leaves for the player. */
 export interface EarlyFiles {
   /** Of the manifest, as in the player's `src`. */
@@ -11,19 +13,6 @@ export interface EarlyFiles {
   readonly response: Promise<Response | null>;
   /** Files of the stream by their paths in it. */
   readonly files?: Readonly<Record<string, Promise<Response | null>>>;
-}
-
-/** Where a file of `names` arrives, each in one message; the manifest's name is empty. */
-export interface EarlyPort {
-  readonly port: MessagePort;
-  readonly names: readonly string[];
-}
-
-export interface EarlyFile {
-  readonly name: string;
-  /** Null if it cannot be fetched: the worker is to try, and to say what is wrong. */
-  readonly data: ArrayBuffer | null;
-  readonly milliseconds: number;
 }
 
 declare global {

@@ -4,14 +4,14 @@
  */
 
 import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View, visibility } from "../render/camera.ts";
-import { Renderer } from "../render/renderer.ts";
+import type { Renderer } from "../render/renderer.ts";
 import { messageOf } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
 import type { Camera, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";
-import { Resolution } from "./resolution.ts";
+import { Screen } from "./screen.ts";
 import { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
 import { VideoReader } from "./video_reader.ts";
@@ -22,10 +22,6 @@ const SORT_AGAIN = 1e-3;
 /** Milliseconds to wait for a frame before the clock stops, and before the stall is reported and the sound stops, too. */
 const GRACE = 120;
 const TELL = 500;
-/** Milliseconds without a change after which the picture is drawn at full resolution. */
-const SETTLE = 200;
-/** Phones have up to four times as many pixels as a viewer can resolve. */
-const MAX_PIXEL_RATIO = 2;
 /** No view has this axis: the next view is sorted for. */
 const UNSORTED: DepthAxis = [0, 0, 0, 0];
 
@@ -83,6 +79,7 @@ export interface PlayerOptions {
 export class Player {
   readonly camera = new OrbitCamera();
   readonly statistics = new Statistics();
+  private readonly screen: Screen;
   readonly canvas: HTMLCanvasElement;
   readonly sound = new Sound({
     changed: () => this.emit("sound", undefined),
@@ -95,17 +92,11 @@ export class Player {
   cachedBytes = 0;
   fetchedGroups: readonly number[] = [];
   readonly leftOut = new Map<number, string>();
-  private renderer: Renderer;
   private readonly worker: Worker;
   private readonly videos: VideoReader;
-  private readonly resolution = new Resolution();
   private readonly handlers = new Map<keyof PlayerEvents, Set<Handler<never>>>();
-  private readonly resizing: ResizeObserver;
   private readonly stop = new AbortController();
   private readonly options: PlayerOptions;
-  private background_: Vector | null = [0, 0, 0];
-  /** A fixed pinhole instead of the orbit camera, for tests and thumbnails. */
-  private fixed: Pinhole | null = null;
   private playing_ = false;
   private loop_: boolean;
   private speed_ = 1;
@@ -113,7 +104,6 @@ export class Player {
   private position = 0;
   private lastTick: number | null = null;
   private lastShownAt: number | null = null;
-  private drawBegan: number | null = null;
   /** Frame and splats on the canvas. */
   private shown: { frame: number; count: number; group: number } | null = null;
   private ready: Picture | null = null;
@@ -128,19 +118,18 @@ export class Player {
   private sorting = false;
   /** Number of the last sort request. */
   private sortRequest = 0;
-  private dirty = true;
-  private viewTold = "";
   private handle = 0;
   private failed = false;
-  private size = [0, 0];
 
   /** @throws StreamError - the browser cannot render */
   constructor(canvas: HTMLCanvasElement, options: PlayerOptions = {}) {
     this.canvas = canvas;
     this.options = options;
     this.loop_ = options.loop ?? true;
-    this.renderer = new Renderer(canvas);
-    this.resolution.software = this.renderer.software;
+    this.screen = new Screen(canvas, this.camera, this.statistics, {
+      rendered: () => this.emit("drawn", { frame: this.frame }),
+      view: (view) => this.emit("view", view),
+    });
     this.worker = takeWorker();
     this.videos = new VideoReader((message, transfer) => this.post(message, transfer));
     this.worker.onmessage = (event: MessageEvent<FromWorker>) => {
@@ -153,14 +142,10 @@ export class Player {
     canvas.addEventListener("webglcontextrestored", () => this.restore(), { signal });
     document.addEventListener("visibilitychange", () => {
       // Hidden pages get no animation frames; the clock must not advance in the meantime.
-      this.lastTick = this.drawBegan = this.lastShownAt = null;
+      this.lastTick = this.lastShownAt = null;
       this.sound.halt();
-      this.resolution.forget();
+      this.screen.forget();
     }, { signal });
-    this.resizing = new ResizeObserver(() => {
-      this.dirty = true;
-    });
-    this.resizing.observe(canvas);
     this.handle = requestAnimationFrame(this.tick);
   }
 
@@ -174,7 +159,7 @@ export class Player {
   /** Draws no more to the page: an immersive session draws, with its own renderer, and advances the clock. */
   enterImmersion(renderer: Renderer): void {
     cancelAnimationFrame(this.handle);
-    this.outside = this.renderer;
+    this.outside = this.screen.renderer;
     this.change(renderer);
   }
 
@@ -188,19 +173,20 @@ export class Player {
   /** Draws to the page again. */
   leaveImmersion(): void {
     this.head = null;
-    this.renderer.dispose();
+    this.screen.renderer.dispose();
     const renderer = this.outside;
     this.outside = null;
     if (renderer === null || this.stop.signal.aborted) return;
     this.change(renderer);
-    this.dirty = true;
+    this.screen.dirty = true;
     this.handle = requestAnimationFrame(this.tick);
   }
 
   /** Uses another renderer, to which everything must be sent again. */
   private change(renderer: Renderer): void {
-    this.renderer = renderer;
-    this.lastTick = this.drawBegan = this.lastShownAt = null;
+    this.screen.renderer = renderer;
+    this.lastTick = this.lastShownAt = null;
+    this.screen.forget();
     if (this.info === null) return;
     renderer.prepare(this.info.profile, this.info.shDegree);
     this.restore();
@@ -232,7 +218,7 @@ export class Player {
     const url = new URL(address, document.baseURI).href;
     const early = files === null && archive === null ? takeEarlyFiles(url) : null;
     const path = this.options.path ?? "auto";
-    const { maxTexture } = this.renderer;
+    const { maxTexture } = this.screen.renderer;
     this.post({ type: "open", url, files, archive, early, path, maxTexture, loop: this.loop_ }, early === null ? [] : [early.port]);
     this.tellPlaying();
   }
@@ -317,7 +303,7 @@ export class Player {
   group: Pick<GroupSetup, "rendition" | "bytes" | "frames" | "splats" | "shDegree"> | null = null;
 
   get drawSize(): readonly number[] {
-    return this.size;
+    return this.screen.size;
   }
 
   seek(seconds: number): void {
@@ -344,13 +330,12 @@ export class Player {
   }
 
   get background(): Vector | null {
-    return this.background_;
+    return this.screen.background;
   }
 
   /** RGB, 0 to 1; null for a transparent background. */
   set background(color: Vector | null) {
-    this.background_ = color;
-    this.dirty = true;
+    this.screen.background = color;
   }
 
   get view(): View {
@@ -360,43 +345,39 @@ export class Player {
   /** How much of the picture to show from this view, 0 to 1: below 1, no camera filmed from near here. */
   get visibility(): number {
     const range = this.info?.viewRange ?? null;
-    return range === null ? 1 : visibility(range, centerOf(this.pinhole()));
+    return range === null ? 1 : visibility(range, centerOf(this.screen.pinhole()));
   }
 
   set view(view: PartialView) {
-    this.fixed = null;
     this.camera.view = { ...this.camera.view, ...view };
-    this.dirty = true;
+    this.screen.fixed = null;
   }
 
   /** Call after moving the camera. */
   moved(): void {
-    this.fixed = null;
-    this.dirty = true;
+    this.screen.fixed = null;
   }
 
   /** Looks through the given camera, whose image fills the canvas; null returns to the orbit camera. */
   set fixedCamera(camera: Camera | null) {
-    this.fixed = camera === null ? null : pinholeOf(camera);
-    this.dirty = true;
+    this.screen.fixedCamera = camera;
   }
 
   /**
    * Renders the current frame from a camera and returns the pixels: RGBA, top row first. Sorts for that camera first.
    */
   async snapshot(camera: Camera, background: Vector = [0, 0, 0]): Promise<ImageData> {
-    const before = this.fixed;
+    const before = this.screen.fixed;
     const pinhole = pinholeOf(camera);
-    this.fixed = pinhole;
+    this.screen.fixed = pinhole;
     const sorted = new Promise<void>((resolve) => {
       this.snapshotSorted = resolve;
     });
     this.requestSort(depthAxis(pinhole));
     await sorted;
-    const pixels = this.renderer.snapshot(pinhole, background);
-    this.fixed = before;
+    const pixels = this.screen.renderer.snapshot(pinhole, background);
+    this.screen.fixed = before;
     this.sortedAxis = UNSORTED;
-    this.dirty = true;
     return new ImageData(pixels, camera.width, camera.height);
   }
 
@@ -405,19 +386,18 @@ export class Player {
   /** Draws the current frame, waits for the GPU, and returns the time in milliseconds. */
   timeDraw(): number {
     const began = performance.now();
-    this.draw(began);
-    this.renderer.finish();
+    if (this.shown !== null) this.screen.render(began);
+    this.screen.renderer.finish();
     return performance.now() - began;
   }
 
   dispose(): void {
     cancelAnimationFrame(this.handle);
     this.stop.abort();
-    this.resizing.disconnect();
     this.worker.terminate();
     this.videos.dispose();
     this.sound.dispose();
-    this.renderer.dispose();
+    this.screen.dispose();
     this.handlers.clear();
   }
 
@@ -444,10 +424,10 @@ export class Player {
         // Only the last sort is for the current view.
         if (message.request === this.sortRequest) this.sorting = false;
         if (message.frame === this.shown?.frame) {
-          this.renderer.setOrder(message.order, message.count);
+          this.screen.renderer.setOrder(message.order, message.count);
           this.shown.count = message.count;
           this.statistics.sort.add(message.sort);
-          this.dirty = true;
+          this.screen.dirty = true;
         }
         this.post({ type: "recycle", buffers: [message.order.buffer] }, [message.order.buffer]);
         if (!this.sorting) {
@@ -493,18 +473,18 @@ export class Player {
   private opened(info: StreamInfo): void {
     this.info = info;
     this.camera.frame(info.box, info.camera, info.up);
-    if (info.background !== null) this.background_ = info.background;
-    this.resolution.budget = 1000 / Math.min(60, Math.max(30, info.fps));
-    this.dirty = true;
+    if (info.background !== null) this.screen.background = info.background;
+    this.screen.resolution.budget = 1000 / Math.min(60, Math.max(30, info.fps));
+    this.screen.dirty = true;
     this.emit("opened", info);
     if (this.requested === null) this.request(Math.floor(this.position), true);
     // The driver compiles while the first picture is fetched and decoded.
-    this.renderer.prepare(info.profile, info.shDegree);
+    this.screen.renderer.prepare(info.profile, info.shDegree);
   }
 
   private request(frame: number, seek: boolean, lap = 0): void {
     // Sorted for the current camera: at most one frame old when it is drawn.
-    const axis = depthAxis(this.head ?? this.pinhole());
+    const axis = depthAxis(this.head ?? this.screen.pinhole());
     this.requested = { frame, at: performance.now(), seek, lap, axis };
     this.post({ type: "present", frame, axis, seek });
   }
@@ -541,7 +521,7 @@ export class Player {
   private needsSetup = false;
 
   private show(picture: Picture, now: number, axis: DepthAxis): void {
-    const { renderer } = this;
+    const { renderer } = this.screen;
     const began = performance.now();
     const setup = this.setups.get(picture.group);
     if (setup !== undefined) {
@@ -562,10 +542,10 @@ export class Player {
     if (this.lastShownAt !== null && this.playing_) this.statistics.interval.add(now - this.lastShownAt);
     this.lastShownAt = now;
     this.recycle(picture);
-    this.dirty = true;
+    this.screen.dirty = true;
     this.setWaiting(false);
     if (first) {
-      this.draw(now);
+      this.screen.render(now);
       this.emit("ready", undefined);
     }
     this.emit("frame", { frame: picture.frame, seconds: picture.frame / (this.info?.fps ?? 1) });
@@ -640,11 +620,7 @@ export class Player {
     try {
       this.advance(now);
       this.follow();
-      if (this.drawBegan !== null && !this.renderer.busy) this.drawn(now);
-      if (this.dirty) {
-        this.sharp = false;
-        this.draw(now);
-      } else if (!this.playing_ && !this.sharp && now - this.drawnAt > SETTLE) this.settle(now);
+      if (this.shown !== null) this.screen.update(now, !this.playing_ && this.requested === null);
     } catch (error) {
       this.fail(messageOf(error));
       cancelAnimationFrame(this.handle);
@@ -740,7 +716,7 @@ export class Player {
     if (this.sorting || this.shown === null || this.requested?.seek === true) return;
     // While frames follow one another quickly, each comes sorted for a recent view.
     if (this.playing_ && this.requested !== null) return;
-    const axis = depthAxis(this.head ?? this.pinhole());
+    const axis = depthAxis(this.head ?? this.screen.pinhole());
     const turned = Math.hypot(axis[0] - this.sortedAxis[0], axis[1] - this.sortedAxis[1], axis[2] - this.sortedAxis[2]);
     const moved = Math.abs(axis[3] - this.sortedAxis[3]);
     if (turned < SORT_AGAIN && moved < SORT_AGAIN * this.camera.distance) return;
@@ -752,87 +728,6 @@ export class Player {
     this.sorting = true;
     this.post({ type: "sort", request: ++this.sortRequest, frame: this.shown?.frame ?? -1, axis });
   }
-
-  private pinhole(): Pinhole {
-    const [width, height] = this.targetSize();
-    if (this.fixed !== null) {
-      const scale = Math.min(width / this.fixed.width, height / this.fixed.height);
-      const { fx, fy, cx, cy } = this.fixed;
-      return {
-        ...this.fixed,
-        width,
-        height,
-        fx: fx * scale,
-        fy: fy * scale,
-        cx: (cx - this.fixed.width / 2) * scale + width / 2,
-        cy: (cy - this.fixed.height / 2) * scale + height / 2,
-      };
-    }
-    return this.camera.pinhole(width, height);
-  }
-
-  private canvasSize(): [number, number] {
-    const ratio = Math.min(window.devicePixelRatio || 1, MAX_PIXEL_RATIO);
-    const { clientWidth, clientHeight } = this.canvas;
-    return [Math.max(1, Math.round(clientWidth * ratio)), Math.max(1, Math.round(clientHeight * ratio))];
-  }
-
-  private targetSize(): [number, number] {
-    const [width, height] = this.canvasSize();
-    const scale = this.sharp ? 1 : this.resolution.scale(width, height);
-    return [Math.max(1, Math.round(width * scale)), Math.max(1, Math.round(height * scale))];
-  }
-
-  private draw(now: number): void {
-    const { renderer } = this;
-    if (renderer.lost || renderer.busy || this.shown === null) return;
-    this.drawn(now);
-    this.drawnAt = now;
-    const [width, height] = this.canvasSize();
-    if (this.canvas.width !== width || this.canvas.height !== height) {
-      this.canvas.width = width;
-      this.canvas.height = height;
-    }
-    const began = performance.now();
-    const pinhole = this.pinhole();
-    this.size = [pinhole.width, pinhole.height];
-    renderer.draw(pinhole, this.background_);
-    this.statistics.draw.add(performance.now() - began);
-    if (renderer.gpuTime !== null) this.statistics.gpu.add(renderer.gpuTime);
-    this.dirty = false;
-    this.drawBegan = now;
-    // In the same task, while the canvas still holds what was drawn.
-    this.emit("drawn", { frame: this.shown.frame });
-    const view = this.camera.view;
-    const key = JSON.stringify(view);
-    if (key !== this.viewTold) {
-      this.viewTold = key;
-      this.emit("view", view);
-    }
-  }
-
-  /** Called when the GPU has finished the last drawing. */
-  private drawn(now: number): void {
-    if (this.drawBegan === null) return;
-    const took = now - this.drawBegan;
-    this.drawBegan = null;
-    if (this.sharp) return;
-    if (this.drawings++ < 2) return; // the first drawings compile shaders
-    this.statistics.done.add(took);
-    if (this.resolution.measured(took)) this.dirty = true;
-  }
-
-  private drawings = 0;
-
-  /** Nothing is moving any more: redraws once at full resolution. */
-  private settle(now: number): void {
-    if (this.renderer.busy || this.shown === null || this.requested !== null) return;
-    this.sharp = true;
-    this.draw(now);
-  }
-
-  private sharp = false;
-  private drawnAt = 0;
 
   /** Called when the graphics context is restored without its contents, and when the renderer has changed. */
   private restore(): void {

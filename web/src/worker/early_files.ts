@@ -1,6 +1,6 @@
 /** Receives the files that the page has begun to fetch. */
 
-import type { EarlyFile, EarlyPort } from "../player/early_files.ts";
+import type { EarlyFile, EarlyPort } from "./messages.ts";
 
 /** Name of the manifest. */
 export const EARLY_MANIFEST = "";

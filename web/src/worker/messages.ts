@@ -1,8 +1,20 @@
 /** Messages between the page and the worker. */
 
 import type { Metadata, Vector } from "../stream/metadata.ts";
-import type { EarlyPort } from "../player/early_files.ts";
 import type { EmbeddedFiles } from "./embedded.ts";
+
+/** Where a file of `names` arrives, each in one message; the manifest's name is empty. */
+export interface EarlyPort {
+  readonly port: MessagePort;
+  readonly names: readonly string[];
+}
+
+export interface EarlyFile {
+  readonly name: string;
+  /** Null if it cannot be fetched: the worker is to try, and to say what is wrong. */
+  readonly data: ArrayBuffer | null;
+  readonly milliseconds: number;
+}
 
 /** A splat's depth is axis · (x, y, z, 1). */
 export type DepthAxis = readonly [number, number, number, number];

@@ -1,23 +1,8 @@
 /** An open stream: turns requests for frames into sorted pictures. */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
-import type { EarlyPort } from "../player/early_files.ts";
-import { RateRule } from "../player/rate_rule.ts";
 import { GroupTable } from "../stream/group_table.ts";
-import {
-  type GroupEntry,
-  groupOfFrame,
-  type IndexPage,
-  isMotion,
-  type Manifest,
-  MANIFEST_NAME,
-  MAX_MANIFEST_BYTES,
-  parseManifest,
-  parsePage,
-  type Rendition,
-  type VideoEntry,
-  whatChanged,
-} from "../stream/manifest.ts";
+import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, type Rendition, type VideoEntry, whatChanged } from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
 import { planePositions, planesLayout, planeUnits } from "../stream/planes.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
@@ -26,16 +11,18 @@ import { warmUp } from "../stream/warm_up.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
 import { CheckedPictures } from "./checked_pictures.ts";
 import { demux } from "./demux.ts";
-import { EARLY_MANIFEST, EarlyFiles } from "./early_files.ts";
+import { EarlyFiles } from "./early_files.ts";
 import { type EmbeddedFiles, EmbeddedSource } from "./embedded.ts";
 import { HttpSource } from "./http.ts";
-import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo } from "./messages.ts";
+import type { DecodePath, DepthAxis, EarlyPort, FromWorker, GroupSetup, Picture, StreamInfo } from "./messages.ts";
 import { Closed, PathFailed, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
 import { Pool } from "./pool.ts";
+import { RateRule } from "./rate_rule.ts";
 import { demuxSample } from "./sample_video.ts";
-import { readChecked, sha256, type Source } from "./source.ts";
+import { readChecked, type Source } from "./source.ts";
 import { type Files, GroupStore } from "./store.ts";
+import { StreamFiles } from "./stream_files.ts";
 import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
 const NEEDS_WEBCODECS =
@@ -70,7 +57,7 @@ export class Session {
   private readonly told = new Set<number>();
   private manifest: Manifest | null = null;
   private store: GroupStore | null = null;
-  private source: Source | null = null;
+  private stream: StreamFiles | null = null;
   private soundWanted = true;
   private path: DecodePath;
   private readonly mayChangePath: boolean;
@@ -123,13 +110,14 @@ export class Session {
       const http = this.httpSource(address.href, early);
       source = packed ? new ArchiveSource((...range) => http.readRange(last, ...range), last) : http;
     }
-    const { manifest, checked } = await this.readManifest(source, name, early);
+    const opened = (this.stream = new StreamFiles(source, name, this.closing.signal));
+    const manifest = await opened.manifest(early);
     const { maxTexture } = this;
     this.closing.signal.throwIfAborted();
     checkDevice(manifest, maxTexture);
     if (this.path === "video" && manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
     this.manifest = manifest;
-    const table = new GroupTable(manifest, (page) => this.sameBake(source, name, () => this.readPage(source, page, manifest)));
+    const table = new GroupTable(manifest, (page) => opened.sameBake(this.manifest!, () => opened.page(page, manifest)));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
     this.table = table;
     const choice = {
@@ -144,68 +132,21 @@ export class Session {
       table,
       choice,
       source,
-      (reads) => this.sameBake(source, name, reads),
+      (reads) => opened.sameBake(this.manifest!, reads),
       () => this.tellFetched(),
       (group) => this.improved(group),
     );
-    this.source = source;
     this.url = address.href;
-    this.checked = checked;
     this.post({ type: "opened", info: this.info(manifest, table) });
     this.post({ type: "path", path: this.path });
-    if (manifest.live) void this.watch(source, name);
+    if (manifest.live) void this.watch(opened);
   }
 
   private url = "";
-  private checked = false;
   private table: GroupTable | null = null;
 
-  private async readManifest(
-    source: Source,
-    name: string,
-    early: EarlyFiles | null = null,
-  ): Promise<{ manifest: Manifest; checked: boolean }> {
-    const given = (await early?.take(EARLY_MANIFEST))?.data ?? null;
-    const { signal } = this.closing;
-    const usable = given !== null && given.byteLength <= MAX_MANIFEST_BYTES;
-    const data = usable ? given : await source.readAll(name, MAX_MANIFEST_BYTES, signal);
-    signal.throwIfAborted();
-    const text = new TextDecoder().decode(data);
-    const manifest = parseManifest(text, data.length);
-    const blanked = new TextEncoder().encode(text.replaceAll(manifest.manifest_sha256, "0".repeat(64)));
-    const digest = await sha256(blanked);
-    if (digest !== null && digest !== manifest.manifest_sha256)
-      throw new StreamError("The stream's manifest is damaged: its content does not match its own SHA-256.");
-    return { manifest, checked: digest !== null };
-  }
-
-  /**
-   * Runs what reads files of the stream. Distinguishes damaged or missing files from another bake that has replaced the
-   * stream since it was opened.
-   */
-  private async sameBake<T>(source: Source, name: string, reads: () => Promise<T>): Promise<T> {
-    try {
-      return await reads();
-    } catch (error) {
-      if (error instanceof StreamError && !error.transient && (await this.replaced(source, name)))
-        throw new StreamError("The stream was baked again since it was opened; reload the page.");
-      throw error;
-    }
-  }
-
-  /** Whether the stream has another manifest now, which does not only add groups. */
-  private async replaced(source: Source, name: string): Promise<boolean> {
-    const { manifest: old } = this;
-    try {
-      const { manifest } = await this.readManifest(source, name);
-      return manifest.manifest_sha256 !== old!.manifest_sha256 && !(old!.live && whatChanged(old!, manifest) === null);
-    } catch {
-      return false; // nothing that could be opened instead
-    }
-  }
-
   /** Reads the manifest of a live stream again until it is complete. */
-  private async watch(source: Source, name: string): Promise<void> {
+  private async watch(stream: StreamFiles): Promise<void> {
     for (;;) {
       const { fps, frame_count: frameCount, spans } = this.manifest!;
       const pause = Math.min(Math.max(frameCount / fps / spans.length, SHORTEST_PAUSE), LONGEST_PAUSE);
@@ -213,7 +154,7 @@ export class Session {
       if (this.closing.signal.aborted) return;
       let manifest: Manifest;
       try {
-        ({ manifest } = await this.readManifest(source, name));
+        manifest = await stream.manifest();
       } catch {
         continue; // the source has retried, and has told the viewer
       }
@@ -284,7 +225,7 @@ export class Session {
       ...manifest.metadata,
       live: manifest.live,
       hasSound: manifest.audio !== null,
-      checksums: this.checked,
+      checksums: this.stream!.checked,
     };
   }
 
@@ -444,7 +385,7 @@ export class Session {
     const { audio } = this.manifest!;
     if (audio === null) return;
     try {
-      const data = await readChecked(this.source!, audio, this.closing.signal);
+      const data = await readChecked(this.stream!.source, audio, this.closing.signal);
       const file = new Blob([data], { type: "audio/mp4" });
       this.post({ type: "sound", file, start: audio.start, length: audio.samples / audio.sample_rate });
     } catch (error) {
@@ -615,11 +556,6 @@ export class Session {
     if (this.told.has(group)) return;
     this.told.add(group);
     this.post({ type: "left-out", group, message });
-  }
-
-  private async readPage(source: Source, page: IndexPage, manifest: Manifest): Promise<readonly GroupEntry[]> {
-    const data = await readChecked(source, page, this.closing.signal);
-    return parsePage(new TextDecoder().decode(data), page, manifest);
   }
 
   private count(bytes: number, milliseconds: number): void {

@@ -1,9 +1,9 @@
 /** Cache of fetched groups: limited in size, fetched ahead of the playhead, one group at a time. */
 
 import { StreamError } from "../stream/errors.ts";
-import type { RateRule } from "../player/rate_rule.ts";
 import type { GroupTable } from "../stream/group_table.ts";
 import { filesOf, type Rendition } from "../stream/manifest.ts";
+import type { RateRule } from "./rate_rule.ts";
 import { readChecked, type Source } from "./source.ts";
 
 export type Files = ReadonlyMap<string, Uint8Array<ArrayBuffer>>;

@@ -1,0 +1,170 @@
+/** Renders frames to the canvas: from the orbit camera or a fixed one, at a resolution that keeps up. */
+
+import { type OrbitCamera, type Pinhole, pinholeOf, type View } from "../render/camera.ts";
+import { Renderer } from "../render/renderer.ts";
+import type { Camera, Vector } from "../stream/metadata.ts";
+import { Resolution } from "./resolution.ts";
+import type { Statistics } from "./statistics.ts";
+
+/** Milliseconds without a change after which the image is rendered at full resolution. */
+const SETTLE = 200;
+/** Phones have up to four times as many pixels as a viewer can resolve. */
+const MAX_PIXEL_RATIO = 2;
+
+export interface ScreenEvents {
+  /** The canvas was rendered; it can be copied in the handler. */
+  rendered(): void;
+  view(view: View): void;
+}
+
+export class Screen {
+  /** Replaced by that of an immersive session while there is one. */
+  renderer: Renderer;
+  readonly resolution = new Resolution();
+  /** Whether the canvas must be rendered again. */
+  dirty = true;
+  /** Size of the last image in pixels. */
+  size: readonly number[] = [0, 0];
+  private background_: Vector | null = [0, 0, 0];
+  private fixed_: Pinhole | null = null;
+  private began: number | null = null;
+  private renderedAt = 0;
+  private count = 0;
+  /** Whether the last image has full resolution, since nothing moves. */
+  private sharp = false;
+  private lastView = "";
+  private readonly resizing: ResizeObserver;
+
+  /** @throws StreamError - the browser cannot render */
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly camera: OrbitCamera,
+    private readonly statistics: Statistics,
+    private readonly events: ScreenEvents,
+  ) {
+    this.renderer = new Renderer(canvas);
+    this.resolution.software = this.renderer.software;
+    this.resizing = new ResizeObserver(() => {
+      this.dirty = true;
+    });
+    this.resizing.observe(canvas);
+  }
+
+  /** RGB, 0 to 1; null for a transparent background. */
+  get background(): Vector | null {
+    return this.background_;
+  }
+
+  set background(color: Vector | null) {
+    this.background_ = color;
+    this.dirty = true;
+  }
+
+  /** A pinhole instead of the orbit camera. */
+  get fixed(): Pinhole | null {
+    return this.fixed_;
+  }
+
+  set fixed(pinhole: Pinhole | null) {
+    this.fixed_ = pinhole;
+    this.dirty = true;
+  }
+
+  set fixedCamera(camera: Camera | null) {
+    this.fixed = camera === null ? null : pinholeOf(camera);
+  }
+
+  dispose(): void {
+    this.resizing.disconnect();
+    this.renderer.dispose();
+  }
+
+  /** Forgets when the last image was begun: the page was hidden, or something else took the time. */
+  forget(): void {
+    this.began = null;
+    this.resolution.forget();
+  }
+
+  /**
+   * Called for each animation frame: renders if something has changed.
+   *
+   * @param still - nothing will change by playing or seeking
+   */
+  update(now: number, still: boolean): void {
+    if (this.began !== null && !this.renderer.busy) this.finished(now);
+    if (this.dirty) {
+      this.sharp = false;
+      this.render(now);
+    } else if (still && !this.sharp && now - this.renderedAt > SETTLE && !this.renderer.busy) {
+      this.sharp = true;
+      this.render(now);
+    }
+  }
+
+  render(now: number): void {
+    const { renderer, canvas, statistics } = this;
+    if (renderer.lost || renderer.busy) return;
+    this.finished(now);
+    this.renderedAt = now;
+    const [width, height] = this.canvasSize();
+    if (canvas.width !== width || canvas.height !== height) {
+      canvas.width = width;
+      canvas.height = height;
+    }
+    const began = performance.now();
+    const pinhole = this.pinhole();
+    this.size = [pinhole.width, pinhole.height];
+    renderer.draw(pinhole, this.background_);
+    statistics.draw.add(performance.now() - began);
+    if (renderer.gpuTime !== null) statistics.gpu.add(renderer.gpuTime);
+    this.dirty = false;
+    this.began = now;
+    // In the same task, while the canvas still holds the image.
+    this.events.rendered();
+    const { view } = this.camera;
+    const key = JSON.stringify(view);
+    if (key === this.lastView) return;
+    this.lastView = key;
+    this.events.view(view);
+  }
+
+  /** The camera of the next image. */
+  pinhole(): Pinhole {
+    const [width, height] = this.targetSize();
+    if (this.fixed_ === null) return this.camera.pinhole(width, height);
+    const scale = Math.min(width / this.fixed_.width, height / this.fixed_.height);
+    const { fx, fy, cx, cy } = this.fixed_;
+    return {
+      ...this.fixed_,
+      width,
+      height,
+      fx: fx * scale,
+      fy: fy * scale,
+      cx: (cx - this.fixed_.width / 2) * scale + width / 2,
+      cy: (cy - this.fixed_.height / 2) * scale + height / 2,
+    };
+  }
+
+  private canvasSize(): [number, number] {
+    const ratio = Math.min(window.devicePixelRatio || 1, MAX_PIXEL_RATIO);
+    const { clientWidth, clientHeight } = this.canvas;
+    return [Math.max(1, Math.round(clientWidth * ratio)), Math.max(1, Math.round(clientHeight * ratio))];
+  }
+
+  private targetSize(): [number, number] {
+    const [width, height] = this.canvasSize();
+    const scale = this.sharp ? 1 : this.resolution.scale(width, height);
+    return [Math.max(1, Math.round(width * scale)), Math.max(1, Math.round(height * scale))];
+  }
+
+  /** The GPU has finished the last image. */
+  private finished(now: number): void {
+    if (this.began === null) return;
+    const took = now - this.began;
+    this.began = null;
+    if (this.sharp) return;
+    if (this.count++ < 2) return; // the first ones compile shaders
+    this.statistics.done.add(took);
+    if (this.resolution.measured(took)) this.dirty = true;
+  }
+}
