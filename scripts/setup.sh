@@ -93,9 +93,13 @@ install_torch() {
 unwanted_open3d=open3d-cpu
 if [ "$build" = cpu ] && [ "$(uname -m)" = x86_64 ]; then unwanted_open3d=open3d; fi
 install_locked() { # install_locked LOCK: pip refuses files with other hashes
-    local wanted status=0
+    local wanted status=0 have=""
+    [ "$1" = requirements.lock ] || have=$(grep -oE '^[a-z0-9._-]+==[^ ;]+' requirements.lock)
     wanted=$(mktemp)
-    awk -v skip="^(torch|$unwanted_open3d)==" '/^[a-z0-9]/ { keep = $0 !~ skip } keep' "$1" >"$wanted"
+    awk -v skip="^(torch|$unwanted_open3d)==" -v have="$have" '
+        BEGIN { split(have, names, "\n"); for (i in names) installed[names[i]] }
+        /^[a-z0-9]/ { keep = $0 !~ skip && !($1 in installed) }
+        keep' "$1" >"$wanted"
     if .venv/bin/python -c "import importlib.metadata as m; m.version('$unwanted_open3d')" 2>/dev/null; then
         "${pip[@]}" uninstall --yes open3d open3d-cpu # both, since they share their files
     fi
