@@ -41,7 +41,7 @@ from rich.console import Console
 from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
-from pipelines.reports.pictures import draw
+from pipelines.reports.images import render
 from pipelines.stages.baking.measures import rendered_contribution
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
@@ -116,13 +116,13 @@ class Views:
             alpha = mask[box][..., None].astype(np.float32) / 255
             background = np.array(settings.capture.background, dtype=np.float32)
             self.boxes[index, camera] = box
-            self.truth[index, camera] = image * alpha + background * (1 - alpha)
-            self.trained[index, camera] = self._draw(index, camera, gaussians)
+            self.footage[index, camera] = image * alpha + background * (1 - alpha)
+            self.trained[index, camera] = self._render(index, camera, gaussians)
 
-    def _draw(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
+    def _render(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
         inputs = self.inputs
         view = inputs.footage.calibrated.view(camera, inputs.footage.calibrated.frames[index]).camera
-        return draw(gaussians, view, inputs.config.capture.background, inputs.device)[self.boxes[index, camera]]
+        return render(gaussians, view, inputs.config.capture.background, inputs.device)[self.boxes[index, camera]]
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
         """PSNR in dB relative to the footage and to the trained splats, over all views of `frames`."""
@@ -133,15 +133,15 @@ class Views:
         errors: dict[int, list[tuple[float, float]]] = {}
         for key in self.boxes:
             if key[0] in frames:
-                image = self._draw(*key, frames[key[0]])
-                found = [float(np.square(image - wanted[key]).mean()) for wanted in (self.truth, self.trained)]
+                image = self._render(*key, frames[key[0]])
+                found = [float(np.square(image - wanted[key]).mean()) for wanted in (self.footage, self.trained)]
                 errors.setdefault(key[0], []).append((found[0], found[1]))
         footage, own = np.mean([one for found in errors.values() for one in found], axis=0)
         worst = max(float(np.mean(found, axis=0)[0]) for found in errors.values())
         return -10 * math.log10(footage), -10 * math.log10(max(own, 1e-12)), -10 * math.log10(worst)
 
     def contribution(self, group: int) -> ContributionFn:
-        """What each splat of a group adds to the training cameras' pictures; drawn when first asked for."""
+        """What each splat of a group adds to the training cameras' images; rendered when first asked for."""
         if group not in self.contributions:
             indices = self.inputs.groups[group].indices
             self.contributions[group] = functools.cache(
@@ -151,7 +151,7 @@ class Views:
 
     def trained_psnr(self) -> float:
         return -10 * math.log10(
-            float(np.mean([np.square(self.trained[key] - self.truth[key]).mean() for key in self.boxes]))
+            float(np.mean([np.square(self.trained[key] - self.footage[key]).mean() for key in self.boxes]))
         )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas
 from pipelines.config import load_config
-from pipelines.reports.pictures import draw, to_bytes
+from pipelines.reports.images import render, to_bytes
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
@@ -39,14 +39,14 @@ def row(context: Inputs, camera: str, index: int) -> list[np.ndarray]:
     trained = read_frame(context.take.trained_frame(group.index, index))
     with StreamReader.open(context.take.stream) as reader:
         decoded = reader.gaussians(index)
-    drawn = [to_bytes(draw(splats, footage.rig[camera], (0.0, 0.0, 0.0), "cpu")) for splats in (trained, decoded)]
-    error = np.abs(performer - drawn[1]).mean(2)
+    rendered = [to_bytes(render(splats, footage.rig[camera], (0.0, 0.0, 0.0), "cpu")) for splats in (trained, decoded)]
+    error = np.abs(performer - rendered[1]).mean(2)
     heat = cv2.applyColorMap(np.clip(4 * error, 0, 255).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
     box = padded_box(exact, context.config.evaluate.crop_padding)
     if box is None:
         raise SystemExit(f"{camera} does not see the performer in frame {frame}; choose another with --frame.")
-    pictures = [view.image, performer, *drawn, heat]
-    cropped = [np.ascontiguousarray(picture[box]).astype(np.uint8) for picture in pictures]
+    images = [view.image, performer, *rendered, heat]
+    cropped = [np.ascontiguousarray(image[box]).astype(np.uint8) for image in images]
     scale = HEIGHT / cropped[0].shape[0]
     return [cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC) for picture in cropped]
 

@@ -9,7 +9,7 @@ from gui.models.take.exports import FORMATS, LEAST_SECONDS, ExportRequest
 from gui.shell import Shell
 from gui.widgets.dialogs.options import ask_export
 from pipelines.commands.export import DEFAULT_OF
-from pipelines.reports.pictures import write_picture
+from pipelines.reports.images import write_image
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -41,7 +41,7 @@ class OutputActions:
             if path.suffix.lower() != ".png":
                 path = path.with_name(path.name + ".png")
             try:
-                write_picture(path, picture.image)
+                write_image(path, picture.image)
             except OSError as error:
                 words = f"{path}: cannot be written ({error.strerror}). Choose another folder."
                 window.notices.tell(words, bad=True, topic="screenshot")

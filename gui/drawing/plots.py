@@ -122,7 +122,8 @@ def curve(
     for line, own in drawn:
         places = axes.places(line[:, 0], line[:, 1])
         canvas.line(places, own, 2)
-        canvas.dot(*places[-1], 3, own)
+        x, y = places[-1]
+        canvas.dot(x, y, 3, own)
 
 
 def legend(canvas: Canvas, x: float, y: float, width: float, size: int, title: str, names: Sequence[str]) -> None:

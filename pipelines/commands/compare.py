@@ -1,4 +1,4 @@
-"""`v3studio compare`: a table and pictures of several takes, measured alike."""
+"""`v3studio compare`: a table and images of several takes, measured alike."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from studio.comparison.protocols import PROTOCOLS
 if TYPE_CHECKING:
     from pipelines.comparison.results import Comparison
 
-_HELP = "measure takes by one protocol and draw them side by side"
+_HELP = "measure takes by one protocol and show them side by side"
 _NOTE = """protocols:
 {protocols}
 
-All takes are compared with the same images and masks: those of the first take's settings, or of --truth. Each is drawn
-with its own calibration. Figures of different protocols cannot be compared with each other.
+All takes are compared with the same images and masks: those of the first take's settings, or of --footage. Each is
+rendered with its own calibration. Figures of different protocols cannot be compared with each other.
 
-An interrupted comparison goes on where it was when the same command runs again; its finished frames are in
+An interrupted comparison is resumed when the same command runs again; its finished frames are in
 DIR/.comparing until then.
 """
 
@@ -37,7 +37,10 @@ def register(commands: Any) -> None:
     parser.add_argument("--protocol", choices=list(PROTOCOLS), default="box", help="default: %(default)s")
     parser.add_argument("--cameras", default="", metavar="A,B", help="cameras to measure instead of the protocol's")
     parser.add_argument(
-        "--truth", type=Path, metavar="TAKE", help="take whose footage and masks are the truth (default: the first)"
+        "--footage",
+        type=Path,
+        metavar="TAKE",
+        help="take whose images and masks to compare with (default: the first)",
     )
     parser.add_argument("--every", type=int, default=1, metavar="N", help="measure every n-th frame, without flicker")
     parser.add_argument("--lpips", choices=("alex", "vgg"), help="also compute LPIPS, as the setting evaluate.lpips")
@@ -46,9 +49,9 @@ def register(commands: Any) -> None:
         type=Path,
         default=Path("comparison"),
         metavar="DIR",
-        help="folder for comparison.json and pictures (default: %(default)s)",
+        help="folder for comparison.json and images (default: %(default)s)",
     )
-    parser.add_argument("--pictures", type=int, default=2, metavar="N", help="frames to draw (default: %(default)s)")
+    parser.add_argument("--images", type=int, default=2, metavar="N", help="frames to show (default: %(default)s)")
     parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
     parser.set_defaults(command=_compare)
@@ -59,7 +62,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     from pipelines.comparison.compare import compare
     from pipelines.stages.inputs import choose_device
 
-    for option, least in (("every", 1), ("pictures", 0)):
+    for option, least in (("every", 1), ("images", 0)):
         value = getattr(arguments, option)
         if value < least:
             raise invalid_option(
@@ -77,9 +80,9 @@ def _compare(arguments: argparse.Namespace) -> int:
             arguments.out,
             PROTOCOLS[arguments.protocol],
             cameras=[name for name in arguments.cameras.split(",") if name],
-            truth=arguments.truth,
+            footage=arguments.footage,
             every=arguments.every,
-            pictures=arguments.pictures,
+            images=arguments.images,
             lpips=lpips,
             device=device,
             progress=progress,
@@ -116,7 +119,7 @@ def _print(result: Comparison, out: Path) -> None:
     masks = "exact masks" if protocol.exact_masks else "the take's own masks"
     screen.print(
         f"{protocol.name}: {sizes}; {frames} frame{'s' * (frames != 1)}; crop: {protocol.crop}; background "
-        f"{protocol.background}; {masks} of {protocol.truth}.\n"
+        f"{protocol.background}; {masks} of {protocol.footage}.\n"
         "PSNR in dB as filmed, and after a 3x4 color fit of each view. Flicker: change of the residual from frame to "
         "frame, in levels of 255, and the same at group borders.",
         style="dim",
@@ -127,4 +130,4 @@ def _print(result: Comparison, out: Path) -> None:
             screen.print(
                 f"* {take.name} was trained on {', '.join(take.trained_on)}: not new views.", style="dim", markup=False
             )
-    screen.print(f"results and pictures: {out}", markup=False, soft_wrap=True)
+    screen.print(f"results and images: {out}", markup=False, soft_wrap=True)

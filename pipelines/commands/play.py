@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 _MOST_PIXELS = 1 << 26
-"""Of the picture of --draw, whose size the stream says: 8192x8192. Drawing it takes some 20 bytes for each."""
+"""Of the image of --render, whose size the stream says: 8192x8192. Rendering it takes some 20 bytes for each."""
 
 
 def register(commands: Any) -> None:
@@ -33,7 +33,7 @@ def register(commands: Any) -> None:
     play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
     play.add_argument("--headless", action="store_true", help="no effect: this command never opens a window")
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
-    play.add_argument("--draw", action="store_true", help="also render each frame from the stream's suggested camera")
+    play.add_argument("--render", action="store_true", help="also render each frame from the stream's suggested camera")
     play.add_argument("--frames", type=int, metavar="N", help="stop after N frames")
     play.add_argument("--json", action="store_true", help="print JSON")
     play.set_defaults(command=_play)
@@ -46,8 +46,8 @@ def _play(arguments: argparse.Namespace) -> int:
     from studio.stream import StreamReader
 
     with StreamReader.open(stream_place(arguments.stream)) as reader:
-        draw = _drawing(reader.manifest, arguments.stream) if arguments.draw else None
-        report = play_headless(reader, realtime=arguments.realtime, frame_limit=arguments.frames, draw=draw)
+        render = _renderer(reader.manifest, arguments.stream) if arguments.render else None
+        report = play_headless(reader, realtime=arguments.realtime, frame_limit=arguments.frames, render=render)
     if arguments.json:
         import json
 
@@ -60,9 +60,9 @@ def _play(arguments: argparse.Namespace) -> int:
     return 1 if report.skipped else 0
 
 
-def _drawing(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], object]:
+def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], object]:
     """Return a function that renders Gaussians from the stream's suggested camera over its background."""
-    from pipelines.reports.pictures import draw
+    from pipelines.reports.images import render
     from studio.stream import StreamMetadata
 
     metadata = StreamMetadata.from_json(manifest.metadata)
@@ -71,17 +71,17 @@ def _drawing(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], ob
             "stream.no_camera",
             "the stream has no suggested camera",
             file=stream,
-            fix="Remove --draw.",
-            option="--draw",
+            fix="Remove --render.",
+            option="--render",
         )
     camera = metadata.suggested_camera.undistorted()
     if camera.width * camera.height > _MOST_PIXELS:
         raise StudioError(
             "stream.camera_too_large",
-            f"the suggested camera has {camera.width}x{camera.height} pixels; at most {_MOST_PIXELS:,} are drawn",
+            f"the suggested camera has {camera.width}x{camera.height} pixels; at most {_MOST_PIXELS:,} are rendered",
             file=stream,
-            fix="Remove --draw.",
-            option="--draw",
+            fix="Remove --render.",
+            option="--render",
         )
     background = metadata.background or (0.0, 0.0, 0.0)
-    return lambda gaussians: draw(gaussians, camera, background)
+    return lambda gaussians: render(gaussians, camera, background)

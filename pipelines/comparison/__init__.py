@@ -1,1 +1,1 @@
-"""`v3studio compare`: takes measured by one protocol, with pictures side by side."""
+"""`v3studio compare`: takes measured by one protocol, with images side by side."""

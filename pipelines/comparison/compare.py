@@ -1,4 +1,4 @@
-"""Measures takes by one protocol and draws them side by side."""
+"""Measures takes by one protocol and renders them side by side."""
 
 from __future__ import annotations
 
@@ -38,30 +38,30 @@ def compare(
     protocol: EvaluationProtocol,
     *,
     cameras: Sequence[str] = (),
-    truth: Path | None = None,
+    footage: Path | None = None,
     every: int = 1,
-    pictures: int = 2,
+    images: int = 2,
     lpips: Lpips | None = None,
     device: str = "cpu",
     progress: ProgressFn = no_progress,
 ) -> Comparison:
     """Measure the decoded streams of takes on the frames that all of them have.
 
-    Writes `out/comparison.json` and one picture per camera and shown frame, `out/CAMERA_FRAME.png`: the footage, each
+    Writes `out/comparison.json` and one image per camera and shown frame, `out/CAMERA_FRAME.png`: the footage, each
     take, and below each take its difference from the footage. Finished frames are kept in `out/.comparing` until then:
-    a comparison that was interrupted goes on where it was, if it is the same one (takes, footage and choices).
+    a comparison that was interrupted is resumed if it is the same one (takes, footage and choices).
 
     Args:
         folders: of the takes.
-        out: folder of the results; created. Pictures of an earlier comparison in it are replaced, other files stay.
+        out: folder of the results; created. Images of an earlier comparison in it are replaced, other files stay.
         protocol: which cameras, pixels and size.
         cameras: names instead of the protocol's.
-        truth: folder of the take whose footage settings (images, masks) are the truth; None: the first.
+        footage: folder of the take whose footage settings (images, masks) are compared with; None: the first.
         every: measure every n-th frame; flicker needs 1.
-        pictures: frames to draw, spread over the measured ones.
+        images: frames to show, spread over the measured ones.
         lpips: the metric; None: not measured.
-        device: torch device to draw on.
-        progress: called with drawn and all views.
+        device: torch device to render on.
+        progress: called with finished and all views.
 
     Raises:
         StudioError: see `open_takes`; `compare.no_common_frame`; `compare.nothing_visible`; `take.not_writable` or
@@ -69,7 +69,7 @@ def compare(
         Cancelled: raised by `progress`; finished frames are kept for the next call.
     """
     with ExitStack() as closing:
-        takes, names = open_takes(folders, protocol, cameras, closing, truth)
+        takes, names = open_takes(folders, protocol, cameras, closing, footage)
         frames = [frame for frame in takes[0].footage.frames if all(frame in one.frames for one in takes)][::every]
         if not frames:
             raise StudioError(
@@ -79,9 +79,9 @@ def compare(
                 fix="Compare takes of the same footage.",
             )
         closing.enter_context(_writable(out))
-        shown = {frames[at] for at in np.linspace(0, len(frames) - 1, min(pictures, len(frames))).round().astype(int)}
-        described = _protocol(protocol, takes, names, frames, truth or folders[0], lpips)
-        key = _key(described, takes, pictures=sorted(map(int, shown)), flicker=every == 1, device=device)
+        shown = {frames[at] for at in np.linspace(0, len(frames) - 1, min(images, len(frames))).round().astype(int)}
+        described = _protocol(protocol, takes, names, frames, footage or folders[0], lpips)
+        key = _key(described, takes, images=sorted(map(int, shown)), flicker=every == 1, device=device)
         finished = FinishedFrames(out, key)
         measurer = FrameMeasurer(takes, names, protocol, lpips, device, flicker=every == 1)
         compared: list[ComparedFrame] = []
@@ -99,8 +99,8 @@ def compare(
                 done += len(takes) * len(names)
                 continue
             figures, views = measurer.measure(frame, before, frame in shown, tick)
-            images = {_picture_name(camera, frame): side_by_side(pairs) for camera, pairs in views.items()}
-            compared.append(finished.write(frame, figures, images))
+            shown_images = {_image_name(camera, frame): side_by_side(pairs) for camera, pairs in views.items()}
+            compared.append(finished.write(frame, figures, shown_images))
         progress(total, total)
         rows = [[each.takes[number] for each in compared] for number in range(len(takes))]
         if not all(any(one.cameras for one in found) for found in rows):
@@ -116,9 +116,9 @@ def compare(
             takes=tuple(_result(take, found, names) for take, found in zip(takes, rows, strict=True)),
         )
     with disk_errors(out):
-        for path in _earlier_pictures(out):
+        for path in _earlier_images(out):
             remove(path)
-        finished.publish(name for each in compared for name in each.pictures)
+        finished.publish(name for each in compared for name in each.images)
         write_model(out / "comparison.json", result)
         finished.remove()
     return result
@@ -142,27 +142,27 @@ def _writable(out: Path) -> Iterator[None]:
 
 
 def _key(described: ComparisonProtocol, takes: Sequence[OpenedTake], **choices: JsonData) -> str:
-    """Digest of everything that the figures and pictures are made from."""
-    truth = takes[0].footage
-    settings = truth.spec.model_dump(mode="json", exclude={"root"})
+    """Digest of everything that the figures and images are made from."""
+    footage = takes[0].footage
+    settings = footage.spec.model_dump(mode="json", exclude={"root"})
     sources = [
         [take.name, take.reader.manifest.manifest_sha256, digest_of_file(take.take.rig), sorted(take.group_starts)]
         for take in takes
     ]
-    return digest_of([program_version(), described.to_json(), settings, truth.digest(), sources, choices])
+    return digest_of([program_version(), described.to_json(), settings, footage.digest(), sources, choices])
 
 
-def _picture_name(camera: str, frame: int) -> str:
+def _image_name(camera: str, frame: int) -> str:
     return f"{camera}_{frame:06d}.png".replace("/", "_")
 
 
-def _earlier_pictures(out: Path) -> list[Path]:
-    """Where the comparison that is in the folder has its pictures; nothing that somebody else put there."""
+def _earlier_images(out: Path) -> list[Path]:
+    """Where the comparison that is in the folder has its images; nothing that somebody else put there."""
     try:
         earlier = read_model(out / "comparison.json", Comparison).protocol
     except StudioError:
         return []
-    names = (_picture_name(camera, frame) for camera in earlier.cameras for frame in earlier.frames)
+    names = (_image_name(camera, frame) for camera in earlier.cameras for frame in earlier.frames)
     return [out / name for name in names]
 
 
@@ -193,7 +193,7 @@ def _protocol(
     takes: Sequence[OpenedTake],
     names: Sequence[str],
     frames: Sequence[int],
-    truth: Path,
+    compared_with: Path,
     lpips: Lpips | None,
 ) -> ComparisonProtocol:
     footage = takes[0].footage
@@ -205,7 +205,7 @@ def _protocol(
         resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in names},
         background=protocol.background,
         crop=crop,
-        truth=str(truth.absolute()),
+        footage=str(compared_with.absolute()),
         exact_masks=footage.has_evaluation_masks,
         frames=tuple(int(frame) for frame in frames),
         **({} if lpips is None else {"lpips": lpips.protocol}),

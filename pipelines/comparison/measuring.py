@@ -10,7 +10,7 @@ import numpy as np
 from pipelines.comparison.opened_takes import OpenedTake
 from pipelines.comparison.results import FlickerOfFrame, FrameOfTake, Measures
 from pipelines.reports.evaluation import DIFFERENCE_GAIN
-from pipelines.reports.pictures import to_bytes
+from pipelines.reports.images import to_bytes
 from studio.comparison import EvaluationProtocol, Residual, ViewPair, flicker_of, measure, padded_box
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def side_by_side(pairs: dict[str, ViewPair]) -> np.ndarray:
 
 
 def _labeled(text: str, image: np.ndarray) -> np.ndarray:
-    """The image below a line of text; letters that OpenCV cannot draw become question marks."""
+    """The image below a line of text; letters that OpenCV lacks become question marks."""
     import cv2
 
     strip = np.full((_LABEL_HEIGHT, image.shape[1], 3), 255, np.uint8)

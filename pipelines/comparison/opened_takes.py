@@ -1,4 +1,4 @@
-"""The takes of a comparison: their streams, their cameras, and one truth for all of them."""
+"""The takes of a comparison: their streams, their cameras, and one footage for all of them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class OpenedTake:
         take: the take.
         reader: its stream.
         place: where the stream lies in the take.
-        footage: the truth, seen through this take's cameras.
+        footage: of the comparison, seen through this take's cameras.
         frames: footage frame to index in the stream.
         trained_on: cameras that it was trained on.
         group_starts: footage frames with which groups begin.
@@ -51,19 +51,19 @@ def open_takes(
     protocol: EvaluationProtocol,
     cameras: Sequence[str],
     closing: ExitStack,
-    truth: Path | None = None,
+    footage: Path | None = None,
 ) -> tuple[list[OpenedTake], tuple[str, ...]]:
     """Open takes for a comparison.
 
     Images and masks come from the footage settings of one take, so that all are compared with the same; each take is
-    drawn with its own calibration.
+    rendered with its own calibration.
 
     Args:
         folders: of the takes.
         protocol: says which cameras and which size.
         cameras: names instead of those of the protocol; empty: the protocol's.
         closing: closes the streams.
-        truth: folder of the take whose footage settings are used; None: the first.
+        footage: folder of the take whose footage settings are used; None: the first.
 
     Returns:
         the takes, and the names of the cameras.
@@ -75,7 +75,7 @@ def open_takes(
     from studio.camera_files import read_rig
     from studio.capture import open_footage
 
-    first = _footage(truth or folders[0])
+    first = _footage(footage or folders[0])
     names = _cameras(first, protocol, cameras)
     spec = first.capture.replace(
         cameras=names,

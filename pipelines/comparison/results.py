@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.reports.pictures import write_picture
+from pipelines.reports.images import write_image
 from pipelines.takes.atomic_files import Result, disk_errors, read_model, remove, write_model
 from studio.errors import StudioError
 
@@ -75,11 +75,11 @@ class ComparisonProtocol(Result):
 
     background: tuple[float, float, float]
     crop: str
-    truth: str
-    """The take whose footage settings say what the truth is."""
+    footage: str
+    """The take whose images and masks are compared with."""
 
     exact_masks: bool
-    """Whether the truth's masks are exact ones (capture.evaluation_masks)."""
+    """Whether its masks are exact ones (capture.evaluation_masks)."""
 
     frames: tuple[int, ...]
     mean: str = "over the views of a frame, then over frames"
@@ -109,8 +109,8 @@ class ComparedFrame(Result):
     """Digest of what the comparison is made from."""
 
     takes: tuple[FrameOfTake, ...]
-    pictures: tuple[str, ...] = ()
-    """Names of pictures beside the file."""
+    images: tuple[str, ...] = ()
+    """Names of images beside the file."""
 
 
 class FinishedFrames:
@@ -136,23 +136,23 @@ class FinishedFrames:
         if not self.found:
             self.remove()
 
-    def write(self, frame: int, takes: tuple[FrameOfTake, ...], pictures: Mapping[str, np.ndarray]) -> ComparedFrame:
-        """Write one frame and its pictures, (H, W, 3) uint8 by file name.
+    def write(self, frame: int, takes: tuple[FrameOfTake, ...], images: Mapping[str, np.ndarray]) -> ComparedFrame:
+        """Write one frame and its images, (H, W, 3) uint8 by file name.
 
         Raises:
             StudioError: the disk is full or cannot be written (`take.disk_full`, `take.not_writable`).
         """
-        done = ComparedFrame(key=self._key, takes=takes, pictures=tuple(pictures))
+        done = ComparedFrame(key=self._key, takes=takes, images=tuple(images))
         with disk_errors(self._out):
             self._folder.mkdir(exist_ok=True)
-            for name, picture in pictures.items():
-                write_picture(self._folder / name, picture)
+            for name, image in images.items():
+                write_image(self._folder / name, image)
             write_model(self._folder / f"{frame:06d}.json", done)
         return done
 
-    def publish(self, pictures: Iterable[str]) -> None:
-        """Move pictures to the folder of the results."""
-        for name in pictures:
+    def publish(self, images: Iterable[str]) -> None:
+        """Move images to the folder of the results."""
+        for name in images:
             os.replace(self._folder / name, self._out / name)
 
     def remove(self) -> None:
@@ -165,5 +165,5 @@ class FinishedFrames:
             frame = read_model(path, ComparedFrame)
         except StudioError:
             return None
-        complete = all((self._folder / name).is_file() for name in frame.pictures)
+        complete = all((self._folder / name).is_file() for name in frame.images)
         return frame if frame.key == self._key and complete else None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.config import Config
-from pipelines.reports.pictures import encode
+from pipelines.reports.images import encode
 from pipelines.reports.plots import mark_rows, plots
 from pipelines.reports.tables import metric_texts
 from pipelines.takes.atomic_files import digest_of, write_text
@@ -68,7 +68,7 @@ def render_report(
         titles=[f"{metric.title} {what}" for metric in evaluation.metrics for what in ("trained", "decoded")],
         texts=metric_texts,
         gain=DIFFERENCE_GAIN,
-        pictures=[_pictures(sample) for sample in samples],
+        samples=[_images(sample) for sample in samples],
         over_time=_over_time(take, groups, evaluation),
         calibration=_calibration(take),
         timings=_timings(take),
@@ -115,7 +115,7 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
             stage="evaluate",
         )
     if _note_of(*_marks(take)) in text:
-        return False  # drawing the plots of a long take takes seconds
+        return False  # plotting of a long take takes seconds
     new = head + _over_time(take, groups, read_evaluation(take.evaluation)) + tail
     if new == text:
         return False
@@ -162,7 +162,7 @@ def _rendered(template: str, **values: Any) -> str:
 
 
 @dataclass(frozen=True)
-class _Pictures:
+class _Images:
     """A sample in the page: its images as labels and data URIs."""
 
     frame: int
@@ -170,7 +170,7 @@ class _Pictures:
     images: tuple[tuple[str, str], ...]
 
 
-def _pictures(sample: Sample) -> _Pictures:
+def _images(sample: Sample) -> _Images:
     difference = np.clip(np.abs(sample.decoded - sample.footage) * DIFFERENCE_GAIN, 0, 1)
     images = (
         ("footage", sample.footage),
@@ -178,7 +178,7 @@ def _pictures(sample: Sample) -> _Pictures:
         ("decoded", sample.decoded),
         (f"difference x{DIFFERENCE_GAIN:g}", difference),
     )
-    return _Pictures(sample.frame, sample.camera, tuple((label, _embedded(image)) for label, image in images))
+    return _Images(sample.frame, sample.camera, tuple((label, _embedded(image)) for label, image in images))
 
 
 def _embedded(image: np.ndarray) -> str:

@@ -35,7 +35,7 @@ class ReviewCamera(_Message):
     name: str
 
     width: int
-    """Of its pictures, pixels; so are K and height."""
+    """Of its images, pixels; so are K and height."""
 
     height: int
     K: tuple[tuple[float, ...], ...]
@@ -45,7 +45,7 @@ class ReviewCamera(_Message):
     """(4, 4)."""
 
     undistorted: bool
-    """Whether lens distortion has been removed from its pictures."""
+    """Whether lens distortion has been removed from its images."""
 
 
 class ReviewData(_Message):
@@ -60,7 +60,7 @@ class ReviewData(_Message):
     """The held-out ones, or the measured ones where none is held out."""
 
     background: tuple[float, float, float]
-    """RGB, 0 to 1: what the performer of the pictures stands in front of."""
+    """RGB, 0 to 1: what the performer of the images stands in front of."""
 
     problems: tuple[str, ...]
     """What is missing and why, a sentence each."""

@@ -1,4 +1,4 @@
-"""What a browser needs to review a take: figures, pictures of the footage, marks."""
+"""What a browser needs to review a take: figures, images of the footage, marks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from studio.stream import CapturePlace
 
 MAX_WIDTH = 1920
-"""Largest width of a picture in pixels; larger ones are scaled down."""
+"""Largest width of an image in pixels; larger ones are scaled down."""
 
 _QUALITY = 90  # of JPEG
 
@@ -98,7 +98,7 @@ class TakeReview:
         """
         import cv2
 
-        from pipelines.reports.pictures import encode
+        from pipelines.reports.images import encode
 
         footage = self._opened
         if footage is None or camera not in _compared(footage):
@@ -206,7 +206,7 @@ def _compared(footage: Footage) -> tuple[str, ...]:
 
 
 def _size(footage: Footage, camera: str) -> tuple[int, int]:
-    """(width, height) of a camera's pictures."""
+    """(width, height) of a camera's images."""
     own = footage.rig[camera]
     scale = min(MAX_WIDTH / own.width, 1.0)
     return max(round(own.width * scale), 1), max(round(own.height * scale), 1)

@@ -75,13 +75,13 @@ class StreamToShare:
         Raises:
             StudioError: the first group is missing or damaged.
         """
-        from pipelines.reports.pictures import draw, encode
+        from pipelines.reports.images import encode, render
         from pipelines.takes.videos import decoded_video
         from studio.formats.camera_path import turntable
 
         video = decoded_video(self.reader)
         camera = video.view or turntable(video, *_POSTER_SIZE)(0.0)
-        image = draw(video.read(0), camera, video.background, width=POSTER_WIDTH)
+        image = render(video.read(0), camera, video.background, width=POSTER_WIDTH)
         return Poster(encode(image, ".jpg", _QUALITY), (image.shape[1], image.shape[0]))
 
     def page_files(self, text: PageText, player: PlayerFiles, manifest: str) -> dict[str, bytes]:

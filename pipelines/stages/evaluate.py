@@ -148,7 +148,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
         crop=f"bounding box of the mask, padded by {inputs.config.evaluate.crop_padding} px",
         background=inputs.config.capture.background,
-        truth="the camera's image composited over the background with the evaluation mask"
+        footage="the camera's image composited over the background with the evaluation mask"
         + (", where the camera sees the crop box" if inputs.edits.crop is not None else ""),
         frames=tuple(int(footage.frames[index]) for index in baked),
         mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",

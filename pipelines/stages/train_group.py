@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.reports.pictures import draw, write_picture
+from pipelines.reports.images import render, write_image
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed
 from pipelines.stages.reporter import StageReporter
@@ -332,12 +332,12 @@ class GroupWork:
         footage = self.inputs.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         frame = group.frames[position]
-        picture = draw(
+        image = render(
             gaussians, footage.rig[camera], self.inputs.config.capture.background, self.inputs.device, width=640
         )
         name = f"{group.first + position:06d}{'' if iteration is None else f'_{iteration:06d}'}.png"
         path = self.inputs.take.previews / name
-        write_picture(path, picture)
+        write_image(path, image)
         self.reporter.preview(
             path,
             f"frame {frame}, {camera}",

@@ -85,7 +85,9 @@ class Protocol(Result):
     background: tuple[float, float, float]
     """RGB, 0 to 1."""
 
-    truth: str
+    footage: str
+    """How the images that are compared with are made."""
+
     frames: tuple[int, ...]
     mean: str
     ssim: str

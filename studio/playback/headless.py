@@ -27,7 +27,7 @@ def play_headless(
     start_frame: int = 0,
     frame_limit: int | None = None,
     on_frame: Callable[[PlayedFrame], None] | None = None,
-    draw: Callable[[Gaussians], object] | None = None,
+    render: Callable[[Gaussians], object] | None = None,
     progress: ProgressFn = no_progress,
     adaptive: bool | None = None,
 ) -> PlaybackReport:
@@ -40,7 +40,7 @@ def play_headless(
         start_frame: index of the first frame, 0-based.
         frame_limit: number of frames to play; None: play to the end.
         on_frame: called with each frame, in order, on the caller's thread.
-        draw: renders a frame; its duration becomes the frame's `render_ms`.
+        render: renders a frame; its duration becomes the frame's `render_ms`.
         progress: called with played and total frames.
         adaptive: whether renditions change with network and computer, see `Shared`.
 
@@ -66,9 +66,9 @@ def play_headless(
 
         def show(item: PlayedFrame) -> FrameStats:
             stats = item.stats
-            if draw is not None:
+            if render is not None:
                 began = time.perf_counter()
-                draw(item.gaussians)
+                render(item.gaussians)
                 stats = replace(stats, render_ms=1e3 * (time.perf_counter() - began))
             if on_frame is not None:
                 on_frame(item)

@@ -16,7 +16,7 @@ from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.player import PlayerPresenter
 from gui.models.take.inspector import review_blocks
 from pipelines.config import load_config
-from pipelines.reports.pictures import draw
+from pipelines.reports.images import render
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.marks import Mark, change_mark
@@ -60,8 +60,9 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     assert player.choose("trained")
     trained = image(player)
     assert player.camera == "cam4"
-    drawn = draw(read_frame(player.opened.take.trained_files()[0][0]), footage.rig["cam4"].resized(256, 192), (0, 0, 0))
-    assert np.abs(trained.astype(float) - drawn * 255).mean() < 1.0
+    camera = footage.rig["cam4"].resized(256, 192)
+    rendered = render(read_frame(player.opened.take.trained_files()[0][0]), camera, (0, 0, 0))
+    assert np.abs(trained.astype(float) - rendered * 255).mean() < 1.0
     player.choose_mode("difference")
     assert player.reference == "truth"
     assert image(player).max() > 0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from pipelines.reports.pictures import draw
+from pipelines.reports.images import render
 from pipelines.stages.compared_view import ComparedView, compared_cameras, compared_view
 from pipelines.stages.inputs import Inputs
 
@@ -54,7 +54,7 @@ class RenderedError:
         return sum(errors) / len(errors)
 
     def _render(self, gaussians: Gaussians) -> list[np.ndarray]:
-        return [draw(gaussians, camera, self._background, self._device, _WIDTH) for camera in self._cameras]
+        return [render(gaussians, camera, self._background, self._device, _WIDTH) for camera in self._cameras]
 
 
 def foreground_box(image: np.ndarray, background: Sequence[float]) -> tuple[slice, slice]:

@@ -23,6 +23,7 @@ import pytest
 from pipelines.share.page import PageText
 from pipelines.share.served import find_streams
 from pipelines.share.web_app import build_app
+from pipelines.takes.take import TAKE_FORMAT
 from studio.playback import play_headless
 from studio.stream import BakeSettings
 from tests.support.errors import refuses
@@ -161,7 +162,7 @@ def test_which_streams_are_found(stream, tmp_path):
     assert find_streams(str(stream)) == {"/": stream}
     take = tmp_path / "take"
     shutil.copytree(stream, take / "stream", symlinks=True)
-    (take / "take.json").write_text(json.dumps({"format": 1}))
+    (take / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
     assert find_streams(str(take)) == {"/": take / "stream"}
     shutil.copytree(stream, tmp_path / "plain", symlinks=True)
     (tmp_path / "else").mkdir()
@@ -175,12 +176,12 @@ def test_streams_elsewhere_are_not_served_through_links(stream, tmp_path, capsys
     served, elsewhere = tmp_path / "served", tmp_path / "elsewhere"
     shutil.copytree(stream, served / "here", symlinks=True)
     shutil.copytree(stream, elsewhere / "take" / "stream", symlinks=True)
-    (elsewhere / "take" / "take.json").write_text(json.dumps({"format": 1}))
+    (elsewhere / "take" / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
     (served / "again").symlink_to("here")
     (served / "stream").symlink_to(elsewhere / "take" / "stream")
     (served / "take").symlink_to(elsewhere / "take")
     (served / "mine").mkdir()
-    (served / "mine" / "take.json").write_text(json.dumps({"format": 1}))
+    (served / "mine" / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
     (served / "mine" / "stream").symlink_to(elsewhere / "take" / "stream")
     found = find_streams(str(served))
     assert list(found) == ["/again", "/here"]

@@ -61,20 +61,20 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
     assert "trained_on" not in fine or not fine["trained_on"]
     assert f"{fine['psnr']:.2f}" in done.stdout
     assert "own masks" in " ".join(done.stdout.split())
-    pictures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
-    assert pictures == ["cam4_000000.png", "cam4_000004.png"]
-    picture = cv2.imread(str(tmp_path / "out" / pictures[0]))
-    assert picture[60:, :, :].any(), "differences are drawn"
+    images = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
+    assert images == ["cam4_000000.png", "cam4_000004.png"]
+    image = cv2.imread(str(tmp_path / "out" / images[0]))
+    assert image[60:, :, :].any(), "differences are shown"
 
 
-def test_an_earlier_comparison_is_replaced_and_other_pictures_stay(two, here, tmp_path):
+def test_an_earlier_comparison_is_replaced_and_other_images_stay(two, here, tmp_path):
     earlier = {"protocol": {"cameras": ["cam2", "left/cam4"], "frames": [1]}}
-    values = json.loads(here("compare", two[0], "--every", "4", "--pictures", "1", "--json", "--out", tmp_path).stdout)
+    values = json.loads(here("compare", two[0], "--every", "4", "--images", "1", "--json", "--out", tmp_path).stdout)
     values["protocol"].update(earlier["protocol"])
     (tmp_path / "comparison.json").write_text(json.dumps(values))
     for name in ("cam2_000001.png", "left_cam4_000001.png", "poster.png", "cam9_000001.png"):
         (tmp_path / name).write_bytes(b"")
-    here("compare", two[0], "--every", "4", "--pictures", "1", "--out", tmp_path)
+    here("compare", two[0], "--every", "4", "--images", "1", "--out", tmp_path)
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["cam4_000000.png", "cam9_000001.png", "comparison.json", "poster.png"]
 
@@ -142,10 +142,10 @@ def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkey
 
 
 def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tmp_path, monkeypatch):
-    compare(two, tmp_path / "whole", PROTOCOLS["box"], pictures=0)
+    compare(two, tmp_path / "whole", PROTOCOLS["box"], images=0)
     calls = counted(monkeypatch)
     killed(*two, tmp_path / "out")
-    compare(two, tmp_path / "out", PROTOCOLS["box"], pictures=0)  # the killed one drew pictures
+    compare(two, tmp_path / "out", PROTOCOLS["box"], images=0)  # the killed one drew images
     assert len(calls) == 5 * 2
     assert files_in(tmp_path / "out") == files_in(tmp_path / "whole")
     compare(two, tmp_path / "whole", PROTOCOLS["box"])

@@ -63,7 +63,7 @@ def test_two_bakes_are_kept_and_either_is_chosen(finished: Path, take: Take, her
     assert (listed["fine"]["psnr_decoded"], listed["coarse"]["psnr_decoded"]) == (measured, None)
     kept = [take.bakes / name for name in ("fine", "coarse")]
     assert [load_config(folder / "config.yaml").bake.quality for folder in kept] == [20, 40]
-    compared = here("compare", *kept, "--every", 5, "--pictures", 0, "--out", tmp_path / "compared", "--json")
+    compared = here("compare", *kept, "--every", 5, "--images", 0, "--out", tmp_path / "compared", "--json")
     assert compared.returncode == 0, compared.stderr
     fine, coarse = json.loads(compared.stdout)["takes"]
     assert fine["psnr"] > coarse["psnr"]

@@ -75,15 +75,15 @@ def test_cancelling_passes_through(stream):
             play_headless(stream, realtime=realtime, progress=stop if not realtime else lambda *a, **f: stop(3, 0))
 
 
-def test_what_drawing_costs(stream):
-    drawn = []
+def test_what_rendering_costs(stream):
+    rendered = []
 
-    def draw(gaussians):
-        drawn.append(round(gaussians.means[0, 0].item()))
+    def render(gaussians):
+        rendered.append(round(gaussians.means[0, 0].item()))
         time.sleep(0.02)
 
-    report = play_headless(stream, frame_limit=3, draw=draw)
-    assert drawn == [0, 1, 2]
+    report = play_headless(stream, frame_limit=3, render=render)
+    assert rendered == [0, 1, 2]
     assert all(20 <= stats.render_ms < 500 for stats in report.frames)
     assert report.to_dict()["summary"]["render_ms"]["max"] == max(stats.render_ms for stats in report.frames)
     assert "render_ms" not in play_headless(stream, frame_limit=1).to_dict()["summary"]

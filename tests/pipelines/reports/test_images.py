@@ -1,4 +1,4 @@
-"""Pictures of reports, read back by another library."""
+"""Images of reports, read back by another library."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipelines.reports.pictures import encode, to_bytes
+from pipelines.reports.images import encode, to_bytes
 
 
 @pytest.mark.parametrize(("ending", "tolerance"), [(".png", 0), (".jpg", 12)])

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from studio.gaussians import Gaussians
 
 
-def draw(
+def render(
     gaussians: Gaussians, camera: Camera, background: Sequence[float], device: str = "cpu", width: int | None = None
 ) -> np.ndarray:
     """Render Gaussians.
@@ -70,6 +70,6 @@ def encode(image: np.ndarray, ending: str = ".png", quality: int = 92) -> bytes:
     return data.tobytes()
 
 
-def write_picture(path: Path, image: np.ndarray) -> None:
+def write_image(path: Path, image: np.ndarray) -> None:
     """Write an (H, W, 3) image as PNG, atomically."""
     write_bytes(path, encode(image))
