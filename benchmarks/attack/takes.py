@@ -21,7 +21,7 @@ PATIENCE = 600.0
 
 QUICKER = {
     "group_size: 3": "group_size: 2",
-    "keyframe_iterations: 25": "keyframe_iterations: 502",
+    "keyframe_iterations: 25": "keyframe_iterations: 12",
     "densify_from: 5": "densify_from: 2",
     "densify_until: 15": "densify_until: 4",
     "densify_every: 5": "densify_every: 2",

@@ -13,11 +13,12 @@ from studio.errors import StudioError
 from studio.gaussians import SH_C0, Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.rasterizer.contribution import contribution
+from studio.training import settings as constants
 from studio.training.densify import density_control
 from studio.training.details import detail_weights
 from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import FINAL_DROPOUT, Refinement
-from studio.training.settings import CHECKPOINT_EVERY, TrainSettings
+from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import SnapshotFn, Stepper, check_finite
 from studio.training.views import TrainingView
@@ -98,7 +99,7 @@ def train_keyframe(
     snapshot: SnapshotFn | None = None,
     snapshot_every: int = 500,
     checkpoint: CheckpointFn | None = None,
-    checkpoint_every: int = CHECKPOINT_EVERY,
+    checkpoint_every: int | None = None,
     resume: Checkpoint | None = None,
 ) -> Gaussians:
     """Train a keyframe: 3DGS with densification, then rounds of pruning by opacity and fine-tuning.
@@ -114,7 +115,7 @@ def train_keyframe(
         snapshot: called with the splats every `snapshot_every` steps.
         snapshot_every: steps between these calls.
         checkpoint: called with the complete state every `checkpoint_every` steps.
-        checkpoint_every: steps between these calls, at least 1.
+        checkpoint_every: steps between these calls, at least 1; None for `CHECKPOINT_EVERY`.
         resume: a checkpoint of the same inputs, settings and seed. The result equals that of an uninterrupted run.
 
     Returns:
@@ -126,13 +127,14 @@ def train_keyframe(
         Cancelled: raised by `progress`.
     """
     run = _Run(views, points, colors, settings, seed, progress)
+    every = constants.CHECKPOINT_EVERY if checkpoint_every is None else checkpoint_every
     if resume is not None:
         run.restore(resume)
     while not run.finished:
         run.step()
         if snapshot is not None and run.done % snapshot_every == 0:
             snapshot(run.done, run.optimizer.gaussians.detach())
-        if checkpoint is not None and run.done % checkpoint_every == 0:
+        if checkpoint is not None and run.done % every == 0:
             checkpoint(run.done, run.state())
     return run.optimizer.gaussians.clone()
 

@@ -18,10 +18,11 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.torch_rotations import quat_multiply
+from studio.training import settings as constants
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.interframe import performer_box, rate_factor
 from studio.training.keyframe import scene_extent
-from studio.training.settings import CHECKPOINT_EVERY, MEANS_FINETUNE_RATE, TrainSettings
+from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
 from studio.training.step import Stepper, check_finite
 from studio.training.views import TrainingView
 
@@ -116,7 +117,7 @@ def train_offsets(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     checkpoint: Callable[[int, OffsetCheckpoint], None] | None = None,
-    checkpoint_every: int = CHECKPOINT_EVERY,
+    checkpoint_every: int | None = None,
     resume: OffsetCheckpoint | None = None,
 ) -> SplatOffsets:
     """Train offsets with the losses of keyframe fine-tuning (equation 7, opacity and scale, dropout).
@@ -132,7 +133,7 @@ def train_offsets(
         progress: called with completed and total steps, and regularly also with `loss`, `psnr` (dB) and `splats`.
         checkpoint: called with step and complete state every `checkpoint_every` steps. The next step modifies the
             tensors, so write or copy them.
-        checkpoint_every: steps between these calls, at least 1.
+        checkpoint_every: steps between these calls, at least 1; None for `CHECKPOINT_EVERY`.
         resume: a checkpoint of the same inputs. The result equals that of an uninterrupted run.
 
     Raises:
@@ -140,12 +141,13 @@ def train_offsets(
         Cancelled: raised by `progress`.
     """
     run = _Run(frames, views, SplatOffsets.zeros(kept, sh_degree), settings, iterations, seed)
+    every = constants.CHECKPOINT_EVERY if checkpoint_every is None else checkpoint_every
     if resume is not None:
         run.restore(resume)
     while run.done < iterations:
         figures = run.step()
         progress(run.done, iterations, **figures)
-        if checkpoint is not None and run.done % checkpoint_every == 0 and run.done < iterations:
+        if checkpoint is not None and run.done % every == 0 and run.done < iterations:
             checkpoint(run.done, run.state())
     return run.result()
 

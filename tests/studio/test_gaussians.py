@@ -13,7 +13,6 @@ from studio.edits.moving import moved
 from studio.formats.rigid_motion import turned
 from studio.gaussians import Gaussians, common_dilation
 from studio.similarity import Similarity
-from studio.stream.profiles import coding_of
 from studio.training import LearningRates
 from studio.training.offsets import SplatOffsets
 from studio.training.splat_optimizer import SplatOptimizer
@@ -37,14 +36,6 @@ def optimized(gaussians: Gaussians) -> Gaussians:
     return optimizer.gaussians
 
 
-def coded(profile: str) -> Callable[[Gaussians], Gaussians]:
-    def decoded(gaussians: Gaussians) -> Gaussians:
-        coding = coding_of(profile, gaussians)
-        return coding.decode(gaussians, coding.coded_values(gaussians))
-
-    return decoded
-
-
 WAYS: dict[str, Callable[[Gaussians], Gaussians]] = {
     "index": lambda one: one[2],
     "mask": lambda one: one[torch.arange(6) > 2],
@@ -58,8 +49,6 @@ WAYS: dict[str, Callable[[Gaussians], Gaussians]] = {
     "moved": lambda one: moved(one, Similarity(2.0)),
     "offsets": lambda one: SplatOffsets.zeros(torch.arange(2), 1).applied(one[:2]),
     "optimizer": optimized,
-    "planes": coded("planes"),
-    "motion": coded("motion"),
 }
 
 

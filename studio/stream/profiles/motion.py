@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from typing import TypeVar
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from studio.gaussians import Gaussians
 from studio.rotations import quat_conjugate, quat_multiply
-from studio.stream.attributes import ATTRIBUTES, BY_NAME
-from studio.stream.layout import scale_floor, tile_side, typical_size
-from studio.stream.profiles.coding import CODED, SplatCoding, coded_columns
+from studio.stream.attributes import ATTRIBUTES
 from studio.stream.settings import BakeSettings
-from studio.torch_rotations import quat_multiply as torch_quat_multiply
 
 _TAIL = 1e-4  # fraction of values at either end that may become escapes instead of widening the range
 _OUTLIERS = 4  # splats at either end that may do so if they would at least double the step, in channels of any size
 _MAX_CODE = float(1 << 30)  # of an escape; the side file has 32 bits
-
-Values = TypeVar("Values", np.ndarray, Tensor)
 
 
 def channel_steps(sh_degree: int, position_step: float, settings: BakeSettings) -> list[float]:
@@ -70,12 +61,12 @@ def _without_outliers(values: np.ndarray) -> tuple[float, float]:
     return float(near.min()), float(near.max())
 
 
-def to_ycocg(red: Values, green: Values, blue: Values) -> tuple[Values, Values, Values]:
+def to_ycocg(red: np.ndarray, green: np.ndarray, blue: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Luma, orange and green chroma of a color or an SH coefficient."""
     return (red + 2 * green + blue) / 4, (red - blue) / 2, (2 * green - red - blue) / 4
 
 
-def from_ycocg(luma: Values, orange: Values, green: Values) -> tuple[Values, Values, Values]:
+def from_ycocg(luma: np.ndarray, orange: np.ndarray, green: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Inverse of `to_ycocg`: red, green, blue."""
     return luma + orange - green, luma + green, luma - orange - green
 
@@ -119,62 +110,3 @@ def nearest_form(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         better = real > best + 1e-6  # the first of equals
         best[better], choice[better] = real[better], index
     return CUBE_QUATS[choice], CUBE_AXES[choice]
-
-
-class MotionCoding(SplatCoding):
-    """Rotations, log scales, opacities and YCoCg coefficients as the profile `motion` codes them.
-
-    Differs from the baker in what only the whole group tells: the equivalent forms of the rotations are chosen on the
-    previous frame instead of the keyframe, and the mean rotation of a block, which the side file stores, is not
-    subtracted.
-    """
-
-    profile = "motion"
-
-    def __init__(self, previous: Gaussians) -> None:
-        self.attributes = coded_columns({name: len(BY_NAME[name].channels) for name in CODED}, previous.sh_degree)
-        self.pixels = tile_side(len(previous)) ** 2
-        self._degree = previous.sh_degree
-        device, dtype = previous.device, previous.means.dtype
-        quats = previous.unit_quats.detach()
-        factors, axes = nearest_form(quats.cpu().double().numpy())
-        self._factors = torch.as_tensor(factors, dtype=dtype, device=device)
-        self._axes = torch.as_tensor(axes, device=device)
-        canonical = torch_quat_multiply(quats, self._factors)
-        self._quats = torch.where(canonical[:, :1] < 0, -canonical, canonical)
-        extent = float((previous.means.amax(0) - previous.means.amin(0)).max())
-        self._floor = scale_floor(typical_size(previous.log_scales.detach().cpu().numpy().T, extent))
-
-    def coded_values(self, gaussians: Gaussians) -> Tensor:
-        """See `SplatCoding`. Axes and quaternion signs are those nearest to the previous frame."""
-        quats = torch_quat_multiply(gaussians.unit_quats, self._factors)
-        sign = torch.where((quats.detach() * self._quats).sum(-1, keepdim=True) < 0, -1.0, 1.0)
-        quats = quats * sign
-        rotation = quats[:, 1:] / (1 + quats[:, :1])
-        scales = gaussians.log_scales.gather(1, self._axes).clamp_min(self._floor)
-        colors = torch.stack(to_ycocg(*gaussians.sh.unbind(-1)), dim=-1)
-        return torch.cat([rotation, scales, gaussians.opacities[:, None], colors.flatten(1)], dim=1)
-
-    def quantizer(self, values: Tensor) -> tuple[Tensor, Tensor]:
-        """See `SplatCoding`. Steps are the baker's with all attributes at the same QP."""
-        steps = channel_steps(self._degree, 0.0, BakeSettings(profile="motion"))[3:]
-        columns = values.detach().cpu().double().numpy().T
-        found = np.array([channel_range(column, step) for column, step in zip(columns, steps, strict=True)])
-        offsets, widths = torch.as_tensor(
-            found, dtype=values.dtype, device=values.device
-        ).T.contiguous()  # kernels read rows
-        return offsets, widths
-
-    def decode(self, gaussians: Gaussians, values: Tensor) -> Gaussians:
-        """See `SplatCoding`. Each splat keeps its canonical axes, which render alike."""
-        rotation = values[:, :3]
-        square = (rotation * rotation).sum(-1, keepdim=True)
-        colors = values[:, 7:].reshape(gaussians.sh.shape)
-        return Gaussians(
-            gaussians.means,
-            torch.cat([1 - square, 2 * rotation], dim=1) / (1 + square),
-            values[:, 3:6],
-            torch.logit(values[:, 6].clamp(1e-4, 1 - 1e-4)),
-            torch.stack(from_ycocg(*colors.unbind(-1)), dim=-1),
-            gaussians.dilation,
-        )

@@ -10,12 +10,25 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
-from studio.stream.attributes import BY_NAME
+from studio.stream.attributes import ATTRIBUTES
 from studio.stream.layout import plane_side
-from studio.stream.profiles.coding import CODED, SplatCoding, coded_columns
 from studio.stream.quantize import LEVELS_8
 
 _MIN_STEP = 1e-3
+
+_TERMS = {"quats": "rotation", "scales": "scale", "opacities": "opacity", "sh": "color"}
+
+
+def _columns(sh_degree: int) -> dict[str, slice]:
+    """Columns of each term of the losses (paper, section 4.2), which count the first coefficient of SH as color."""
+    counts = {attribute.name: len(attribute.components) for attribute in ATTRIBUTES}
+    found, start = {}, 0
+    for name, term in _TERMS.items():
+        found[term] = slice(start, start + counts[name])
+        start += counts[name]
+    if sh_degree > 0:
+        found["sh"] = slice(start, start + counts["sh"] * ((sh_degree + 1) ** 2 - 1))
+    return found
 
 
 class _Fused(torch.autograd.Function):
@@ -46,19 +59,28 @@ class _Fused(torch.autograd.Function):
         return None, None, *gradients
 
 
-class PlanesCoding(SplatCoding):
-    """Unit quaternions with continuous sign, log scales, opacities and SH, each cut into 256 levels."""
+class PlanesCoding:
+    """What the profile codes of one frame's splats, given the previous frame of the same group: unit quaternions with
+    continuous sign, log scales, opacities and SH, each cut into 256 levels.
 
-    profile = "planes"
+    Means are left out: the losses that use this act on the other attributes only (paper, section 4.2).
+
+    Attributes:
+        attributes: columns of each attribute in `coded_values`.
+        pixels: area of the image that holds one channel, W x H of the paper's equation 12.
+
+    Args:
+        previous: N splats of the previous frame.
+    """
 
     def __init__(self, previous: Gaussians) -> None:
-        self.attributes = coded_columns({name: len(BY_NAME[name].components) for name in CODED}, previous.sh_degree)
+        self.attributes = _columns(previous.sh_degree)
         self.pixels = plane_side(len(previous)) ** 2
         self._quats = previous.unit_quats
 
     def coded_values(self, gaussians: Gaussians) -> Tensor:
-        """See `SplatCoding`. Each quaternion has the sign that is nearer to the previous frame (q and -q are the same
-        rotation)."""
+        """(N, C) values that are quantized, differentiable; the splats must be in the order of the previous frame. Each
+        quaternion has the sign that is nearer to the previous frame (q and -q are the same rotation)."""
         leaves = (gaussians.quats, gaussians.log_scales, gaussians.logit_opacities, gaussians.sh)
         kernels = kernels_for(*leaves, self._quats)
         if kernels is not None:
@@ -74,19 +96,14 @@ class PlanesCoding(SplatCoding):
         )
 
     def quantizer(self, values: Tensor) -> tuple[Tensor, Tensor]:
-        """See `SplatCoding`. Steps are at least 1e-3: a channel that is nearly constant in this frame has a larger
-        range over the group."""
+        """Offset and step of each channel, both (C,) and detached: coded is round((value - offset) / step).
+
+        Steps are at least 1e-3: a channel that is nearly constant in this frame has a larger range over the group.
+
+        Args:
+            values: (N, C) coded values of the frame that the range is measured on. The baker measures it over the
+                whole group, which is not known during training.
+        """
         low = values.amin(0)
         steps = ((values.amax(0) - low) / LEVELS_8).clamp_min(_MIN_STEP)
         return low.detach(), steps.detach()
-
-    def decode(self, gaussians: Gaussians, values: Tensor) -> Gaussians:
-        """See `SplatCoding`."""
-        return Gaussians(
-            gaussians.means,
-            values[:, :4],
-            values[:, 4:7],
-            torch.logit(values[:, 7].clamp(1e-4, 1 - 1e-4)),
-            values[:, 8:].reshape(gaussians.sh.shape),
-            gaussians.dilation,
-        )

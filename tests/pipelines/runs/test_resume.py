@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pipelines.events import Log, Metrics, RunFinished, StageStarted, read_line
+from pipelines.stages import train_group
+from studio.errors import Cancelled
 
 
 def stream_bytes(take: Path) -> dict[str, bytes]:
@@ -90,23 +92,33 @@ def test_sigterm_stops_in_training_and_run_goes_on(finished, project, start, cli
     assert stream_bytes(take) == stream_bytes(finished / "take")
 
 
-def test_killed_inside_a_keyframe_goes_on_from_its_checkpoint(project, start, cli):
-    long = ("--train.keyframe_iterations", "1000", "--capture.stop", "2")
+def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, monkeypatch):
+    """In this process, where checkpoints can be more frequent than every 500 steps."""
+    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 10)
 
-    def run(name: str) -> tuple:
-        return ("run", project / "ball.yaml", "--take", project / name, "--json", *long)
+    def run(name: str):
+        return here(
+            "run", project / "ball.yaml", "--take", project / name, "--capture.stop", "2", "--until", "train", "--json"
+        )
 
-    unbroken = cli(*run("unbroken"))
+    def stops(path, *arguments):
+        write(path, *arguments)
+        if path.name == "keyframe.checkpoint":
+            raise Cancelled
+
+    unbroken = run("unbroken")
     assert unbroken.returncode == 0, unbroken.stderr
-    process = start(*run("killed"))
-    checkpoint = project / "killed" / "train" / "group_000" / "keyframe.checkpoint"
-    stop_when(process, lambda _: checkpoint.exists(), signal.SIGKILL)
-    frames = [project / name / "train" / "group_000" / "frame_000000.safetensors" for name in ("unbroken", "killed")]
-    assert not frames[1].exists(), "it was killed too late for this test to mean anything"
-    again = cli(*run("killed"))
-    assert again.returncode == 0, again.stderr
-    told = [event.message for event in events_in(again.stdout.splitlines()) if isinstance(event, Log)]
-    assert any("resuming the keyframe at step" in message for message in told), told
+    checkpoint = project / "stopped" / "train" / "group_000" / "keyframe.checkpoint"
+    with monkeypatch.context() as patched:
+        write = train_group.write_tensors
+        patched.setattr(train_group, "write_tensors", stops)
+        assert run("stopped").returncode == 130
+    assert checkpoint.exists()
+    frames = [project / name / "train" / "group_000" / "frame_000000.safetensors" for name in ("unbroken", "stopped")]
+    assert not frames[1].exists()
+    again = run("stopped")
+    messages = [event.message for event in events_in(again.stdout.splitlines()) if isinstance(event, Log)]
+    assert any("resuming the keyframe at step 10" in message for message in messages), messages
     assert frames[0].read_bytes() == frames[1].read_bytes()
     assert not checkpoint.exists()
 

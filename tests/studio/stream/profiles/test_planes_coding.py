@@ -7,7 +7,7 @@ import torch
 from studio.gaussians import Gaussians
 from studio.stream.attributes import components
 from studio.stream.layout import component_frames
-from studio.stream.profiles import PlanesCoding, coding_of
+from studio.stream.profiles.planes import PlanesCoding
 from studio.stream.quantize import LEVELS_8, dequantize, quantize
 
 
@@ -24,8 +24,6 @@ def random_gaussians(count: int, degree: int = 1, seed: int = 0) -> Gaussians:
 
 def test_columns_are_the_bakers_components() -> None:
     before, now = random_gaussians(20, seed=1), random_gaussians(20, seed=2)
-    coding = coding_of("planes", before)
-    values = coding.coded_values(now).numpy().T
     # the baker's sign of the first frame is w >= 0; ours follows the previous frame, so start from that sign
     signed = torch.where(before.quats[:, :1] < 0, -before.quats, before.quats)
     coding = PlanesCoding(Gaussians(before.means, signed, before.log_scales, before.logit_opacities, before.sh))
@@ -80,13 +78,3 @@ def test_steps_are_the_bakers() -> None:
         lowest, highest = float(plain.min()), float(plain.max())
         baked = dequantize(quantize(plain, lowest, highest, LEVELS_8), lowest, highest, LEVELS_8)
         assert np.abs((codes * steps + low)[:, column].numpy() - baked).max() < 1e-5
-
-
-def test_decode_inverts_coded_values() -> None:
-    splats = random_gaussians(50, degree=2)
-    coding = PlanesCoding(splats)
-    decoded = coding.decode(splats, coding.coded_values(splats))
-    assert torch.allclose(decoded.quats, splats.unit_quats, atol=1e-6)
-    assert torch.allclose(decoded.opacities, splats.opacities, atol=1e-6)
-    assert torch.equal(decoded.sh, splats.sh)
-    assert torch.equal(decoded.log_scales, splats.log_scales)
