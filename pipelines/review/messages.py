@@ -13,17 +13,27 @@ class _Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
+class MetricCurves(_Message):
+    """A metric (`studio.comparison.metrics`) by frame of the stream; null where a frame was not measured."""
+
+    title: str
+    unit: str
+    digits: int
+    trained: tuple[float | None, ...]
+    decoded: tuple[float | None, ...]
+
+    by_camera: dict[str, tuple[float | None, ...]]
+    """Of the decoded stream by camera."""
+
+
 class QualityCurves(_Message):
     """Figures by frame of the stream; null where a frame was not measured."""
 
-    psnr_trained: tuple[float | None, ...]
-    psnr_decoded: tuple[float | None, ...]
+    metrics: tuple[MetricCurves, ...]
+    """Those that were measured; the first one is plotted."""
 
     bytes: tuple[float | None, ...]
     """Size of the group's videos divided by its number of frames."""
-
-    by_camera: dict[str, tuple[float | None, ...]]
-    """PSNR of the decoded stream by camera."""
 
     held_out: bool
     """False: training cameras were measured."""

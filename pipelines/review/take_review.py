@@ -11,6 +11,7 @@ import numpy as np
 
 from pipelines.review.messages import (
     MarkChange,
+    MetricCurves,
     QualityCurves,
     ReviewCamera,
     ReviewData,
@@ -182,20 +183,26 @@ class TakeReview:
             return None
 
     def _curves(self, evaluation: Evaluation) -> QualityCurves:
-        rows = {row.index - self.place.first_frame: row for row in evaluation.frames}
+        measured = {row.index - self.place.first_frame: row for row in evaluation.frames}
+        rows = [measured.get(index) for index in range(self.frame_count)]
 
-        def curve(value: object) -> tuple[float | None, ...]:
-            assert callable(value)
-            return tuple(value(rows[index]) if index in rows else None for index in range(self.frame_count))
-
-        def of_camera(name: str) -> tuple[float | None, ...]:
-            return curve(lambda row: row.cameras[name].psnr_decoded if name in row.cameras else None)
+        def curve(measure: str, camera: str = "") -> tuple[float | None, ...]:
+            found = [row.cameras.get(camera) if row is not None and camera else row for row in rows]
+            return tuple(None if one is None else one.measures.get(measure) for one in found)
 
         return QualityCurves(
-            psnr_trained=curve(lambda row: row.psnr_trained),
-            psnr_decoded=curve(lambda row: row.psnr_decoded),
-            bytes=curve(lambda row: row.bytes),
-            by_camera={name: of_camera(name) for name in evaluation.protocol.cameras},
+            metrics=tuple(
+                MetricCurves(
+                    title=metric.title,
+                    unit=metric.unit,
+                    digits=metric.digits,
+                    trained=curve(f"{metric.name}_trained"),
+                    decoded=curve(f"{metric.name}_decoded"),
+                    by_camera={name: curve(f"{metric.name}_decoded", name) for name in evaluation.protocol.cameras},
+                )
+                for metric in evaluation.metrics
+            ),
+            bytes=tuple(None if row is None else row.bytes for row in rows),
             held_out=evaluation.protocol.held_out,
         )
 

@@ -60,9 +60,11 @@ class Done(NamedTuple):
 
 
 @pytest.fixture
-def here(capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
+def here(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Done]:
     """Run the command line in this process; a new process per command would cost seconds of imports."""
     from pipelines.cli import execute
+
+    monkeypatch.setenv("COLUMNS", "200")  # pytest-xdist sets 80, which breaks the rows of tables
 
     def run(*arguments: object) -> Done:
         capsys.readouterr()

@@ -61,7 +61,7 @@ def page(browser: Any, address: str) -> Iterator[Page]:
 
 def curve(page: Page, kind: str, low: float, high: float) -> list[float]:
     """Values by frame of a curve as it is drawn between the axis labels."""
-    path = page.handle.locator(f".v3-review .plot.psnr path.{kind}").get_attribute("d")
+    path = page.handle.locator(f".v3-review .plot.quality path.{kind}").get_attribute("d")
     points = re.findall(r"[ML]([\d.]+) (-?[\d.]+)", path)
     return [high - (high - low) * float(y) / 100 for _, y in points]
 

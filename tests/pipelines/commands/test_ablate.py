@@ -86,5 +86,5 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
 
 
 def test_settings_beyond_the_paper_are_measured_by_name_only() -> None:
-    assert [variant.name for variant in chosen(["huber", "no-motion"])] == ["full", "no-motion", "huber"]
-    assert "huber" not in [variant.name for variant in chosen([])]
+    assert [variant.name for variant in chosen(["mcmc", "no-motion"])] == ["full", "no-motion", "mcmc"]
+    assert "mcmc" not in [variant.name for variant in chosen([])]

@@ -7,6 +7,7 @@ import json
 import shutil
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -93,8 +94,10 @@ def mark(frame: int, note: str | None, replaces: dict[str, str] | None = None, a
 
 def test_figures_are_those_of_the_evaluation_and_cameras_those_of_the_rig(port: int, take: Take) -> None:
     data = json.loads(ask(port, f"{BASE}/data.json")[2])
-    assert data["quality"]["psnr_trained"] == [31, 32, 33, None, 35]
-    assert data["quality"]["psnr_decoded"] == data["quality"]["by_camera"]["cam4"] == [30, 31, 32, None, 34]
+    psnr, ssim = data["quality"]["metrics"]
+    assert (psnr["title"], psnr["unit"], ssim["title"]) == ("PSNR", "dB", "SSIM")
+    assert psnr["trained"] == [31, 32, 33, None, 35]
+    assert psnr["decoded"] == psnr["by_camera"]["cam4"] == [30, 31, 32, None, 34]
     assert data["quality"]["bytes"] == [900, 901, 902, None, 904]
     assert (data["frame_count"], data["problems"], data["quality"]["held_out"]) == (5, [], True)
     (camera,) = data["cameras"]
@@ -267,7 +270,8 @@ def test_a_client_that_goes_while_it_sends_is_no_error(take: Take) -> None:
     async def send(message: Any) -> None:
         sent.append(message)
 
-    asyncio.run(app(scope, receive, send))
+    with ThreadPoolExecutor() as pool:  # Playwright's loop may run in this thread
+        pool.submit(asyncio.run, app(scope, receive, send)).result()
     assert sent[0]["status"] == 400
     assert not take.marks.exists()
 

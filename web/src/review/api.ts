@@ -4,12 +4,20 @@ import type { Vector } from "../stream/metadata.ts";
 
 export const VERSION = 1;
 
-export interface QualityCurves {
-  /** Figures by frame; null where a frame was not measured. */
-  readonly psnr_trained: readonly (number | null)[];
-  readonly psnr_decoded: readonly (number | null)[];
-  readonly bytes: readonly (number | null)[];
+/** A metric by frame; null where a frame was not measured. */
+export interface MetricCurves {
+  readonly title: string;
+  readonly unit: string;
+  readonly digits: number;
+  readonly trained: readonly (number | null)[];
+  readonly decoded: readonly (number | null)[];
   readonly by_camera: Readonly<Record<string, readonly (number | null)[]>>;
+}
+
+export interface QualityCurves {
+  /** Those that were measured; the first one is plotted. */
+  readonly metrics: readonly MetricCurves[];
+  readonly bytes: readonly (number | null)[];
   readonly held_out: boolean;
 }
 

@@ -9,8 +9,8 @@ export const placeOf = (frame: number, count: number): number => (count > 1 ? fr
 export const frameAt = (place: number, count: number): number =>
   Math.max(0, Math.min(count - 1, Math.round(place * (count - 1))));
 
-/** Whole decibels around all values, at least 2 dB apart; null if there are none. */
-export function decibelRange(...series: readonly Series[]): [number, number] | null {
+/** Whole numbers around all values, at least 2 apart; null if there are none. */
+export function curveRange(...series: readonly Series[]): [number, number] | null {
   const known = series.flat().filter((value) => value !== null);
   if (known.length === 0) return null;
   const low = Math.floor(Math.min(...known));

@@ -1,8 +1,8 @@
-/** PSNR and size of each frame below the timeline, on the same time axis; a click seeks. */
+/** Quality and size of each frame below the timeline, on the same time axis; a click seeks. */
 
 import { clock } from "../ui/format.ts";
-import type { Mark, QualityCurves } from "./api.ts";
-import { areaPath, decibelRange, frameAt, linePath, placeOf, type Series, sizeRange } from "./curves.ts";
+import type { Mark, MetricCurves, QualityCurves } from "./api.ts";
+import { areaPath, curveRange, frameAt, linePath, placeOf, type Series, sizeRange } from "./curves.ts";
 import { draw, make } from "./dom.ts";
 
 const WIDTH = 1000;
@@ -18,7 +18,7 @@ export class Plots {
   private readonly head = make("div", { class: "line head" });
   private readonly pointer = make("div", { class: "line pointer", hidden: "" });
   private readonly axis = make("div", { class: "axis" });
-  /** PSNR of the camera that is compared with. */
+  /** The plotted metric of the camera that is compared with. */
   private readonly own = draw("path", { class: "own" });
   private readonly ownLegend = make("span", { hidden: "" });
   private range: readonly [number, number] | null = null;
@@ -35,16 +35,18 @@ export class Plots {
   ) {
     this.element.append(this.area, this.axis, this.strip);
     if (quality !== null) {
-      const range = decibelRange(quality.psnr_trained, quality.psnr_decoded, ...Object.values(quality.by_camera));
-      if (range !== null) {
-        const title = `PSNR of each frame, ${this.cameras}: before baking and decoded, ${range[0]} to ${range[1]} dB`;
+      const { plotted } = this;
+      const range = plotted === null ? null : curveRange(plotted.trained, plotted.decoded, ...Object.values(plotted.by_camera));
+      if (plotted !== null && range !== null) {
+        const limits = `${range[0]} to ${range[1]} ${plotted.unit}`;
+        const title = `${plotted.title} of each frame, ${this.cameras}: before baking and decoded, ${limits}`;
         const legend = [
-          `PSNR, ${this.cameras}:`, " ", key("decoded", "decoded"), " ", key("trained", "trained (before baking)"), " ", this.ownLegend,
+          `${plotted.title}, ${this.cameras}:`, " ", key("decoded", "decoded"), " ", key("trained", "trained (before baking)"), " ", this.ownLegend,
         ];
-        const plot = this.plot("psnr", title, legend, `${range[0]} to ${range[1]} dB`);
+        const plot = this.plot("quality", title, legend, limits);
         plot.append(
-          draw("path", { class: "trained", d: linePath(quality.psnr_trained, range, WIDTH) }),
-          draw("path", { class: "decoded", d: linePath(quality.psnr_decoded, range, WIDTH) }),
+          draw("path", { class: "trained", d: linePath(plotted.trained, range, WIDTH) }),
+          draw("path", { class: "decoded", d: linePath(plotted.decoded, range, WIDTH) }),
           this.own,
         );
         this.range = range;
@@ -94,24 +96,29 @@ export class Plots {
   compare(camera: string | null): void {
     this.camera = camera;
     // the only camera's curve is the mean
-    const series = camera === null || !this.several ? undefined : this.quality?.by_camera[camera];
+    const series = camera === null || !this.several ? undefined : this.plotted?.by_camera[camera];
     this.own.setAttribute("d", series === undefined || this.range === null ? "" : linePath(series, this.range, WIDTH));
     this.ownLegend.hidden = series === undefined;
     this.ownLegend.replaceChildren(key("own", `decoded, ${camera ?? ""} only`));
     this.write();
   }
 
+  private get plotted(): MetricCurves | null {
+    return this.quality?.metrics[0] ?? null;
+  }
+
   private get several(): boolean {
-    return Object.keys(this.quality?.by_camera ?? {}).length > 1;
+    return Object.keys(this.plotted?.by_camera ?? {}).length > 1;
   }
 
   /** Whose mean the figures are. */
   private get cameras(): string {
-    const { quality } = this;
-    if (quality === null) return "";
-    const count = Object.keys(quality.by_camera).length;
+    const { quality, plotted } = this;
+    if (quality === null || plotted === null) return "";
+    const names = Object.keys(plotted.by_camera);
+    const count = names.length;
     const kind = quality.held_out ? "held-out" : "training";
-    return count === 1 ? `${kind} camera ${Object.keys(quality.by_camera)[0]}` : `mean of ${count} ${kind} cameras`;
+    return count === 1 ? `${kind} camera ${names[0]}` : `mean of ${count} ${kind} cameras`;
   }
 
   mark(marks: readonly Mark[], goTo: (mark: Mark) => void): void {
@@ -152,12 +159,14 @@ export class Plots {
     const parts = [`Frame ${frame}`, clock(frame / this.fps)];
     const figure = (series: Series | undefined, digits: number, unit: string, scale = 1): string => {
       const value = series?.[frame] ?? null;
-      return value === null ? "not measured" : `${(value * scale).toFixed(digits)} ${unit}`;
+      return value === null ? "not measured" : `${(value * scale).toFixed(digits)} ${unit}`.trimEnd();
     };
     if (quality !== null) {
-      const [decoded, trained] = [figure(quality.psnr_decoded, 2, "dB"), figure(quality.psnr_trained, 2, "dB")];
-      parts.push(`PSNR, ${this.cameras}: decoded ${decoded}, trained ${trained}`);
-      if (camera !== null && this.several) parts.push(`${camera} only: ${figure(quality.by_camera[camera], 2, "dB")}`);
+      for (const { title, unit, digits, decoded, trained, by_camera } of quality.metrics) {
+        const [own, before] = [figure(decoded, digits, unit), figure(trained, digits, unit)];
+        parts.push(`${title}, ${this.cameras}: decoded ${own}, trained ${before}`);
+        if (camera !== null && this.several) parts.push(`${camera} only: ${figure(by_camera[camera], digits, unit)}`);
+      }
       parts.push(`size ${figure(quality.bytes, 1, "kB", 1e-3)}`);
     }
     this.readout.replaceChildren(...parts.map((text) => make("span", {}, text)));
