@@ -16,7 +16,6 @@ from pipelines.runs.runner import status
 from pipelines.stages.footage import TakeFootage
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
-from studio.errors import StudioError
 
 MODELS = Path(__file__).parents[2] / "studio" / "masks" / "data"
 RADIUS = 0.55  # of the ball
@@ -85,23 +84,3 @@ def test_models_run_where_training_does(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr("studio.capture.open_footage", lambda *given, **options: seen.append(options))
     assert TakeFootage(Take(tmp_path), config).raw is None
     assert (seen[0]["device"], seen[0]["threads"]) == ("cuda:1", 3)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("key_color", "green", "must be auto or three numbers from 0 to 1. Example: [0.2, 0.6, 0.3]"),
-        ("key_color", [0.1, 0.2], "must be auto or three numbers"),
-        ("mask_model_kind", "rvm", "u2net, birefnet, isnet, modnet or plain"),
-        (
-            "masks",
-            "greenscreen",
-            "auto, none, alpha, files, clean_plate, median_background, chroma_key, plain or model",
-        ),
-    ],
-)
-def test_settings_that_cannot_be(name: str, value: object, words: str) -> None:
-    with pytest.raises(StudioError) as told:
-        load_config(None, [(f"capture.{name}", value)])
-    assert words in str(told.value)
-    assert len(str(told.value).splitlines()) == 1

@@ -33,7 +33,7 @@ def compare(helpers, splats, camera, **options) -> None:  # type: ignore[no-unty
         assert truth.gradients["means"].norm() > 0
 
 
-@pytest.mark.parametrize(("count", "degree", "log_scale"), [(1, 0, -2), (12, 3, -2)])
+@pytest.mark.parametrize(("count", "degree", "log_scale"), [(1, 0, -2), (6, 3, -2)])
 def test_random_scenes(helpers, small, count, degree, log_scale) -> None:  # type: ignore[no-untyped-def]
     compare(helpers, helpers.splats(count, degree=degree, log_scale=log_scale), small, picture=True)
 
@@ -46,19 +46,10 @@ def test_splats_behind_and_beside_the_camera(helpers, small) -> None:  # type: i
 
 
 def test_clamped_splats_that_stop_pixels(helpers, small) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(10, log_scale=-0.5)
+    splats = helpers.splats(5, log_scale=-0.5)
     splats.logit_opacities[:] = 9.0
     compare(helpers, splats, small, alpha_max=0.9)
     assert helpers.draw(splats, small, "reference", alpha_max=0.9).alpha.max() > 0.999
-
-
-def test_splats_of_equal_depth_keep_their_order(helpers) -> None:  # type: ignore[no-untyped-def]
-    camera = helpers.camera(16, 16, focal=20.0, turn=0.0)
-    splats = helpers.splats(6, log_scale=-1.0)
-    splats.means[:, 2] = 0.0
-    truth = helpers.draw(splats, camera, "reference")
-    ours = helpers.draw(splats, camera, "triton", torch.float32)
-    assert (ours.image - truth.image).abs().median() < 1e-5
 
 
 def test_no_splats(helpers, small) -> None:  # type: ignore[no-untyped-def]
@@ -105,15 +96,15 @@ def test_the_interpreter_is_not_chosen(helpers, small) -> None:  # type: ignore[
 
 def test_several_views_are_as_one_by_one(helpers, small) -> None:  # type: ignore[no-untyped-def]
     """Views of different sizes in one call: each as if drawn alone, and the sum of their gradients."""
-    splats = helpers.splats(20, degree=2, log_scale=-2).to(torch.float32)
-    cameras = [small, helpers.camera(40, 9, focal=25.0, turn=0.8), helpers.camera(16, 33, focal=15.0, turn=-0.4)]
+    splats = helpers.splats(8, degree=2, log_scale=-2).to(torch.float32)
+    cameras = [small, helpers.camera(20, 9, focal=25.0, turn=0.8), helpers.camera(16, 20, focal=15.0, turn=-0.4)]
     random = torch.Generator().manual_seed(1)
-    behind = [None, torch.rand(3, generator=random), torch.rand(33, 16, 3, generator=random)]
+    behind = [None, torch.rand(3, generator=random), torch.rand(20, 16, 3, generator=random)]
     weights = [torch.rand(one.height, one.width, 3, generator=random) for one in cameras]
 
     def drawn(together: bool):  # type: ignore[no-untyped-def]
         leaves = splats.map(lambda tensor: tensor.clone().requires_grad_())
-        offsets = torch.zeros(20, 2, requires_grad=True)
+        offsets = torch.zeros(8, 2, requires_grad=True)
         options = {"backend": "triton", "screen_offsets": offsets}
         if together:
             renders = rasterize_views(leaves, cameras, behind, **options)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import torch
 
@@ -25,15 +23,6 @@ def test_they_project_as_the_camera_does() -> None:
     np.testing.assert_allclose(found, expected[:, :2] / expected[:, 2:], atol=1e-3)
     assert view.size.tolist() == [30, 20]
     np.testing.assert_allclose(view.center, camera.center, atol=1e-6)
-
-
-def test_a_camera_is_uploaded_once() -> None:
-    camera = camera_at("cam0", (2.0, 1.0, -0.5))
-    first = camera_tensors(Pinhole.of(camera), CPU)
-    with torch.inference_mode():
-        other = camera_tensors(Pinhole.of(replace(camera, name="again")), CPU)
-    assert other is first
-    assert camera_tensors(Pinhole.of(camera.cropped(1, 0, 20, 20)), CPU) is not first
 
 
 def test_a_camera_that_a_viewer_uploaded_can_be_trained_with() -> None:

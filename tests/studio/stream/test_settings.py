@@ -1,7 +1,6 @@
 import pytest
 
 from studio.stream import BakeSettings
-from tests.support.default_settings import defaults, recorded
 from tests.support.settings import refuses_setting
 
 
@@ -62,8 +61,3 @@ def test_contradictions_are_refused():
         BakeSettings(profile="planes", codec="av1")
     with refuses_setting("codec", "quality"):
         BakeSettings(codec="av1").at_qp(0)
-
-
-def test_defaults():
-    found, record = defaults(BakeSettings), recorded("bake")
-    assert found == {name: record[name] for name in found}

@@ -164,32 +164,6 @@ def test_keyframe_reconstructs_the_ball_within_the_splat_limit(before: list[Trai
     assert steps[-1][0] == steps[-1][1] == keyframe_steps(settings, 300) == 170
 
 
-def test_sh_and_densification_run(before: list[TrainingView]) -> None:
-    truth = ball(torch.zeros(3))
-    settings = TrainSettings(
-        sh_degree=2,
-        keyframe_iterations=40,
-        sh_degree_every=10,
-        densify_from=10,
-        densify_until=35,
-        densify_every=10,
-        densify_gradient=1e-7,
-        densify_max_splats=400,
-    )
-    counts = []
-    trained = train_keyframe(
-        before,
-        truth.means,
-        torch.full((300, 3), 0.5),
-        settings,
-        progress=lambda done, total, **figures: counts.append(figures.get("splats")),
-    )
-    assert max(filter(None, counts)) > 300
-    assert len(trained) < 300, "a third is pruned"
-    assert trained.sh_degree == 2
-    assert float(trained.sh[:, 1:4].abs().sum()) > 0
-
-
 def test_same_seed_same_bits(after: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
     settings = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 5, "finetune_iterations": 5})

@@ -63,14 +63,6 @@ def test_gradient_equals_finite_differences() -> None:
         assert float((after - before) / 1e-6) == pytest.approx(float(grid.table.grad[row, 1]), abs=1e-6)
 
 
-def test_encoding_is_continuous_across_cells() -> None:
-    grid = make_grid()
-    edge = 2 / grid.resolutions[0]
-    near = torch.tensor([[edge - 1e-6, 0.3, 0.3], [edge + 1e-6, 0.3, 0.3]])
-    low, high = grid(grid.corners(near))
-    assert torch.allclose(low, high, atol=1e-3)
-
-
 def test_positions_outside_are_clamped() -> None:
     grid = make_grid()
     outside = grid(grid.corners(torch.tensor([[-3.0, 0.5, 9.0]])))

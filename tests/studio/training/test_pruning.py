@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import pytest
+import torch
 
+from studio.gaussians import Gaussians
+from studio.training import train_keyframe
 from studio.training.pruning import prune_rounds, pruned_in_round, splats_after_pruning
 from studio.training.settings import TrainSettings
+from tests.studio.training.test_group import ball, views_of
 
 
 def settings(limit: int) -> TrainSettings:
@@ -26,3 +30,28 @@ def test_the_first_round_prunes_by_the_ratio_and_further_rounds_stop_at_the_limi
 def test_a_round_removes_at_least_one_splat_but_never_all() -> None:
     assert pruned_in_round(settings(10), 2, 0) == 1
     assert pruned_in_round(settings(10), 1, 0) == 0
+
+
+def half_textured() -> Gaussians:
+    """A ball whose lower half (y above 0) is gray and whose upper half has its checkers."""
+    truth = ball(torch.zeros(3))
+    truth.sh[truth.means[:, 1] > 0] = 0
+    return truth
+
+
+def test_pruning_by_contribution_removes_hidden_splats() -> None:
+    """Opaque splats inside the ball are seen by nobody, so pruning by opacity keeps them."""
+    views = views_of(half_textured())
+    inside = 0.3 * half_textured().means[:60]
+    points = torch.cat([half_textured().means, inside])
+    chosen = {"keyframe_iterations": 1, "densify_until": 0, "prune_finetune_iterations": 0, "prune_ratio": 60 / 360}
+    colors = torch.full((360, 3), 0.5)
+
+    def hidden(how: str) -> int:
+        settings = TrainSettings(prune_by=how, **chosen)  # type: ignore[arg-type]
+        left = train_keyframe(views, points, colors, settings, seed=1)
+        assert len(left) == 300
+        return int((left.means.norm(dim=1) < 0.25).sum())
+
+    assert hidden("opacity") > 40
+    assert hidden("contribution") < hidden("opacity") / 2

@@ -1,10 +1,9 @@
 """Splats keep their Adam moments when others are added and removed."""
 
-import pytest
 import torch
 
 from studio.gaussians import Gaussians
-from studio.training.keyframe import initial_gaussians, prune
+from studio.training.keyframe import prune
 from studio.training.settings import LearningRates
 from studio.training.splat_optimizer import SplatOptimizer
 
@@ -82,11 +81,3 @@ def test_opacity_reset_clamps() -> None:
     drive(optimizer, torch.ones(50), 1)
     optimizer.cap_opacity(0.01)
     assert float(optimizer.gaussians.detach().opacities.max()) <= 0.01 + 1e-6
-
-
-def test_initial_scales_are_the_distances_to_neighbors() -> None:
-    grid = torch.stack(torch.meshgrid(*[torch.arange(5.0)] * 3, indexing="ij"), -1).reshape(-1, 3) * 0.2
-    first = initial_gaussians(grid, torch.full((125, 3), 0.25), 0)
-    assert torch.allclose(first.scales, torch.full((125, 3), 0.2), rtol=1e-4)
-    assert float(first.opacities[0]) == pytest.approx(0.1, rel=1e-4)
-    assert torch.allclose(0.5 + 0.28209479 * first.sh[:, 0], torch.full((125, 3), 0.25), atol=1e-5)

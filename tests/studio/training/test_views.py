@@ -8,7 +8,6 @@ from scipy.ndimage import binary_erosion
 from studio.cameras import Camera
 from studio.capture import FootageView
 from studio.gaussians import Gaussians
-from studio.rasterizer.cpu import load_kernels
 from studio.training import TrainingView, TrainSettings
 from studio.training.step import Stepper
 from studio.training.views import interior, mask_box, over_color, surroundings
@@ -57,6 +56,7 @@ def test_composite_without_plate_is_the_mask_over_the_color() -> None:
     assert view.backdrop(color) is None
 
 
+@pytest.mark.usefixtures("instruction_set")
 @pytest.mark.parametrize("size", [(1, 1), (7, 5), (131, 77), (400, 517)])
 def test_images_over_a_color(size: tuple[int, int]) -> None:
     generator = torch.Generator().manual_seed(sum(size))
@@ -68,24 +68,6 @@ def test_images_over_a_color(size: tuple[int, int]) -> None:
     assert torch.equal(turned, found.transpose(0, 1)), "also of views that are not contiguous"
     exact = over_color(image.double(), rest.double(), color.double())
     assert torch.equal(exact, torch.addcmul(image.double(), rest.double(), color.double()))
-
-
-def test_all_instruction_sets_and_threads_put_the_same_image_over_a_color() -> None:
-    kernels = load_kernels()
-    image, rest, color = torch.rand(301, 433, 3), torch.rand(301, 433), torch.rand(3)
-    used, results = kernels.instruction_set(), []
-    try:
-        for name in kernels.instruction_sets():
-            kernels.use_instruction_set(name)
-            for threads in (1, 3):
-                results.append(torch.empty_like(image))
-                kernels.over(image, rest, color, results[-1], threads)
-            assert torch.equal(results[-1], results[-2])
-            torch.testing.assert_close(results[-1], results[0], rtol=1e-6, atol=1e-7)
-    finally:
-        kernels.use_instruction_set(used)
-    with pytest.raises(ValueError, match="image has"):
-        kernels.over(image, rest[1:], color, results[0], 1)
 
 
 def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_mask_is_wrong() -> None:
@@ -104,15 +86,6 @@ def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_mask_is_wro
     assert (60 / 255 * truth + (1 - truth) * color - plain.composited(color)).abs().max() > 0.2
 
 
-def test_surroundings_reach_a_little_beyond_the_mask() -> None:
-    mask = torch.zeros(SIZE, SIZE)
-    mask[40:80, 50:70] = 1
-    near = surroundings(mask)
-    assert near[40 - 4, 60] == 1
-    assert near[40 - 5, 60] == 0
-    assert bool((near[mask > 0] == 1).all())
-
-
 def test_surroundings_are_a_square_about_each_pixel() -> None:
     mask = torch.zeros(SIZE, SIZE)
     mask[30:90, 20:100] = 1
@@ -120,27 +93,6 @@ def test_surroundings_are_a_square_about_each_pixel() -> None:
     reach = max(4, round(0.02 * 80))
     whole = torch.nn.functional.max_pool2d((mask > 0.02).float()[None, None], 2 * reach + 1, 1, reach)[0, 0]
     assert torch.equal(surroundings(mask), whole)
-
-
-def test_large_images_are_stored_as_bytes_and_read_as_floats(monkeypatch: pytest.MonkeyPatch) -> None:
-    source = captured(True)
-    small = TrainingView.from_view(source)
-    monkeypatch.setattr("studio.training.views.CACHED_PIXELS", SIZE)
-    view = TrainingView.from_view(source)
-    assert small._cached is not None
-    assert view._cached is None
-    assert torch.equal(small.composited(torch.ones(3)), view.composited(torch.ones(3)))
-    assert all(part.dtype == torch.uint8 for part in (view._image, view._mask, view._plate) if part is not None)
-    color = torch.tensor([0.2, 0.9, 0.4])
-    floats = TrainingView(view.camera, view.image, view.mask, view.full_size, view.plate)
-    assert torch.equal(view.composited(color), floats.composited(color))
-    assert view.backdrop(color) is not None
-    assert torch.equal(view.backdrop(color), floats.backdrop(color))  # type: ignore[arg-type]
-
-
-def test_a_crop_does_not_keep_the_full_image_in_memory() -> None:
-    view = TrainingView.from_view(captured(False), crop_margin=0.1)
-    assert view._image.untyped_storage().nbytes() == view._image.numel() < SIZE * SIZE * 3
 
 
 def test_an_empty_render_over_the_plate_is_the_plate() -> None:

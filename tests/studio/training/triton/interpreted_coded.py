@@ -24,11 +24,10 @@ def results(loss: CodedLoss, now: torch.Tensor, triton: bool, seed: int) -> list
     ("count", "spread", "weights", "seed"),
     [
         (1, 0.3, (0.3, 0.2), 1),
-        (700, 0.0, (0.3, 0.2), 1),
-        (700, 5.0, (0.3, 0.2), 2**32 - 1),
-        (700, 400.0, (0.3, 0.2), 1),
-        (700, 0.3, (0.0, 0.2), 1),
-        (700, 0.3, (0.3, 0.0), 1),
+        (150, 5.0, (0.3, 0.2), 2**32 - 1),
+        (150, 400.0, (0.3, 0.2), 1),
+        (150, 0.3, (0.0, 0.2), 1),
+        (150, 0.3, (0.3, 0.0), 1),
     ],
 )
 def test_value_and_gradients(count: int, spread: float, weights: tuple[float, float], seed: int) -> None:
