@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gui.models.stages import Inputs
+from gui.models.stages import STAGES, Inputs
 from pipelines.runs.staleness import StageStatus
 from studio.errors import Message, StudioError
 
-TITLES = {
-    "capture": "Capture",
-    "calibrate": "Calibrate",
-    "initialize": "Initialize",
-    "train": "Train",
-    "bake": "Bake",
-    "review": "Review",
-}
-"""The stages as shown in the window, in order."""
-
 PIPELINE_NAMES = {"review": "evaluate"}
 """Pipeline names that differ from the window's."""
+
+_KEYS = {name: key for key, name in PIPELINE_NAMES.items()}
+
+TITLES = {"capture": "Capture"} | {_KEYS.get(stage.name, stage.name): stage.title for stage in STAGES}
+"""The stages as shown in the window, in order."""
 
 
 def pipeline_name(key: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pipelines.stages import STAGES
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
 from pipelines.stages.baking.plan import Part, edited_group, planned_parts, stream_cameras
 from pipelines.stages.camera_file import camera_file
@@ -9,6 +10,7 @@ from pipelines.stages.footage import performer_over
 from pipelines.stages.inputs import Inputs
 
 __all__ = [
+    "STAGES",
     "Inputs",
     "Part",
     "RenderedError",

@@ -28,7 +28,7 @@ class Stage:
 
     Attributes:
         name: as in the take, on the command line, and of its module.
-        title: display name.
+        title: in the window, where `evaluate` is a part of Review.
         help: one line about it.
         version: raised whenever the format or meaning of its results changes; older results are then stale.
         weight: rough share of a run's time.
@@ -61,21 +61,21 @@ class Stage:
 
 STAGES = (
     Stage(
-        "calibrate", "Cameras", "read the cameras from a file, or calibrate them", version=1, weight=1,
+        "calibrate", "Calibrate", "read the cameras from a file, or calibrate them", version=1, weight=1,
         by_group=False, renders=False,
     ),
     Stage(
-        "initialize", "Initial points", "sample initial points on the visual hull of each keyframe", version=1,
+        "initialize", "Initialize", "sample initial points on the visual hull of each keyframe", version=1,
         weight=6, dependencies=("calibrate",), renders=False,
     ),
     Stage(
-        "train", "Training", "train the Gaussians", version=2, weight=85, dependencies=("calibrate", "initialize"),
+        "train", "Train", "train the Gaussians", version=2, weight=85, dependencies=("calibrate", "initialize"),
     ),
     Stage(
-        "bake", "Baking", "encode the trained Gaussians as a stream", version=2, weight=3, dependencies=("train",),
+        "bake", "Bake", "encode the trained Gaussians as a stream", version=2, weight=3, dependencies=("train",),
     ),
     Stage(
-        "evaluate", "Evaluation", "measure the quality on held-out cameras and write the report", version=1,
+        "evaluate", "Review", "measure the quality on held-out cameras and write the report", version=1,
         weight=5, dependencies=("calibrate", "train", "bake"), needs_all_groups=True,
     ),
 )  # fmt: skip

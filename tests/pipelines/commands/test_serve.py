@@ -68,7 +68,7 @@ def test_files_with_their_types_and_lengths(port, stream):
         assert (status, head["content-length"], body) == (200, str(len(data)), b"")
 
 
-def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_path, cli, start):
+def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_path, here, start):
     names = ["prise é 影 1", "a #1 50% ?&'x", "plain"]
     for name in names:
         shutil.copytree(stream, tmp_path / name, symlinks=True)
@@ -87,10 +87,10 @@ def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_p
         with urllib.request.urlopen(address) as answer:
             assert answer.read() == (stream / "manifest.json").read_bytes()
     report = json.loads(
-        cli("play", addresses[str(tmp_path / names[1])], "--headless", "--frames", "2", "--json").stdout
+        here("play", addresses[str(tmp_path / names[1])], "--headless", "--frames", "2", "--json").stdout
     )
     assert len(report["frames"]) == 2
-    as_typed = cli("play", f"{host}/{names[0]}", "--headless", "--frames", "2")
+    as_typed = here("play", f"{host}/{names[0]}", "--headless", "--frames", "2")
     assert as_typed.returncode == 0, as_typed.stderr
     process.send_signal(signal.SIGINT)
 
