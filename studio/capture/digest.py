@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from studio.errors import StudioError
-from studio.storage.pointers import read_pointer
+from studio.storage.objects import read_pointer
 
 HASH_WHOLE_BELOW = 512 << 20
 """Total size in bytes up to which file contents are hashed; see `digest_files`."""

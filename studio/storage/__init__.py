@@ -1,15 +1,14 @@
-"""Footage and takes in object storage (S3, Google Cloud Storage, Azure), through fsspec.
+"""Footage in object storage (S3, Google Cloud Storage, Azure), through fsspec.
 
 Nothing here imports fsspec until an address such as s3://bucket/folder is opened.
 """
 
 from studio.storage.address import StoreAddress, is_address
 from studio.storage.mirror import mirrored
-from studio.storage.objects import CachedObject
-from studio.storage.pointers import cached_object, whole_file, whole_files
-from studio.storage.store import Entry, Store
+from studio.storage.objects import CachedObject, cached_object, whole_file, whole_files
+from studio.storage.store import Store
 
 __all__ = [
-    "CachedObject", "Entry", "Store", "StoreAddress", "cached_object", "is_address", "mirrored", "whole_file",
+    "CachedObject", "Store", "StoreAddress", "cached_object", "is_address", "mirrored", "whole_file",
     "whole_files",
 ]  # fmt: skip

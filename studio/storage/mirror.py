@@ -12,8 +12,7 @@ from pathlib import Path, PurePosixPath
 from studio.atomic_files import atomic_path, write_bytes
 from studio.errors import StudioError, show_as
 from studio.storage.cache import cache_folder, cache_gigabytes, disk_cache, locked
-from studio.storage.objects import Pointer
-from studio.storage.pointers import pointer_bytes, read_pointer
+from studio.storage.objects import Pointer, pointer_bytes, read_pointer
 from studio.storage.store import Entry, Store
 
 _SMALL = frozenset({".json", ".yml", ".yaml", ".xml", ".txt", ".toml", ".npy", ".csv", ".cfg", ".ini", ".bin"})

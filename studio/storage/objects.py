@@ -1,8 +1,11 @@
-"""An object of a store on this machine's disk, in blocks that are fetched when they are first read.
+"""Objects of a store on this machine's disk, in blocks that are fetched when they are first read.
 
-The file is sparse: the object's bytes, followed by one byte for each block, which is 1 if the block is there. A block
-is marked only once its bytes are on the disk. The file is locked while blocks are fetched, so that the processes of a
-machine fetch each block once.
+Pointer files, as in Git LFS, stand for them: small files in a mirror (`studio.storage.mirror`). Code that reads footage
+asks `cached_object` first; other code finds a file that is no image and no video.
+
+A cached file is sparse: the object's bytes, followed by one byte for each block, which is 1 if the block is there. A
+block is marked only once its bytes are on the disk. The file is locked while blocks are fetched, so that the processes
+of a machine fetch each block once.
 """
 
 from __future__ import annotations
@@ -10,13 +13,16 @@ from __future__ import annotations
 import errno
 import fcntl
 import hashlib
+import json
 import os
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from studio.errors import StudioError
+from studio.atomic_files import atomic_path
+from studio.errors import StudioError, show_as
 from studio.storage.cache import disk_cache
 from studio.storage.store import Store
 
@@ -27,6 +33,10 @@ _MOST_AHEAD = 8
 """Blocks that are fetched at once at most while a file is read from front to back."""
 
 _TOUCH_SECONDS = 60.0
+
+_MAGIC = b"v3studio pointer 1\n"
+_MOST_BYTES = 8192
+_COPIED_AT_ONCE = 16 << 20
 
 
 @dataclass(frozen=True)
@@ -180,3 +190,75 @@ def cache_full(folder: Path) -> StudioError:
         file=folder,
         fix="Free some space, lower V3STUDIO_CACHE_GIGABYTES, or set V3STUDIO_CACHE to a folder on another disk.",
     )
+
+
+def pointer_bytes(pointer: Pointer) -> bytes:
+    """Content of a pointer file."""
+    return _MAGIC + json.dumps(asdict(pointer)).encode() + b"\n"
+
+
+def read_pointer(path: Path) -> Pointer | None:
+    """What a file stands for; None if it is an ordinary file, or missing."""
+    try:
+        if os.stat(path).st_size > _MOST_BYTES:
+            return None
+        with open(path, "rb") as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                return None
+            return Pointer(**json.loads(file.read()))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def cached_object(path: Path) -> CachedObject | None:
+    """The object that a file stands for; None if it is an ordinary file.
+
+    Raises:
+        StudioError: `storage.*`.
+    """
+    pointer = read_pointer(path)
+    return None if pointer is None else CachedObject(pointer)
+
+
+def whole_file(path: Path) -> Path:
+    """As `whole_files`, for a single file."""
+    return whole_files([path])[0]
+
+
+def whole_files(paths: Sequence[Path]) -> list[Path]:
+    """Ordinary files with the contents of `paths`, for what only reads files.
+
+    Objects of a store are copied to the machine's cache: together in one folder and with their names, because a model
+    finds its external weights by name. Another version of an object has another folder. The copies are not counted as
+    part of the cache. Other paths, also of missing files, are returned as they are.
+
+    Args:
+        paths: files of one folder.
+
+    Raises:
+        StudioError: `storage.*`.
+    """
+    pointers = {path: pointer for path in paths if (pointer := read_pointer(path)) is not None}
+    if not pointers:
+        return list(paths)
+    first = next(iter(pointers.values()))
+    key = hashlib.sha256("".join(f"{path.name}\0{found.key}\0" for path, found in pointers.items()).encode())
+    folder = Path(first.cache) / "whole" / key.hexdigest()[:40]
+    show_as(f"{folder}/", f"{first.store}/{first.path}"[: -len(first.path.rpartition("/")[2])])
+    try:
+        for path, pointer in pointers.items():
+            _copy(pointer, folder / path.name)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise cache_full(Path(first.cache)) from None
+    return [folder / path.name if path in pointers else path for path in paths]
+
+
+def _copy(pointer: Pointer, path: Path) -> None:
+    if path.is_file() and path.stat().st_size == pointer.size:
+        return
+    found = CachedObject(pointer)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        while part := found.read(_COPIED_AT_ONCE):
+            file.write(part)

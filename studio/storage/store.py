@@ -1,4 +1,4 @@
-"""Reads and writes objects of a store: failed requests are repeated, and errors say what to do."""
+"""Reads objects of a store: failed requests are repeated, and errors say what to do."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ FIRST_PAUSE = 0.25
 """Seconds before the second attempt; each further pause is twice as long."""
 
 _TAGS = ("ETag", "etag", "md5Hash", "generation", "content_md5", "LastModified", "last_modified", "updated", "mtime")
-"""Under which of these keys file systems tell the version of an object; the first that is there is used."""
+"""Keys under which file systems give the version of an object; the first that is present is used."""
 
 _SECRETS = re.compile(r"(SECRET|TOKEN|PASSWORD|ACCOUNT_KEY|CONNECTION_STRING)", re.IGNORECASE)
 _SIGNED = re.compile(r"(?i)\b(sig|signature|x-amz-[a-z-]+|accountkey|sharedaccesssignature|token)=[^&\s;'\"]+")
-_FULL = re.compile(r"quota|storagefull|insufficient ?storage|\b507\b|no space", re.IGNORECASE)
 _DENIED = re.compile(
     r"accessdenied|forbidden|\b40[13]\b|signaturedoesnotmatch|invalidaccesskeyid|unauthorized", re.IGNORECASE
 )
@@ -107,7 +106,7 @@ class Store:
         """Bytes start to stop (exclusive) of an object.
 
         Raises:
-            StudioError: `storage.*`; also if fewer bytes come than were asked for, in every attempt.
+            StudioError: `storage.*`; also if every attempt returns too few bytes.
         """
 
         def get() -> bytes:
@@ -117,44 +116,6 @@ class Store:
             return data
 
         return self._repeated("read", path, get) if stop > start else b""
-
-    def write(self, path: str, data: bytes) -> None:
-        """Write an object, whole: stores show the old content or the new one, never a part.
-
-        Raises:
-            StudioError: `storage.*`.
-        """
-        self._repeated("written", path, lambda: self._files.pipe_file(self._path(path), data))
-
-    def delete(self, path: str) -> None:
-        """Delete an object; nothing happens if there is none.
-
-        Raises:
-            StudioError: `storage.*`.
-        """
-
-        def remove() -> None:
-            try:
-                self._files.rm_file(self._path(path))
-            except FileNotFoundError:
-                return
-
-        self._repeated("deleted", path, remove)
-
-    def entry(self, path: str) -> Entry | None:
-        """An object's size and tag; None if there is none.
-
-        Raises:
-            StudioError: `storage.*`.
-        """
-
-        def look() -> Entry | None:
-            try:
-                return _entry(self._files.info(self._path(path)))
-            except FileNotFoundError:
-                return None
-
-        return self._repeated("read", path, look)
 
     def _path(self, relative: str) -> str:
         return f"{self._root}/{relative}" if relative else self._root
@@ -195,13 +156,6 @@ class Store:
                 fix="Set them in the environment of every machine, such as AWS_ACCESS_KEY_ID and "
                 "AWS_SECRET_ACCESS_KEY for s3://.",
             )
-        if _FULL.search(text):
-            return StudioError(
-                "storage.full",
-                f"the store has no space left for it ({reason})",
-                file=file,
-                fix="Free some space or raise the quota, and run again; finished work is kept on this machine.",
-            )
         if isinstance(error, PermissionError) or _DENIED.search(text):
             return StudioError(
                 "storage.denied",
@@ -228,8 +182,6 @@ _NEEDED = {
     "reached": "list this bucket and read its objects",
     "listed": "list this bucket",
     "read": "read objects of this bucket",
-    "written": "write objects to this bucket",
-    "deleted": "delete objects of this bucket",
 }
 """Which permission each kind of request needs."""
 

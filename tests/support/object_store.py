@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,11 @@ class Faults:
         failing: share of requests that are answered with status 500.
         truncated: share of GET answers that end early.
         delay: seconds before each answer.
-        capacity: bytes that may be written in all; None: any number.
     """
 
     failing: float = 0.0
     truncated: float = 0.0
     delay: float = 0.0
-    capacity: int | None = None
 
 
 @dataclass
@@ -52,9 +50,7 @@ class ObjectStore:
     url: str = ""
     faults: Faults = field(default_factory=Faults)
     gets: Counter[tuple[str, str]] = field(default_factory=Counter)
-    puts: Counter[str] = field(default_factory=Counter)
     failed: int = 0
-    written: int = 0
     _random: random.Random = field(default_factory=lambda: random.Random(1))
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -69,10 +65,9 @@ class ObjectStore:
 
     def reset(self) -> None:
         """Empty the bucket; no faults, nothing counted."""
-        self.faults, self.failed, self.written = Faults(), 0, 0
+        self.faults, self.failed = Faults(), 0
         self._random.seed(1)  # faults do not depend on the tests before
         self.gets.clear()
-        self.puts.clear()
         client = self.client
         for page in client.get_paginator("list_objects_v2").paginate(Bucket=BUCKET):
             for about in page.get("Contents", ()):
@@ -99,17 +94,6 @@ class ObjectStore:
                 key = f"{prefix}/{path.relative_to(folder).as_posix()}"
                 client.put_object(Bucket=BUCKET, Key=key, Body=path.read_bytes())
 
-    def contents(self, prefix: str) -> dict[str, bytes]:
-        """Objects by their path below a folder of the bucket, without those that are deleted meanwhile."""
-        client = self.client
-        found = {}
-        for page in client.get_paginator("list_objects_v2").paginate(Bucket=BUCKET, Prefix=f"{prefix}/"):
-            for about in page.get("Contents", ()):
-                with suppress(client.exceptions.NoSuchKey):
-                    body = client.get_object(Bucket=BUCKET, Key=about["Key"])["Body"].read()
-                    found[about["Key"].removeprefix(f"{prefix}/")] = body
-        return found
-
     def environment(self, cache: Path) -> dict[str, str]:
         """Variables that make v3studio use this server, and a cache of its own."""
         return {
@@ -135,13 +119,8 @@ class ObjectStore:
                 fails = self._random.random() < faults.failing
                 short = method == "GET" and self._random.random() < faults.truncated
                 self.failed += fails or short
-                size = int(environ.get("CONTENT_LENGTH") or 0) if method == "PUT" else 0
-                full = faults.capacity is not None and self.written + size > faults.capacity
-                self.written += 0 if fails or full else size
             if fails:
                 return _error(start_response, "500 Internal Server Error", "InternalError", "injected")
-            if full and method == "PUT":
-                return _error(start_response, "507 Insufficient Storage", "QuotaExceeded", "The quota is used up")
             key = environ["PATH_INFO"].removeprefix(f"/{BUCKET}").lstrip("/")
             body = moto(environ, start_response)
             if not key:
@@ -152,8 +131,6 @@ class ObjectStore:
             with self._lock:
                 if method == "GET":
                     self.gets[key, environ.get("HTTP_RANGE", "")] += 1
-                elif method == "PUT":
-                    self.puts[key] += 1
             return body
 
         return answer

@@ -29,17 +29,14 @@ def load(folder: Path, text: str, *overrides: str) -> Config:
 
 
 def test_defaults_are_the_papers():
-    """Where the paper specifies a value (sections 4 and 5)."""
+    """Where the paper specifies a value (sections 4 and 5), except the entropy weight: its 1e-4 was measured to cost
+    bytes at equal quality (docs/measurements/training.md)."""
     train = Config().train
     assert (train.group_size, train.max_splats, train.prune_ratio) == (20, 100_000, 0.3)
     assert (train.motion_iterations, train.finetune_iterations) == (500, 2000)
     assert (train.dssim_weight, train.temporal_weight) == (0.2, 1e-3)
     assert (train.hash_levels, train.mlp_width, train.mlp_layers) == (16, 64, 2)
-
-
-def test_the_entropy_weight_is_not_the_papers():
-    """The paper's 1e-4 was measured to cost bytes at equal quality (docs/measurements/training.md)."""
-    assert Config().train.entropy_weight == 1e-5
+    assert train.entropy_weight == 1e-5
 
 
 def test_defaults_of_the_library_are_those_of_the_command_line():
@@ -52,13 +49,6 @@ def test_defaults_of_the_library_are_those_of_the_command_line():
     assert config.capture == CaptureSettings()
     for section, library in ((config.bake, BakeSettings), (config.train, TrainSettings)):  # with settings of stages
         assert library.model_validate({name: getattr(section, name) for name in library.model_fields}) == library()
-
-
-def test_sections_are_the_librarys_models():
-    """Therefore they are passed on unchanged."""
-    config = Config()
-    assert isinstance(config.capture, CaptureSettings)
-    assert isinstance(config.train, TrainSettings)
 
 
 def test_settings_keep_their_order():
@@ -124,63 +114,27 @@ def test_root_is_relative_to_the_file_but_on_the_command_line_to_the_working_fol
 def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, nearest):
     with refuses("settings.unknown", file=tmp_path / "run.yaml", setting=name) as caught:
         load(tmp_path, text)
-    assert str(caught.value) == f"{tmp_path / 'run.yaml'}: unknown setting {name}. Did you mean {nearest}?"
+    assert f"Did you mean {nearest}?" in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "setting", "value", "sentence"),
+    ("text", "setting", "value", "hint"),
     [
-        (
-            "bake: {quality: 80}",
-            "bake.quality",
-            80,
-            "bake.quality = 80 must be a QP from 0 to 51, a PSNR such as 42 dB, a size such as 40 KB, or a limit such "
-            "as 0.4 dB loss.",
-        ),
-        (
-            "train: {max_splats: many}",
-            "train.max_splats",
-            "many",
-            "train.max_splats = 'many' must be a whole number. The default is 100000.",
-        ),
-        (
-            "train: {background: green}",
-            "train.background",
-            "green",
-            "train.background = 'green' must be random, black or white. The default is random.",
-        ),
-        (
-            "capture: {background: [0, 0, 2]}",
-            "capture.background",
-            2,
-            "capture.background.2 = 2 must be at most 1. The default is [0.0, 0.0, 0.0].",
-        ),
-        ("run: {device: tpu}", "run.device", "tpu", "run.device = 'tpu' must be auto, cpu, cuda or cuda:N."),
-        (
-            "capture: {key_color: [0.5, 0.5, 0.5]}",
-            "capture.key_color",
-            [0.5, 0.5, 0.5],
-            "capture.key_color = [0.5, 0.5, 0.5] is invalid: gray and black cannot be keyed. "
-            "Use a saturated color such as [0.2, 0.6, 0.3], or auto.",
-        ),
-        ("train: 3", "train", 3, "train = 3 is not a section. Indent settings under it, one per line (train: ...)."),
-        (
-            "calibrate: {board: {marker: 0.07}}",
-            "calibrate.board",
-            None,
-            "calibrate.board: marker = 0.07 m is not smaller than square = 0.06 m. Set both as measured on the print.",
-        ),
+        ("bake: {quality: 80}", "bake.quality", 80, "a limit such as 0.4 dB loss"),
+        ("train: {max_splats: many}", "train.max_splats", "many", "a whole number. The default is 100000."),
+        ("train: {background: green}", "train.background", "green", "random, black or white"),
+        ("capture: {background: [0, 0, 2]}", "capture.background", 2, "background.2 = 2 must be at most 1"),
+        ("run: {device: tpu}", "run.device", "tpu", "auto, cpu, cuda or cuda:N"),
+        ("run: {device: 'cuda:²'}", "run.device", "cuda:²", "auto, cpu, cuda or cuda:N"),
+        ("capture: {key_color: [0.5, 0.5, 0.5]}", "capture.key_color", [0.5, 0.5, 0.5], "Use a saturated color"),
+        ("train: 3", "train", 3, "Indent settings under it"),
+        ("calibrate: {board: {marker: 0.07}}", "calibrate.board", None, "0.07 m is not smaller than square = 0.06 m"),
     ],
 )
-def test_invalid_value_is_one_sentence_with_file_and_value(tmp_path, text, setting, value, sentence):
+def test_an_invalid_value_is_reported_with_file_value_and_hint(tmp_path, text, setting, value, hint):
     with refuses("settings.invalid", file=tmp_path / "run.yaml", value=value, setting=setting) as caught:
         load(tmp_path, text)
-    assert str(caught.value) == f"{tmp_path / 'run.yaml'}: {sentence}"
-
-
-def test_nan_is_no_value(tmp_path):
-    with refuses("settings.invalid", setting="capture.scale"):
-        load(tmp_path, "capture: {scale: .nan}")
+    assert hint in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -222,6 +176,9 @@ def test_two_mistakes_are_two_lines(tmp_path):
 def test_a_mistake_on_the_command_line_is_not_blamed_on_the_file(tmp_path):
     with refuses("settings.invalid", file="command line", value=80, setting="bake.quality"):
         load(tmp_path, "", "bake.quality=80")
+    both = f"{tmp_path / 'run.yaml'} and command line"
+    with refuses("settings.invalid", file=both, settings=["capture.stop", "capture.start"]):
+        load(tmp_path, "capture: {root: .}", "capture.start=20", "capture.stop=4")
 
 
 def test_missing_file_and_folder(tmp_path):
@@ -259,11 +216,6 @@ def test_numbers_with_exponents_are_numbers(tmp_path):
     assert parse_override("train.entropy-weight=1e-3") == ("train.entropy_weight", 1e-3)
 
 
-def test_empty_sections_and_files_are_defaults(tmp_path):
-    assert load_config(write(tmp_path, "train:\n  # all commented out\n")).train == Config().train
-    assert load_config(write(tmp_path, "")).train == Config().train
-
-
 @pytest.mark.parametrize("text", ["train.max_splats", "max_splats=3", "=3", "train.x=[1"])
 def test_malformed_overrides(text):
     with refuses("settings.override_syntax"):
@@ -275,10 +227,14 @@ def test_override_through_a_plain_value_is_refused(tmp_path):
         load(tmp_path, "train: {max_splats: 3}", "train.max_splats.x=3")
 
 
-@pytest.mark.parametrize("root", ['"\\0"', "~nobody-of-that-name/x"])
-def test_a_root_that_is_not_a_path(tmp_path: Path, root: str) -> None:
-    with refuses("settings.invalid", file=tmp_path / "run.yaml", setting="capture.root"):
-        load(tmp_path, f"capture: {{root: {root}}}")
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [("capture.root", '"\\0"'), ("capture.root", "~nobody-of-that-name/x"), ("capture.scale", ".nan")],
+)
+def test_values_that_are_no_paths_or_numbers(tmp_path: Path, setting: str, value: str) -> None:
+    section, name = setting.split(".")
+    with refuses("settings.invalid", file=tmp_path / "run.yaml", setting=setting):
+        load(tmp_path, f"{section}: {{{name}: {value}}}")
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -303,13 +259,6 @@ def test_sample_configurations_are_valid(path):
     load_config(path)
 
 
-def test_a_rule_over_several_settings_names_the_command_line_too(tmp_path: Path) -> None:
-    path = tmp_path / "a.yaml"
-    path.write_text("capture: {root: .}\n")
-    with refuses("settings.invalid", file=f"{path} and command line", settings=["capture.stop", "capture.start"]):
-        load_config(path, [("capture.start", 20), ("capture.stop", 4)])
-
-
 @pytest.mark.parametrize("value", ["2026-02-30", "!!int abc", "!!float x", "!!bool 3"])
 def test_values_that_yaml_cannot_make(tmp_path, value):
     """Python's own errors there become errors with a line."""
@@ -319,11 +268,6 @@ def test_values_that_yaml_cannot_make(tmp_path, value):
     assert "is not a valid value" in caught.value.problem
     with refuses("settings.override_syntax", setting="train.max_splats"):
         parse_override(f"train.max_splats={value}")
-
-
-def test_a_superscript_is_no_device():
-    with refuses("settings.invalid", setting="run.device"):
-        load_config(None, [("run.device", "cuda:²")])
 
 
 def test_credentials_in_an_address_are_not_repeated():

@@ -1,18 +1,15 @@
-"""Runs that go on without their terminal: started with --detach, shown by status, cancelled from anywhere."""
+"""Runs that continue without their terminal: started with --detach, shown by status, cancelled from anywhere."""
 
 from __future__ import annotations
 
 import json
 
-from pipelines.events import Metrics, RunFinished, read_line
+from pipelines.events import Metrics, RunFinished
 from pipelines.runs.launch import Launched
+from tests.support.events import events_in
 
 
-def events_in(text: str) -> list:
-    return [event for event, _ in map(read_line, text.splitlines()) if event is not None]
-
-
-def test_a_detached_run_is_shown_and_cancelled_and_goes_on(project, cli, here):
+def test_a_detached_run_is_shown_and_cancelled_and_continues(project, cli, here):
     take = project / "take"
     slow = ("--train.keyframe_iterations", "20000")
     # in a process of its own, since the run is its child

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from safetensors.numpy import load_file
 
-from pipelines.events import Metrics, read_line
+from pipelines.events import Metrics
+from tests.support.events import events_in
 from tests.support.object_store import SECRET, Faults, ObjectStore
 from tests.support.tiny_capture import SETTINGS
 
@@ -30,8 +31,7 @@ def splats(path: Path) -> bytes:
 
 def trained(lines: str) -> set[str]:
     """Names of the frames that were trained, from the events."""
-    events = [event for event, _ in map(read_line, lines.splitlines())]
-    frames = [event for event in events if isinstance(event, Metrics) and event.frame is not None]
+    frames = [event for event in events_in(lines) if isinstance(event, Metrics) and event.frame is not None]
     return {f"frame_{event.values['index']:06d}.safetensors" for event in frames}
 
 
@@ -54,8 +54,8 @@ def test_footage_in_a_store_makes_the_take_of_a_local_run(
             killed.send_signal(signal.SIGKILL)
             break
     killed.communicate()
-    told = whole.communicate()
-    assert whole.returncode == 0, told
+    output = whole.communicate()
+    assert whole.returncode == 0, output
     assert object_store.failed > 0
     assert object_store.fetched_twice("day1") == []
 

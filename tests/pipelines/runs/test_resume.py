@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Iterable
 from pathlib import Path
 
-from pipelines.events import Log, Metrics, RunFinished, StageStarted, read_line
+from pipelines.events import Event, Log, Metrics, RunFinished, StageStarted
 from pipelines.stages import train_group
 from studio.errors import Cancelled
+from tests.support.events import events_in
 
 
 def stream_bytes(take: Path) -> dict[str, bytes]:
@@ -17,22 +17,17 @@ def stream_bytes(take: Path) -> dict[str, bytes]:
     return {path.relative_to(stream).as_posix(): path.read_bytes() for path in stream.rglob("*") if path.is_file()}
 
 
-def events_in(lines: Iterable[str]) -> list:
-    """The events in the output; other tests check that a run prints nothing else."""
-    return [event for event, _ in map(read_line, lines) if event is not None]
-
-
 def stop_when(process, condition, number) -> list:
     """Read events until the condition holds, then send the signal."""
     events = []
     for line in process.stdout:
-        events += events_in([line])
+        events += events_in(line)
         if events and condition(events[-1]):
             process.send_signal(number)
             break
     else:
         raise AssertionError(f"the run ended before it could be stopped: {process.stderr.read()}")
-    events += events_in(process.stdout)
+    events += events_in(process.stdout.read())
     process.wait(timeout=20)
     return events
 
@@ -41,22 +36,30 @@ def frames_of(events: list) -> list[int]:
     return [event.values["index"] for event in events if isinstance(event, Metrics) and event.stage == "train"]
 
 
-def test_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start, cli):
+def is_trained_frame(event: Event) -> bool:
+    return isinstance(event, Metrics) and event.stage == "train"
+
+
+def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start, cli):
     take = project / "take"
     arguments = ("run", project / "ball.yaml", "--take", take, "--json")
 
-    # one frame is done, others are in progress in two parallel groups
+    stopped = start(*arguments)
+    events = stop_when(stopped, is_trained_frame, signal.SIGTERM)
+    assert stopped.returncode == 130
+    assert isinstance(events[-1], RunFinished)
+    assert events[-1].outcome == "cancelled"
+    done = frames_of(events)
+    assert done[0] == 0
+
+    # one frame more is done, others are in progress in two parallel groups
     first = start(*arguments, "--run.groups-at-once", "2")
-    events = stop_when(
-        first,
-        lambda event: isinstance(event, Metrics) and event.stage == "train",
-        signal.SIGKILL,
-    )
+    events = stop_when(first, is_trained_frame, signal.SIGKILL)
     assert first.returncode == -signal.SIGKILL
     assert not (take / "stream").exists()
-    killed_after = frames_of(events)
-    assert {0, 3} & set(killed_after), "a keyframe is done"
-    assert len(killed_after) < 5
+    assert not set(frames_of(events)) & set(done)
+    done += frames_of(events)
+    assert len(done) < 5
 
     # during baking: the first group is done, the manifest is not written yet
     second = start(*arguments)
@@ -66,30 +69,18 @@ def test_killed_in_training_and_in_baking_gives_the_same_stream(finished, projec
         signal.SIGKILL,
     )
     # a finished frame is not trained again
-    assert not set(frames_of(events)) & set(killed_after)
+    assert not set(frames_of(events)) & set(done)
     assert not (take / "stream" / "manifest.json").exists() or second.returncode == -signal.SIGKILL
 
     last = cli(*arguments)
     assert last.returncode == 0, last.stderr
-    events = events_in(last.stdout.splitlines())
+    events = events_in(last.stdout)
     assert [event.stage for event in events if isinstance(event, StageStarted)][-1] == "evaluate"
     assert frames_of(events) == []
     assert stream_bytes(take) == stream_bytes(finished / "take")
     ours, unbroken = (json.loads((folder / "evaluation.json").read_text()) for folder in (take, finished / "take"))
     assert ours == unbroken
     assert not list(take.rglob("*.partial*"))
-
-
-def test_sigterm_stops_in_training_and_run_goes_on(finished, project, start, cli):
-    take = project / "take"
-    process = start("run", project / "ball.yaml", "--take", take, "--json")
-    events = stop_when(process, lambda e: isinstance(e, Metrics) and e.stage == "train", signal.SIGTERM)
-    assert process.returncode == 130
-    assert isinstance(events[-1], RunFinished)
-    assert events[-1].outcome == "cancelled"
-    done = cli("run", project / "ball.yaml", "--take", take)
-    assert done.returncode == 0, done.stderr
-    assert stream_bytes(take) == stream_bytes(finished / "take")
 
 
 def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, monkeypatch):
@@ -117,13 +108,13 @@ def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, 
     frames = [project / name / "train" / "group_000" / "frame_000000.safetensors" for name in ("unbroken", "stopped")]
     assert not frames[1].exists()
     again = run("stopped")
-    messages = [event.message for event in events_in(again.stdout.splitlines()) if isinstance(event, Log)]
+    messages = [event.message for event in events_in(again.stdout) if isinstance(event, Log)]
     assert any("resuming the keyframe at step 10" in message for message in messages), messages
     assert frames[0].read_bytes() == frames[1].read_bytes()
     assert not checkpoint.exists()
 
 
-def test_killed_between_later_frames_goes_on_with_the_acceleration(project, start, cli):
+def test_killed_between_later_frames_continues_with_the_acceleration(project, start, cli):
     """The first guess of frame 4 takes frames 1, 2 and 3, which a resumed run has to read."""
     one_group = ("--train.group_size", "5", "--capture.stop", "5")
     settings = (*one_group, "--train.motion_acceleration", "0.5")
@@ -136,7 +127,7 @@ def test_killed_between_later_frames_goes_on_with_the_acceleration(project, star
     process = start(*run("killed"))
     events = stop_when(
         process,
-        lambda event: isinstance(event, Metrics) and event.stage == "train" and event.values["index"] == 3,
+        lambda event: is_trained_frame(event) and event.values["index"] == 3,
         signal.SIGKILL,
     )
     frames = [project / name / "train" / "group_000" / "frame_000004.safetensors" for name in ("unbroken", "killed")]
@@ -144,5 +135,5 @@ def test_killed_between_later_frames_goes_on_with_the_acceleration(project, star
     assert 3 in frames_of(events)
     again = cli(*run("killed"))
     assert again.returncode == 0, again.stderr
-    assert frames_of(events_in(again.stdout.splitlines())) == [4]
+    assert frames_of(events_in(again.stdout)) == [4]
     assert frames[0].read_bytes() == frames[1].read_bytes()

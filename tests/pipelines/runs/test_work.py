@@ -4,29 +4,28 @@ from __future__ import annotations
 
 import json
 import shlex
-import shutil
 import signal
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from pipelines.events import Metrics, StageFinished, StageStarted, read_line
+from pipelines.events import Metrics, StageFinished, StageStarted
 from pipelines.runs.print_commands import ranges
-from pipelines.takes.take import Take
-from tests.support.tiny_capture import ROOT, environment
-from tests.support.warm_python import warm_python
-
-
-def events_in(text: str) -> list:
-    return [event for event, _ in map(read_line, text.splitlines()) if event is not None]
+from tests.support.events import events_in
 
 
 def results(take: Path) -> dict[str, bytes]:
-    """Trained frames, initial points, the stream and the evaluation; not the reports, which tell the time."""
+    """Trained frames, initial points, the stream and the evaluation; not the reports, which contain times."""
     folders = [take / name for name in ("initialize", "train", "stream")]
     files = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.name != "group.json"]
     return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}
+
+
+def trained(output: str) -> list[int]:
+    """Indices of the frames that were trained or measured, from the events."""
+    events = events_in(output)
+    return [event.values["index"] for event in events if isinstance(event, Metrics) and event.frame is not None]
 
 
 def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, project, start, cli, here):
@@ -41,25 +40,17 @@ def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, proje
     same = [start("work", take, "--group", "0", "--json") for _ in range(2)]
     killed = start("work", take, "--group", "1", "--json")
     for line in killed.stdout:
-        if any(isinstance(event, Metrics) and event.stage == "train" for event in events_in(line)):
+        if trained(line):
             killed.send_signal(signal.SIGKILL)
             break
     killed.communicate()
     assert killed.returncode == -signal.SIGKILL
-    told = [process.communicate() for process in same]
-    assert [process.returncode for process in same] == [0, 0], told
-    frames = [
-        e.values["index"] for out, _ in told for e in events_in(out) if isinstance(e, Metrics) and e.frame is not None
-    ]
-    assert sorted(frames) == [0, 1, 2], "each frame is trained once"
+    outputs = [process.communicate() for process in same]
+    assert [process.returncode for process in same] == [0, 0], outputs
+    assert sorted(trained("".join(out for out, _ in outputs))) == [0, 1, 2], "each frame is trained once"
     again = cli("work", take, "--group", "1", "--json")
     assert again.returncode == 0, again.stderr
-    trained = [
-        event.values["index"]
-        for event in events_in(again.stdout)
-        if isinstance(event, Metrics) and event.frame is not None
-    ]
-    assert trained == [4], "the frame that was finished before the kill is kept"
+    assert trained(again.stdout) == [4], "the frame that was finished before the kill is kept"
 
     up_to_date = here("work", take, "--group", "1", "--json")
     assert [e.summary["done"] for e in events_in(up_to_date.stdout) if isinstance(e, StageFinished)] == ["before"] * 3
@@ -71,9 +62,8 @@ def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, proje
     assert [one.returncode for one in evaluated] == [0, 0], evaluated
     last = cli("run", take, "--json")
     assert last.returncode == 0, last.stderr
-    told = events_in(last.stdout)
-    assert [event.stage for event in told if isinstance(event, StageStarted)] == ["evaluate"]
-    assert not [event for event in told if isinstance(event, Metrics) and event.frame is not None]
+    assert [event.stage for event in events_in(last.stdout) if isinstance(event, StageStarted)] == ["evaluate"]
+    assert trained(last.stdout) == []
     assert results(take) == results(finished / "take")
     assert not list(take.rglob("*.partial*"))
     assert not (take / ".v3studio" / "work" / "evaluate").exists()
@@ -160,22 +150,3 @@ def test_what_cannot_be_done_is_refused(project, here):
 )
 def test_numbers_of_an_array(numbers, text):
     assert ranges(numbers) == text
-
-
-def test_a_worker_that_sees_results_of_others_late_makes_the_same(finished, tmp_path):
-    """As on a network file system: to this worker, a group that another one has finished still seems to be missing."""
-    take, seen = tmp_path / "take", tmp_path / "take.seen"
-    shutil.copytree(finished / "take", take)
-    shutil.copytree(finished / "take", seen)
-    for stage in ("initialize", "train", "stream"):
-        shutil.rmtree(seen / stage)
-    for stage in ("initialize", "train", "bake", "evaluate"):
-        Take.open(seen).record(stage).unlink()
-        shutil.rmtree(Take.open(seen).work(stage), ignore_errors=True)
-    command = (ROOT / "benchmarks/attack/faults.py", "late", 100_000, take, "work", take, "--group", 1, "--json")
-    done = warm_python().run(command, text=True, cwd=ROOT, env=environment())
-    assert done.returncode == 0, done.stderr
-    ended = [event.summary["done"] for event in events_in(done.stdout) if isinstance(event, StageFinished)]
-    assert ended == ["now"] * 3
-    assert results(take) == results(finished / "take")
-    assert not list(take.rglob("*.partial*"))

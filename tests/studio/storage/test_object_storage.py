@@ -168,10 +168,6 @@ def test_each_bad_case_is_one_sentence_without_credentials(
         with pytest.raises(ValueError, match="contains credentials") as caught_setting:
             CaptureSettings(root=hidden)
         assert "hidden" not in str(caught_setting.value)
-    object_store.faults = Faults(capacity=10)
-    with pytest.raises(StudioError) as caught:
-        Store(DAY).write("frame", bytes(100))
-    assert caught.value.code == "storage.full"
     object_store.faults = Faults(failing=1.0)
     assert refused(DAY).code == "storage.failed"
     object_store.faults = Faults()
