@@ -82,7 +82,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     review = TakeReview(opened).data()
     assert review.frame_count == 3
     assert review.quality is not None
-    assert review.quality.psnr_decoded == tuple(row["psnr_decoded"] for row in again["frames"])
+    assert review.quality.metrics[0].decoded == tuple(row["psnr_decoded"] for row in again["frames"])
 
     done(here("edit", "remove", take, "crop"))
     done(here("run", take))
