@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib.metadata
 import re
 import subprocess
@@ -20,22 +21,33 @@ PACKAGES = ("v3studio", "gui", "pipelines", "studio")  # each may import the one
 HEAVY = ("torch", "open3d", "pycolmap", "pymeshlab", "cv2", "av", "matplotlib", "onnxruntime")
 
 
+@functools.cache
+def nodes(path: Path) -> tuple[ast.Import | ast.ImportFrom | ast.Call, ...]:
+    """Imports of a file, inside functions too, and the calls that tests here look at: each file is parsed once."""
+    return tuple(
+        node
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), filename=str(path)))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        or (isinstance(node, ast.Call) and called(node) in ("import_module", "__import__", "StudioError"))
+    )
+
+
+def called(node: ast.Call) -> str:
+    """The last part of the name of what is called; "" if it has no name."""
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
 def imported_names(path: Path) -> Iterator[tuple[int, str]]:
-    """(line, dotted module) of every import in a file, inside functions too; relative ones made absolute."""
+    """(line, dotted module) of every import in a file; relative ones made absolute."""
     package = path.relative_to(ROOT).parent.parts
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), filename=str(path))):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield node.lineno, alias.name
         elif isinstance(node, ast.ImportFrom):
             base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
             yield node.lineno, ".".join(part for part in (base, node.module or "") if part)
-        elif (
-            isinstance(node, ast.Call)
-            and ast.unparse(node.func) in ("importlib.import_module", "import_module", "__import__")
-            and node.args
-            and isinstance(node.args[0], ast.Constant)
-        ):
+        elif called(node) != "StudioError" and node.args and isinstance(node.args[0], ast.Constant):
             yield node.lineno, str(node.args[0].value)
 
 
@@ -154,6 +166,7 @@ def test_circles_are_found() -> None:
     assert circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
 
 
+@functools.cache
 def module_edges() -> dict[str, set[str]]:
     """Module to the modules that it imports, inside functions and for types too. A name of a package counts as the
     submodule of that name where there is one, else as the package itself."""
@@ -164,7 +177,7 @@ def module_edges() -> dict[str, set[str]]:
     edges: dict[str, set[str]] = {}
     for module, path in modules.items():
         targets = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes(path):
             if isinstance(node, ast.Import):
                 targets |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -400,8 +413,8 @@ def test_every_error_has_a_code() -> None:
     wrong, found = [], 0
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if not (isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "StudioError"):
+            for node in nodes(path):
+                if not (isinstance(node, ast.Call) and called(node) == "StudioError"):
                     continue
                 found += 1
                 code = node.args[0] if node.args else None

@@ -17,7 +17,7 @@ READERS_AND_WRITERS = {
     "pipelines/events/event_types.py",  # a line of JSON
     "pipelines/share/sharing.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",
-    "pipelines/takes/records.py",
+    "pipelines/takes/kept_bakes.py",  # v3studio bakes list --json
     "studio/bounded_files.py",  # any TOML
     "studio/calibration/manual/file.py",
     "studio/camera_files/annots_npy.py",

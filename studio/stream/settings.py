@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from studio.json_types import JsonObject
-from studio.settings import Affects, Conflict, Heading, Settings
+from studio.settings import Affects, Conflict, Heading, Settings, Unbounded
 from studio.stream.attributes import ATTRIBUTES, QpAttribute
 from studio.stream.codecs import CODECS, QP_MAX, CodecName, Preset
 
@@ -38,7 +38,11 @@ def _quality(value: Any) -> int | str:
     return f"{float(found[1]):g} {found[2]}"
 
 
-Quality = Annotated[int | str, BeforeValidator(_quality)]
+Quality = Annotated[
+    int | str,
+    BeforeValidator(_quality),
+    Unbounded("a QP, a PSNR, a size and a limit have different ranges, which the validator checks"),
+]
 
 
 class Rung(Settings):
