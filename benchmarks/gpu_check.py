@@ -8,10 +8,10 @@ gsplat (`pip install 'v3studio[cuda]'`, whose kernels are compiled with nvcc whe
 be used is measured; training uses gsplat where it can be used, as `v3studio` does. The parts:
 
     kernels cuda, kernels triton
-                 time until the backend has drawn its first picture, including compilation; at most four minutes
+                 time until the backend has drawn its first image, including compilation; at most four minutes
     tests        the tests that need a CUDA device
     training kernels
-                 picture loss, loss on coded values, and motion field: the kernels against their definitions in PyTorch,
+                 image loss, loss on coded values, and motion field: the kernels against their definitions in PyTorch,
                  errors of values and gradients relative to the definition in float64, and milliseconds of both passes
     rasterizer   forward and backward pass of each backend that drew, milliseconds
     keyframe     frame 0 of the sample with the default settings, which are the paper's schedule
@@ -133,7 +133,7 @@ class Check:
         return "error" not in found
 
     def all_kernels(self) -> bool:
-        """Draw a first picture with each backend. Returns whether one did."""
+        """Draw a first image with each backend. Returns whether one did."""
         wanted = ("cpu",) if self.dry else tuple(name for name in ("cuda", "triton") if name in available_backends())
         self.backends = [name for name in wanted if self.part(f"kernels {name}", functools.partial(self.kernels, name))]
         if not wanted:

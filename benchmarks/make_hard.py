@@ -7,7 +7,7 @@
 A performer stands in a room between 12 cameras and moves by up to 2 cm per frame. `thin`: loose strands of hair 1 to 3
 pixels wide, fingers and a staff before patterned walls. `shadows`: three colored lights, so that each shadow on the
 saturated floor has a color of its own. Images are ray traced with nine rays per pixel, shadows included; each light
-has a size. The same arguments give the same pictures.
+has a size. The same arguments give the same images.
 
     videos/camNN.mp4              H.264, 4:2:0, with sensor noise of 1.2% of full scale
     clean_plates/camNN.png        the empty room, without noise

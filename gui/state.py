@@ -52,7 +52,7 @@ class WindowState:
         cards: what the start page shows of recent takes: name, state, PSNR in dB.
         start_places: the middle of what can be chosen there, 0 to 1 across and down, by name.
         focus: what has the keyboard focus there.
-        numbers: the frame that the picture, the figures and the timeline show; None for what shows none.
+        numbers: the frame that the image, the figures and the timeline show; None for what shows none.
         exporting: progress of the export or share; "" if none is running.
         serving: URL at which the take is served; "" if it is not.
         marks: notes by frame number, as text.

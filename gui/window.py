@@ -63,7 +63,7 @@ CPU more."""
 
 REST, AWAKE = 0.05, 0.5
 """Seconds between two looks at everything while nothing happens; seconds after something has happened, or while a
-picture is awaited, in which the window looks at each tick (10 ms)."""
+image is awaited, in which the window looks at each tick (10 ms)."""
 
 LOOK_EVERY = 0.5
 """Seconds between two looks at the file of the marks, which browsers also change."""
@@ -373,7 +373,7 @@ class MainWindow:
             self.changed()
         self._log.write(self)
         transport, settled = self.player.transport, self.views.settled
-        if transport.playing or not settled or self.opening:  # the next picture is shown as soon as it is there
+        if transport.playing or not settled or self.opening:  # the next image is shown as soon as it is there
             self._stay_awake()
         if self._software:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE

@@ -1,4 +1,4 @@
-"""Makes the pictures of gui/help from runs of the sample capture: good ones, and bad ones with wrong settings.
+"""Makes the images of gui/help from runs of the sample capture: good ones, and bad ones with wrong settings.
 
     python scripts/help_pictures.py TAKE WORK [--out gui/help]
 
@@ -99,7 +99,7 @@ def outline(take: Path) -> np.ndarray:
 
 
 def performer_box(good: Path) -> tuple[slice, slice]:
-    """Rows and columns around the performer in the camera's footage, of the pictures' shape."""
+    """Rows and columns around the performer in the camera's footage, of the images' shape."""
     mask = context_of(good).footage.calibrated.raw_mask(CAMERA, FRAME)
     rows, columns = np.flatnonzero((mask > 127).any(1)), np.flatnonzero((mask > 127).any(0))
     high = (rows[-1] - rows[0]) * 1.15
@@ -112,7 +112,7 @@ def performer_box(good: Path) -> tuple[slice, slice]:
 
 
 def stage_picture(take: Path, kind: type[Any], *arguments: Any, frame: int = 0) -> np.ndarray:
-    """A picture of the window's view of a stage."""
+    """A image of the window's view of a stage."""
     workspace = Workspace()
     workspace.open(Take(take))
     view = kind(workspace, *arguments)
@@ -156,7 +156,7 @@ def save(path: Path, pixels: np.ndarray) -> None:
 
 
 def pictures(take: Path, work: Path) -> Iterator[tuple[str, np.ndarray]]:
-    """(name, pixels) of every picture."""
+    """(name, pixels) of every image."""
     box = performer_box(take)
     group_1 = 15  # its first frame
     yield "capture_good", outline(take)[box]

@@ -53,7 +53,7 @@ def keys(*names: str) -> Screen:
 
 
 def stage(name: str, mode: str = "") -> Screen:
-    """Select a stage and one of its pictures."""
+    """Select a stage and one of its images."""
 
     def go(window: RunningWindow) -> None:
         window.stage(name)
@@ -212,7 +212,7 @@ def take_picture(window: RunningWindow, path: Path) -> None:
 
 
 def photograph(window: RunningWindow, name: str, go: Screen, out: Path) -> None:
-    """Go to a screen from Review, write its picture, and go back."""
+    """Go to a screen from Review, write its image, and go back."""
     go(window)
     window.wait_for(name, lambda state: state["settled"], SECONDS)
     take_picture(window, out / f"{name}.png")

@@ -42,7 +42,7 @@ def opened(display: str, take: Path) -> Iterator[RunningWindow]:
 
 
 def save(window: RunningWindow, path: Path, **wanted: Any) -> None:
-    """Wait for a state with these values and its picture, then write the screen."""
+    """Wait for a state with these values and its image, then write the screen."""
     window.wait_for(
         str(wanted), lambda s: s["settled"] and all(s[name] == value for name, value in wanted.items()), SECONDS
     )

@@ -1,4 +1,4 @@
-"""Chroma subsampling: what storing a picture as 4:2:0 or 4:2:2 does to its colors, as a linear operator.
+"""Chroma subsampling: what storing an image as 4:2:0 or 4:2:2 does to its colors, as a linear operator.
 
 A camera stores one chroma sample for several luma samples, so colors bleed over outlines. A drawing that is compared
 with such footage goes through the same loss first; otherwise, the splats learn the bleeding as color.
@@ -33,7 +33,7 @@ class ChromaSampling:
         step: (x, y) luma samples per chroma sample: (2, 2) for 4:2:0, (2, 1) for 4:2:2.
         first: (x, y) position of the first chroma sample relative to the first luma sample, in luma samples, as the
             file is decoded: 0 on it, 0.5 between it and the second one.
-        siting: where the decoder assumes the samples; None if the picture was turned, so that x is not "left".
+        siting: where the decoder assumes the samples; None if the image was turned, so that x is not "left".
         matrix: a name in `LUMA_WEIGHTS`.
     """
 

@@ -17,7 +17,7 @@ LEAST_ANGLE, MOST_ANGLE = 35.0, 50.0
 cameras, within these bounds."""
 
 FADE = 20.0
-"""Degrees beyond it in which players fade the picture."""
+"""Degrees beyond it in which players fade the image."""
 
 LARGEST_GAPS = 0.1
 """Share of the way around the performer without a camera nearby, from which on few cameras are warned of; 0 to 1."""
@@ -53,7 +53,7 @@ class ViewRange:
         return np.where(length[:, 0] > 0, np.degrees(np.arccos(nearest)), 0.0)
 
     def visibility(self, eye: Sequence[float] | np.ndarray) -> float:
-        """How much of the picture players show from `eye` (3,): 1 within the range, 0 from `FADE` degrees beyond."""
+        """How much of the image players show from `eye` (3,): 1 within the range, 0 from `FADE` degrees beyond."""
         return float(np.clip(1 - (self.angle_from(eye) - self.angle) / FADE, 0, 1))
 
     def to_json(self) -> JsonObject:
@@ -173,7 +173,7 @@ def gaps(found: ViewRange, up: np.ndarray) -> tuple[float, float]:
 
 
 def facing_cameras(cameras: Iterable[Camera], points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(N,) number of cameras that have each point in the picture and see its surface at less than 75 degrees."""
+    """(N,) number of cameras that have each point in the image and see its surface at less than 75 degrees."""
     unit = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     count = np.zeros(len(points), np.int64)
     for camera in cameras:

@@ -3,7 +3,7 @@ read without PyTorch."""
 
 DILATION = 0.3
 """The dilation of 3DGS, and of viewers that know no other: added to the diagonal of each 2D covariance, square pixels
-of the picture that is drawn. It keeps splats about a pixel wide."""
+of the image that is drawn. It keeps splats about a pixel wide."""
 
 MAX_DILATION = 1.0
 """Largest dilation that is allowed, square pixels; the smallest is `MIN_DILATION`."""

@@ -36,7 +36,7 @@ class Gaussians:
         logit_opacities: (N,) logit of the opacity.
         sh: (N, K, 3) spherical harmonics, K = (degree + 1)^2, coefficient-major, RGB last.
         dilation: what is added to the diagonal of their 2D covariances when they are drawn, square pixels of that
-            picture, from `MIN_DILATION` to `MAX_DILATION`. They were trained with it and must be drawn with it.
+            image, from `MIN_DILATION` to `MAX_DILATION`. They were trained with it and must be drawn with it.
 
     Raises:
         StudioError: a tensor has the wrong shape (gaussians.wrong_shape), the number of SH coefficients is not that

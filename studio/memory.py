@@ -44,7 +44,7 @@ def require_memory() -> None:
     """Refuse a limit of the session (`ulimit -d`, `-v`) in which not even a tiny take can be trained; under any other
     limit, load the libraries of linear algebra while there is room for them.
 
-    OpenBLAS, of which NumPy, SciPy and OpenCV have one each, tries again for ever if it cannot have its buffers, and
+    OpenBLAS, of which NumPy, SciPy and OpenCV have one each, tries again forever if it cannot have its buffers, and
     signals are not handled meanwhile. It takes them when it is loaded, so that later nothing can take their place.
 
     Raises:

@@ -39,7 +39,7 @@ from tests.support.hostile_streams import Files, Memory, read_stream, signed, wi
 from tests.support.streams import bake_numbered
 
 MEMORY = 2 << 30
-"""Bytes of address space beyond what the process has with all libraries loaded. A picture may have 179 megapixels."""
+"""Bytes of address space beyond what the process has with all libraries loaded. An image may have 179 megapixels."""
 
 PATIENCE = 120.0
 """Seconds for one bomb, on a busy machine."""
@@ -250,7 +250,7 @@ def _sog_meta(count: int) -> bytes:
 
 
 def _png(size: int, rows: int | None = None) -> bytes:
-    """A black picture of one bit per pixel."""
+    """A black image of one bit per pixel."""
     packer = zlib.compressobj(9)
     row = bytes(1 + (size + 7) // 8) if size < 1 << 20 else b"\0"
     data = b"".join(packer.compress(row) for _ in range(rows or size)) + packer.flush()

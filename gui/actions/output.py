@@ -26,7 +26,7 @@ class OutputActions:
         self._kind = next(iter(FORMATS))
 
     def screenshot(self) -> None:
-        """Save the picture as shown."""
+        """Save the image as shown."""
         window = self._window
         picture = window.player.picture
         if picture is None:

@@ -1,4 +1,4 @@
-"""Compares pictures of the same view: side by side, wipe, difference heat map."""
+"""Compares images of the same view: side by side, wipe, difference heat map."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ LABEL_SIZE = 14
 """Size of texts unless another is given, pixels."""
 
 LEAST_SIZE = 9
-"""Of texts of pictures that are enlarged to the window: smaller ones cannot be read."""
+"""Of texts of images that are enlarged to the window: smaller ones cannot be read."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """Rectangle of a picture within the viewport's picture, in pixels."""
+    """Rectangle of an image within the viewport's image, in pixels."""
 
     x: int
     y: int
@@ -41,7 +41,7 @@ def boxes(size: tuple[int, int], count: int, gap: int = 4) -> list[Box]:
     """Equal boxes side by side.
 
     Args:
-        size: (width, height) of the whole picture.
+        size: (width, height) of the whole image.
         count: number of boxes.
         gap: pixels between two boxes.
     """
@@ -57,14 +57,14 @@ def side_by_side(
     text: int = LABEL_SIZE,
     corner: tuple[int, int] = (0, 0),
 ) -> np.ndarray:
-    """Draw pictures side by side, each with its label.
+    """Draw images side by side, each with its label.
 
     Args:
-        size: (width, height) of the whole picture.
-        where: the boxes of the pictures.
-        images, names: a picture and its label for each box.
+        size: (width, height) of the whole image.
+        where: the boxes of the images.
+        images, names: an image and its label for each box.
         text: size of labels, pixels.
-        corner: column and row of each picture where what is filmed begins: its label is there.
+        corner: column and row of each image where what is filmed begins: its label is there.
     """
     canvas = Canvas(*size)
     for box, image, name in zip(where, images, names, strict=True):
@@ -83,11 +83,11 @@ def wipe(
     names: tuple[str, str],
     text: int = LABEL_SIZE,
 ) -> np.ndarray:
-    """Draw one picture to the left of the line, the other to the right.
+    """Draw one image to the left of the line, the other to the right.
 
     Args:
         at: position of the line, 0 to 1 across the box.
-        names: labels of the left and the right picture.
+        names: labels of the left and the right image.
         text: size of labels, pixels.
     """
     canvas = Canvas(*size)
@@ -146,7 +146,7 @@ def heat_map(
 
 
 def _corner(box: Box, text: int) -> tuple[int, int]:
-    """Where the label in the upper left corner of a picture begins."""
+    """Where the label in the upper left corner of an image begins."""
     margin = round(0.57 * text)
     return box.x + margin, box.y + margin
 
@@ -160,7 +160,7 @@ def label(
     color: RGB = TEXT,
     size: int = LABEL_SIZE,
 ) -> None:
-    """Draw text on a dark background, legible on any picture."""
+    """Draw text on a dark background, legible on any image."""
     width, side, above = text_width(text, size), round(0.43 * size), round(0.3 * size)
     left = x if align == "left" else x - width - 2 * side
     canvas.rect(left, y, width + 2 * side, size + round(0.7 * size), GROUND)

@@ -1,4 +1,4 @@
-"""The list of shortcuts as a picture: two columns of sections, keys beside what they do."""
+"""The list of shortcuts as an image: two columns of sections, keys beside what they do."""
 
 from __future__ import annotations
 

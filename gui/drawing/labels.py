@@ -24,7 +24,7 @@ def place_labels(
     Args:
         shapes: (N, 2) pixels of each, whose convex hull counts.
         sizes: width and height of each label, pixels.
-        room: width and height of the picture, pixels.
+        room: width and height of the image, pixels.
     """
     import cv2
 

@@ -14,7 +14,7 @@ PANEL: RGB = (37, 40, 45)
 """Background of panels."""
 
 RAISED: RGB = (49, 53, 60)
-"""The selected row, tracks, borders of pictures."""
+"""The selected row, tracks, borders of images."""
 
 LINE: RGB = (60, 65, 73)
 """Thin lines and grids."""

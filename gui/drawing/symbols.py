@@ -69,7 +69,7 @@ def symbol(name: str, size: tuple[int, int], color: RGB, ground: RGB) -> np.ndar
 
 
 def framed(pixels: np.ndarray, border: RGB, outside: RGB) -> np.ndarray:
-    """A copy of a button's picture with the border and the round corners of the toolkit's buttons.
+    """A copy of a button's image with the border and the round corners of the toolkit's buttons.
 
     Args:
         pixels: (height, width, 3) uint8.

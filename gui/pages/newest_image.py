@@ -11,13 +11,13 @@ from gui.drawing.palette import GROUND
 from gui.pages.stage_view import waiting
 
 LOADING = "loading"
-"""What the empty view says until its first picture is there."""
+"""What the empty view says until its first image is there."""
 
 DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
-"""Seconds after which a picture of something else, or of another frame, is dimmed: not at every quick change."""
+"""Seconds after which an image of something else, or of another frame, is dimmed: not at every quick change."""
 
 SLOW_TICK = 0.25
-"""Seconds between two ticks from which on the window is so slow that a wrong picture is dimmed at once: it would stay
+"""Seconds between two ticks from which on the window is so slow that a wrong image is dimmed at once: it would stay
 for another draw."""
 
 

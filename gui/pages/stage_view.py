@@ -1,4 +1,4 @@
-"""StageView: the viewport's picture of a stage, drawn on a worker thread from a snapshot of the state."""
+"""StageView: the viewport's image of a stage, drawn on a worker thread from a snapshot of the state."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _Request = tuple[Size, str, Hashable]
 
 
 class StageView:
-    """Base of stage views. Subclasses define what the picture depends on (`state`) and draw it (`draw`, on a thread).
+    """Base of stage views. Subclasses define what the image depends on (`state`) and draw it (`draw`, on a thread).
 
     Args:
         workspace: the take.
 
     Attributes:
-        modes: pictures to choose from; the first is the default.
+        modes: images to choose from; the first is the default.
         sharp: whether it is drawn at the resolution of the viewport once it rests, though it orbits.
-        mode: the selected picture.
+        mode: the selected image.
         em: the window's font size, pixels.
         frame: the transport's current frame.
-        places: (camera, corners as (N, 2) pixels of the picture) of what shows a camera, those in front last.
+        places: (camera, corners as (N, 2) pixels of the image) of what shows a camera, those in front last.
         camera: the marked camera; "" for none.
     """
 
@@ -53,18 +53,18 @@ class StageView:
 
     @property
     def orbits(self) -> bool:
-        """Whether drags orbit; such a picture may be drawn smaller than the viewport, to stay fast."""
+        """Whether drags orbit; such an image may be drawn smaller than the viewport, to stay fast."""
         return False
 
     def state(self) -> Hashable:
-        """Everything that the picture depends on except its size; compared for equality."""
+        """Everything that the image depends on except its size; compared for equality."""
         raise NotImplementedError
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """(height, width, 3) uint8. Called on the view's thread.
 
         Raises:
-            StudioError: shown as text instead of the picture.
+            StudioError: shown as text instead of the image.
         """
         raise NotImplementedError
 
@@ -74,7 +74,7 @@ class StageView:
         return ()
 
     def poll(self, size: Size) -> np.ndarray | None:
-        """Return a new picture if there is one, and request one if anything has changed. Never blocks."""
+        """Return a new image if there is one, and request one if anything has changed. Never blocks."""
         request = (size, self.mode, self.state())
         if request != self._asked:
             self._asked = request
@@ -89,13 +89,13 @@ class StageView:
         return sentence(size, words, self.em)
 
     def show_again(self) -> None:
-        """Request the picture again at the next poll, because the viewport has shown something else."""
+        """Request the image again at the next poll, because the viewport has shown something else."""
         self._asked = None
         self._worker.take()  # drawn before: out of date
 
     @property
     def settled(self) -> bool:
-        """Whether the newest picture shows what was last requested."""
+        """Whether the newest image shows what was last requested."""
         return self._worker.idle
 
     def _work(self, request: _Request) -> np.ndarray:
@@ -111,13 +111,13 @@ class StageView:
         """Handle the wheel."""
 
     def click(self, x: float, y: float) -> None:
-        """Handle a click at a pixel of the picture."""
+        """Handle a click at a pixel of the image."""
 
     def right_click(self, x: float, y: float) -> None:
-        """Handle a right click at a pixel of the picture where no camera is shown."""
+        """Handle a right click at a pixel of the image where no camera is shown."""
 
     def camera_at(self, x: float, y: float) -> str:
-        """The camera shown at a pixel of the picture; "" if there is none."""
+        """The camera shown at a pixel of the image; "" if there is none."""
         return shown_at(self.places, x, y)
 
     def hover(self, x: float, y: float) -> None:
@@ -200,7 +200,7 @@ def rectangle(x: float, y: float, width: float, height: float) -> np.ndarray:
 
 
 def waiting(pixels: np.ndarray, words: str, em: float) -> np.ndarray:
-    """A dimmed copy of the picture on screen, for as long as it is not what was chosen, with a word why."""
+    """A dimmed copy of the image on screen, for as long as it is not what was chosen, with a word why."""
     canvas = Canvas(1, 1)
     canvas.pixels = (0.3 * pixels + 0.7 * np.array(GROUND)).astype(np.uint8)
     if words:
@@ -209,7 +209,7 @@ def waiting(pixels: np.ndarray, words: str, em: float) -> np.ndarray:
 
 
 def sentence(size: Size, words: str, em: float) -> np.ndarray:
-    """Draw a picture with centered text."""
+    """Draw an image with centered text."""
     canvas = Canvas(*size, GROUND)
     text_size = round(em)
     lines = wrapped(words[:1].upper() + words[1:], text_size, 0.8 * size[0])

@@ -248,13 +248,13 @@ class StageViews:
         return self.player.span_source()
 
     def poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
-        """Return a new picture if there is one. Never blocks; call at each tick.
+        """Return a new image if there is one. Never blocks; call at each tick.
 
-        A picture is never left under another label: while the chosen one is being made, the old one is dimmed.
+        An image is never left under another label: while the chosen one is being made, the old one is dimmed.
 
         Args:
             size: size of the viewport, pixels.
-            drawn_size: size of pictures rendered from splats.
+            drawn_size: size of images rendered from splats.
             em: font size, pixels.
         """
         return self._newest.update(
@@ -263,7 +263,7 @@ class StageViews:
 
     @property
     def _wanted(self) -> object:
-        """What the chosen picture is a picture of."""
+        """What the chosen image is an image of."""
         return self.player.label if self.shows_player else (self.row, self.stage_view and self.stage_view.mode)
 
     @property
@@ -296,7 +296,7 @@ class StageViews:
             self.player.filmed = found.numbers
             self.player.filmed_groups = found.group_starts if found.numbers else ()
             wanted = size if self.player.rests(size) else drawn_size
-            self.player.em = em * wanted[0] / max(size[0], 1)  # texts of a smaller picture are enlarged with it
+            self.player.em = em * wanted[0] / max(size[0], 1)  # texts of a smaller image are enlarged with it
             self.player.resize(*wanted)
             picture = self.player.poll()
             return picture.image if picture is not None else None
@@ -308,7 +308,7 @@ class StageViews:
 
     @property
     def settled(self) -> bool:
-        """Whether the newest picture shows what was last requested."""
+        """Whether the newest image shows what was last requested."""
         return self._finished and not self._newest.loading
 
     @property

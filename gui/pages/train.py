@@ -126,7 +126,7 @@ class TrainView(StageView):
             (beside, stacked), key=lambda size: min(size[0], size[1] * render.shape[1] / render.shape[0])
         )
         beside_each_other = (width, height) == beside
-        height = min(height, width * render.shape[0] / render.shape[1])  # the pictures are right below their caption
+        height = min(height, width * render.shape[0] / render.shape[1])  # the images are right below their caption
         across, down = (width + em, 0.0) if beside_each_other else (0.0, height + 0.5 * em)
         for number, (name, picture) in enumerate((("footage", truth), ("trained", render))):
             x, y = left + em + number * across, y + number * down

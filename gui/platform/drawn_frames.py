@@ -1,6 +1,6 @@
 """Tells when the window's content has reached the screen, through the DAMAGE extension of X.
 
-The toolkit drops frames without a word while it is busy with the last one. Without the extension (libXdamage), nothing
+The toolkit drops frames silently while it is busy with the last one. Without the extension (libXdamage), nothing
 is known, and the window is drawn again and again to be sure (`gui.platform.redraw`).
 """
 

@@ -1,4 +1,4 @@
-"""The commands of the menus as a list that is searched by typing, and its picture."""
+"""The commands of the menus as a list that is searched by typing, and its image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gui.drawing.canvas import Canvas, text_width
 from gui.drawing.palette import ACCENT_DARK, DIALOG, DIM, LINE, TEXT
 
 ROWS = 12
-"""Rows of the picture."""
+"""Rows of the image."""
 
 _LABEL = re.compile(r"(?P<words>.*?)(\.\.\.)?( \((?P<shortcut>[^()]+)\))?$")
 
@@ -62,12 +62,12 @@ def search(commands: Sequence[Command], typed: str) -> list[Command]:
 
 @dataclass(frozen=True)
 class CommandList:
-    """What is found, which one is selected, and which rows are in the picture.
+    """What is found, which one is selected, and which rows are in the image.
 
     Attributes:
         found: the commands.
         at: the selected one.
-        first: the uppermost one in the picture.
+        first: the uppermost one in the image.
     """
 
     found: Sequence[Command]
@@ -86,13 +86,13 @@ class CommandList:
 
     @property
     def more(self) -> str:
-        """How many commands are above and below those in the picture, in words; "" if none are."""
+        """How many commands are above and below those in the image, in words; "" if none are."""
         counts = {"above": self.first, "below": max(len(self.found) - self.first - ROWS, 0)}
         words = [f"{count} {where}" for where, count in counts.items() if count]
         return " and ".join(words).replace(" ", " more ", 1)
 
     def row_at(self, y: float, height: float) -> int | None:
-        """The command at a row of pixels of a picture so high; None if there is none."""
+        """The command at a row of pixels of an image so high; None if there is none."""
         row = self.first + int(y * ROWS // max(height, 1))
         return row if 0 <= row < len(self.found) else None
 

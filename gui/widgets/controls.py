@@ -69,7 +69,7 @@ class SymbolButton(PictureWidget):
 
 class ControlsPanel:
     """Buttons: start, back, play, forward, end; loop, speed, sound, capture camera, background, reset. Sound and
-    cameras are shown if what is open has them.
+    cameras are shown if the open take or stream has them.
 
     Args:
         player: what the buttons act on.

@@ -31,7 +31,7 @@ Box = tuple[int, int, int, int]
 class Hints:
     """See the module. Where the pointer cannot be followed, these are tooltips of the toolkit.
 
-    A picture, because the toolkit makes no label with a background less than 32 pixels high.
+    An image, because the toolkit makes no label with a background less than 32 pixels high.
 
     Args:
         follows: whether `update` will be told where the pointer is.
@@ -100,7 +100,7 @@ class Hints:
         return True
 
     def hide(self) -> None:
-        """Show none until the pointer has rested anew."""
+        """Show none until the pointer has rested again."""
         self.text, self._over, self.picture.widget.visible = "", None, False
 
     def _at(self, x: int, y: int) -> tuple[gui.Widget, gui.Widget, str] | None:
@@ -151,7 +151,7 @@ class Hints:
         return [*found, (left, row.x + row.width)]
 
     def _draw(self, lines: list[str], x: int, y: int, wide: int, high: int, top: int = 0) -> None:
-        """Draw the text `top` pixels below the top of the picture."""
+        """Draw the text `top` pixels below the top of the image."""
         em = self._em
         size, step = round(0.88 * em), line_height(round(0.88 * em))
         canvas = Canvas(wide, high, LINE)

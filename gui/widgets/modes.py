@@ -1,4 +1,4 @@
-"""The row of buttons above the viewport, which choose the picture or the tool of the selected stage."""
+"""The row of buttons above the viewport, which choose the image or the tool of the selected stage."""
 
 from __future__ import annotations
 

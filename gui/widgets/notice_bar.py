@@ -37,7 +37,7 @@ class NoticeActions:
 
 
 class NoticeBar:
-    """See the module. A container, which the toolkit draws over pictures; it must not overlap other containers.
+    """See the module. A container, which the toolkit draws over images; it must not overlap other containers.
 
     Args:
         notices: what it shows.

@@ -37,7 +37,7 @@ Area = tuple[float, float, float, float]
 
 @dataclass
 class PathList:
-    """The picture of the list, and its parts.
+    """The image of the list, and its parts.
 
     Attributes:
         width, height: pixels.

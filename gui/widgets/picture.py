@@ -68,7 +68,7 @@ def lowered(label: gui.Label, down: int = FIELD_PADDING, room: float = 0.0) -> g
 
 
 class PictureWidget:
-    """An image widget that shows pictures pixel for pixel and forwards mouse events.
+    """An image widget that shows images pixel for pixel and forwards mouse events.
 
     Open3D keeps the texture of every image that it has drawn and finds it again by the content that the image had at
     first, whatever it was updated to since. So an image that begins with the content of an earlier one would show what
@@ -78,7 +78,7 @@ class PictureWidget:
 
     Args:
         on_mouse: receives events with the position in the widget (x, y, pixels) and returns whether it handled them.
-        images: those of an earlier widget, by shape, for one that is made anew each time that its dialog opens: the
+        images: those of an earlier widget, by shape, for one that is made again each time that its dialog opens: the
             toolkit deletes the widgets of a closed dialog, while the textures of their images stay. New ones are added.
     """
 
@@ -116,7 +116,7 @@ class PictureWidget:
             self.widget.update_image(as_image(pixels))
 
     def settle(self) -> bool:
-        """Show the exact pixels of a picture of a new size. Call at each draw of the window; returns whether another
+        """Show the exact pixels of an image of a new size. Call at each draw of the window; returns whether another
         draw is needed."""
         if self._exact is None:
             return False

@@ -40,7 +40,7 @@ class MeshPicture:
         return self.seen(camera)[0]
 
     def seen(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-        """The picture of `draw`, and (H, W) float32 depth along the viewing axis, infinite beside the mesh."""
+        """The image of `draw`, and (H, W) float32 depth along the viewing axis, infinite beside the mesh."""
         rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
             o3d.core.Tensor(camera.cv2_K), o3d.core.Tensor(camera.world_to_camera), camera.width, camera.height
         )

@@ -1,6 +1,6 @@
-"""What to look for in each stage: a few sentences, and pictures of a good and a bad result.
+"""What to look for in each stage: a few sentences, and images of a good and a bad result.
 
-`scripts/help_pictures.py` makes the pictures from runs of the sample capture, the bad ones with wrong settings.
+`scripts/help_pictures.py` makes the images from runs of the sample capture, the bad ones with wrong settings.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gui.drawing.canvas import Canvas, line_height, wrapped
 from gui.drawing.palette import BAD, DIALOG, DIM, GOOD, TEXT
 
 PICTURES = Path(__file__).parents[1] / "help"
-"""Folder of the pictures: STAGE_good.jpg and STAGE_bad.jpg."""
+"""Folder of the images: STAGE_good.jpg and STAGE_bad.jpg."""
 
 KINDS = {"good": ("Good", GOOD), "bad": ("Bad", BAD)}
 
@@ -26,7 +26,7 @@ class StageHelp:
 
     Attributes:
         points: what to look for, a sentence or two each.
-        good, bad: what the pictures show.
+        good, bad: what the images show.
         settings: dotted names of settings to try if it looks bad.
     """
 
@@ -121,7 +121,7 @@ def picture_of(stage: str, kind: str) -> np.ndarray:
 
 
 def help_picture(stage: str, width: int, em: float) -> np.ndarray:
-    """(H, width, 3) uint8: the sentences above the two pictures, drawn at the window's font size."""
+    """(H, width, 3) uint8: the sentences above the two images, drawn at the window's font size."""
     found, size, small = HELP[stage], round(0.95 * em), round(0.85 * em)
     step = line_height(size)
     points = [wrapped(point, size, width - 1.2 * em) for point in found.points]

@@ -1,4 +1,4 @@
-"""The list of stages as a picture: status dot, title, text, progress bar."""
+"""The list of stages as an image: status dot, title, text, progress bar."""
 
 from __future__ import annotations
 

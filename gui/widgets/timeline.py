@@ -20,7 +20,7 @@ HOVER_SECONDS = 4.0
 even that it has left the timeline."""
 
 STRIP = 3.5
-"""Height of the strip of pictures, em."""
+"""Height of the strip of images, em."""
 
 
 class TimelinePanel:
@@ -39,8 +39,8 @@ class TimelinePanel:
         path_keys: frames of the views of the camera path, which can be dragged.
         moved_key: called with the index of such a view and its new frame.
         explanation: what the plots show, the tooltip of their titles.
-        filmstrip: draws the pictures above the plots.
-        busy: whether a stage runs on what is open; no pictures are drawn meanwhile.
+        filmstrip: draws the images above the plots.
+        busy: whether a stage runs on the open take or stream; no images are drawn meanwhile.
     """
 
     def __init__(self, player: PlayerPresenter, em: float, changed: Callable[[], None]) -> None:
@@ -88,7 +88,7 @@ class TimelinePanel:
 
     @property
     def _picture_size(self) -> tuple[int, int]:
-        """Width and height of a picture of the strip, pixels."""
+        """Width and height of an image of the strip, pixels."""
         height = round(STRIP * self._em)
         return max(round(ASPECT * height), 1), max(height, 1)
 
@@ -199,7 +199,7 @@ class TimelinePanel:
         return True
 
     def _select(self, event: gui.MouseEvent, view: TimelinePlots, x: float, y: float) -> bool:
-        """Select a span by a drag over the pictures, or anywhere with Shift; a click there clears it and seeks."""
+        """Select a span by a drag over the images, or anywhere with Shift; a click there clears it and seeks."""
         kind, transport = gui.MouseEvent.Type, self._player.transport
         if event.type == kind.BUTTON_DOWN:
             self._selecting = None  # the release of the last drag can be lost, to a dialog for example

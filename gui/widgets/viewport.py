@@ -1,6 +1,6 @@
 """The viewport: an image widget with mouse gestures.
 
-Left drag orbits, right, middle or Shift + left drag pans, the wheel zooms; the line of a wipe is dragged. Pictures are
+Left drag orbits, right, middle or Shift + left drag pans, the wheel zooms; the line of a wipe is dragged. Images are
 rendered on threads (`gui.models`), so the window never waits for them.
 """
 
@@ -15,11 +15,11 @@ from open3d.visualization import gui
 from gui.widgets.picture import PictureWidget
 
 MAX_PIXELS = 960 * 540
-"""Maximum number of pixels of a picture, which bounds the time to render it; it is stretched to the widget."""
+"""Maximum number of pixels of an image, which bounds the time to render it; it is stretched to the widget."""
 
 
 def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[int, int]:
-    """Size in pixels of the picture for a widget: its size, or smaller with the same aspect ratio and `most` pixels."""
+    """Size in pixels of the image for a widget: its size, or smaller with the same aspect ratio and `most` pixels."""
     shrink = min(1.0, (most / max(width * height, 1.0)) ** 0.5)
     return max(int(width * shrink), 16), max(int(height * shrink), 16)
 
@@ -29,7 +29,7 @@ _STILL = 3.0
 
 
 class Gestures(Protocol):
-    """Receiver of mouse gestures. Positions are pixels of the picture."""
+    """Receiver of mouse gestures. Positions are pixels of the image."""
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Orbit (`turn`) or pan."""
@@ -65,7 +65,7 @@ class Gestures(Protocol):
 
 
 class Viewport:
-    """Shows pictures and turns mouse events into gestures.
+    """Shows images and turns mouse events into gestures.
 
     Args:
         gestures: returns the receiver for what is on screen.
@@ -73,7 +73,7 @@ class Viewport:
 
     Attributes:
         clicked_at: where the last click was, window pixels.
-        picture_size: (width, height) of the newest picture, pixels.
+        picture_size: (width, height) of the newest image, pixels.
     """
 
     def __init__(self, gestures: Callable[[], Gestures], changed: Callable[[], None]) -> None:
@@ -94,18 +94,18 @@ class Viewport:
 
     @property
     def drawn_size(self) -> tuple[int, int]:
-        """Size of pictures rendered from splats: that of the widget, or smaller to stay fast."""
+        """Size of images rendered from splats: that of the widget, or smaller to stay fast."""
         return picture_size(*self.picture.size, self.most_pixels)
 
     def show(self, pixels: np.ndarray) -> None:
-        """Show a picture."""
+        """Show an image."""
         self.picture_size = (pixels.shape[1], pixels.shape[0])
         self.picture.show(pixels)
 
     def on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         """Handle a mouse event at a position in the widget, pixels; returns whether it was for the viewport."""
         kind, gestures = gui.MouseEvent.Type, self._gestures()
-        # Gestures are in widget pixels; the picture may have fewer.
+        # Gestures are in widget pixels; the image may have fewer.
         scale = self.picture_size[0] / max(self.picture.size[0], 1)
         if event.type == kind.BUTTON_DOWN:
             self._last = self._start = (x, y)

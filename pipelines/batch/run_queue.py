@@ -36,7 +36,7 @@ def run_queue(
     """Run all takes that wait, also those that are added meanwhile. A failed take does not stop the next one.
 
     Each take runs in a process of its own (`v3studio run`), so that nothing of one is left in memory for the next, and
-    not even a crash stops the queue. An interrupted take waits again and goes on where it stopped.
+    not even a crash stops the queue. An interrupted take waits again and resumes where it stopped.
 
     Args:
         queue: the queue.

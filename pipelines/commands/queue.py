@@ -19,7 +19,7 @@ def register(commands: Any) -> None:
         "queue",
         help="line up takes, and run them one after the other",
         description="Line up takes, and run them one after the other. A failed take does not stop the next one; an "
-        "interrupted one goes on where it stopped.",
+        "interrupted one resumes where it stopped.",
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 

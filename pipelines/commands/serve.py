@@ -71,7 +71,7 @@ def register(commands: Any) -> None:
         "--review",
         action="store_true",
         help="also serve what a review of the take needs, below a secret link that is printed: quality and size per "
-        "frame, footage of held-out cameras, marks, which whoever has the link may change",
+        "frame, footage of held-out cameras, marks, which anyone with the link may change",
     )
     serve.add_argument(
         "--token",
@@ -190,7 +190,7 @@ def _print(links: Links, player: bool, qr: bool | None) -> None:
     for path, address in links.to_review.items():
         lines.append(f"To review {links.streams[path].parent.name}: {address}")
     if links.reviews is not None:
-        lines.append("Whoever has a review link sees the footage of held-out cameras and may change marks.")
+        lines.append("Anyone with a review link sees the footage of held-out cameras and may change marks.")
     if len(bases) > 1:
         lines.append(f"Other addresses of this machine: {', '.join(f'{base}/' for base in bases[1:])}")
     if certificate is not None:

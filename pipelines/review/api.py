@@ -1,4 +1,4 @@
-"""The routes below `.review/`: figures, footage pictures, marks. Whoever reaches them may read and mark.
+"""The routes below `.review/`: figures, footage images, marks. Anyone who reaches them may read and mark.
 
 The caller decides who reaches them: `v3studio serve --review` puts them below a secret path.
 """

@@ -179,7 +179,7 @@ class TakeReview:
         try:
             return self._settings.calibrated
         except StudioError as error:
-            print(f"warning: {error} Review goes on without the footage.", file=sys.stderr, flush=True)
+            print(f"warning: {error} The review continues without the footage.", file=sys.stderr, flush=True)
             return None
 
     def _curves(self, evaluation: Evaluation) -> QualityCurves:

@@ -13,7 +13,7 @@ from studio.errors import StudioError
 
 
 def start_background(take: Take, config: Config, arguments: Sequence[str]) -> Launched:
-    """Start a run that goes on when this process ends.
+    """Start a run that continues when this process ends.
 
     With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine.
 

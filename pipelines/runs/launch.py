@@ -27,7 +27,7 @@ class Launched:
     Attributes:
         pid: of its process.
         host: name of the machine.
-        code: exit code; None if it goes on.
+        code: exit code; None if it continues.
         error: if the exit code is not 0, why.
     """
 

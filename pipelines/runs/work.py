@@ -1,7 +1,7 @@
 """The unit of work: one stage of one group. Any number of them may run at once, in processes or on machines.
 
 A unit reads the take's settings and the footage, and writes the group's results. It is idempotent: it does nothing
-where the results are up to date, goes on from the last finished frame or checkpoint, and two units for the same group
+where the results are up to date, resumes from the last finished frame or checkpoint, and two units for the same group
 end with one result. It writes no record of the stage: `pipelines.runs.runner.run` does, which finds all groups finished
 and puts them together.
 """

@@ -237,7 +237,7 @@ class BoundedServer(uvicorn.Server):
         self.started = True
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Accept no more and end what is open; called by uvicorn."""
+        """Accept no more and end open connections; called by uvicorn."""
         for task in list(self._tasks):
             task.cancel()
         await super().shutdown(sockets)

@@ -150,7 +150,7 @@ def _routes(
                 return HTMLResponse(page, headers=uncached)
             if not path.endswith(".json") or not _takes_gzip(scope):
                 return await super().get_response(path, scope)
-            # the manifest and the pages of the index: what a player must have before the first picture
+            # the manifest and the pages of the index: what a player must have before the first image
             plain = {**scope, "headers": [(name, value.replace(_PACKED, b'"')) for name, value in scope["headers"]]}
             response = await super().get_response(path, plain)
             return _packed(response) if isinstance(response, FileResponse) else response

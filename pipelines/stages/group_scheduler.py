@@ -41,7 +41,7 @@ def groups_at_once(inputs: Inputs) -> int:
 
 
 def refuse_too_little_memory(inputs: Inputs) -> None:
-    """Refuse to train on a CPU what cannot fit; otherwise the kernel kills the run, without a word.
+    """Refuse to train on a CPU what cannot fit; otherwise the kernel kills the run, silently.
 
     A user who sets `run.groups_at_once` has the last word.
 

@@ -103,7 +103,7 @@ def sweep_partial(folder: Path) -> int:
     """Delete partially written files and folders that killed runs left under `folder`, and results that are empty, as
     a power cut leaves files whose names were on the disk before their bytes; returns how many.
 
-    Those of processes that still run stay: marks are written, and exports made, while a run goes on. So do those of
+    Those of processes that still run stay: marks are written, and exports made, while a run continues. So do those of
     other machines until nothing was written to them for an hour: groups may be worked on there.
     """
     found = _leftovers(folder)

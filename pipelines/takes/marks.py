@@ -49,7 +49,7 @@ class MarkView(Result):
     """Position of the line between footage (left) and splats; None: they were not compared."""
 
     whole: bool = False
-    """Whether the whole picture of `camera` was shown, not only the performer."""
+    """Whether the whole image of `camera` was shown, not only the performer."""
 
     @model_validator(mode="after")
     def _has_direction(self) -> MarkView:

@@ -23,7 +23,7 @@ def is_there(place: Path) -> bool:
     """Whether this file or folder exists and is not an empty folder, as that of a share that is not mounted is."""
     try:
         return place.is_file() or next(place.iterdir(), None) is not None
-    except PermissionError:  # it exists; whoever reads it says what is wrong
+    except PermissionError:  # it exists; anyone who reads it says what is wrong
         return True
     except OSError:
         return False

@@ -159,10 +159,10 @@ class RegionView(Edit):
     """The camera through which a region was drawn: pinhole, OpenCV convention, as `studio.cameras.Camera`."""
 
     width: int = Field(ge=1, le=100_000)
-    """Of the picture, pixels."""
+    """Of the image, pixels."""
 
     height: int = Field(ge=1, le=100_000)
-    """Of the picture, pixels."""
+    """Of the image, pixels."""
 
     K: tuple[Vector, Vector, Vector]
     """Intrinsics, pixels."""

@@ -26,7 +26,7 @@ def follow(
     """Follow the splats inside of a ball through the frames of a take.
 
     Within a group, the ball moves by the median of what its splats move. At the border between two groups, which have
-    different splats, it goes on at the same speed. Where no splats are in it any more, it is not followed further.
+    different splats, it continues at the same speed. Where no splats are in it any more, it is not followed further.
 
     Args:
         means_at: (N, 3) means of a frame, counted from 0 in the take; the same splats in all frames of a group.

@@ -46,10 +46,10 @@ def render_movie(
         frame: returns the frame of the video at a time in seconds; rounded down, modulo the number of frames.
         seconds, fps: duration in seconds, above 0 and at most 86,400, and frame rate, above 0 and at most 240.
         crf: constant rate factor of x264, 0 (best) to 51.
-        progress: called with rendered and total pictures.
+        progress: called with rendered and total images.
 
     Returns:
-        the number of pictures.
+        the number of images.
 
     Raises:
         StudioError: a frame cannot be read, a setting is out of range, or the file exists or cannot be written.
@@ -102,7 +102,7 @@ def _picture(gaussians: Gaussians, camera: Camera, background: torch.Tensor) -> 
 
 
 class _Encoder:
-    """Encodes 8-bit RGB pictures as H.264, BT.709, limited range. Use it as a context manager."""
+    """Encodes 8-bit RGB images as H.264, BT.709, limited range. Use it as a context manager."""
 
     def __init__(
         self, path: Path, width: int, height: int, fps: float, crf: int, sound: MovieSound | None = None
@@ -124,7 +124,7 @@ class _Encoder:
         self._audio = None if sound is None else SoundEncoder(self._out, sound.sample_rate, sound.channels)
 
     def add(self, picture: np.ndarray) -> None:
-        """Encode the next picture, (H, W, 3) uint8."""
+        """Encode the next image, (H, W, 3) uint8."""
         frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
         frame = frame.reformat(
             format="yuv420p", dst_colorspace="ITU709", src_color_range="JPEG", dst_color_range="MPEG"

@@ -165,7 +165,7 @@ def _encoders(folder: Path, attributes: int, side: int, qp: int, preset: str) ->
 
 
 def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) -> Iterator[np.ndarray]:
-    """One (side, side) uint8 picture per channel."""
+    """One (side, side) uint8 image per channel."""
 
     def picture(codes: np.ndarray) -> np.ndarray:
         plane = np.zeros(side * side, np.uint8)
@@ -347,7 +347,7 @@ class _Decoder:
 
 
 def _pictures(path: Path) -> Iterator[np.ndarray]:
-    """The pictures of a video as full-range luma, flattened, uint8."""
+    """The images of a video as full-range luma, flattened, uint8."""
     import av
 
     try:

@@ -29,7 +29,7 @@ def plain_color(image: np.ndarray, cut_off: bool = True) -> np.ndarray | None:
     """The plain background color of an image, from its border.
 
     Nearly all of the border must have the same color, except for compression artifacts, which is never the case in
-    camera footage. A performer may be cut off by the picture's edge: then at least half of three sides must have it.
+    camera footage. A performer may be cut off by the image's edge: then at least half of three sides must have it.
 
     Args:
         image: (H, W, 3) uint8.
@@ -116,7 +116,7 @@ class PlainMaskSource:
 
     Args:
         first: returns a camera's first image (H, W, 3) uint8, in which the background color is measured.
-        cameras: all cameras. Where the performer hides most of the border, or is not yet in the picture, the color is
+        cameras: all cameras. Where the performer hides most of the border, or is not yet in the image, the color is
             that of most others.
     """
 

@@ -48,7 +48,7 @@ class SoundPlayer:
     """Plays a sound on an output device. Thread safe; no method waits for the device.
 
     A device that cannot be opened, or that is lost (a headset that is unplugged), makes the sound silent: `message`
-    says why, `position` is None, and whoever asks for it falls back to another clock.
+    says why, `position` is None, and anyone who asks for it falls back to another clock.
 
     Args:
         sound: sample 0 is heard with frame 0.

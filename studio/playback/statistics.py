@@ -21,7 +21,7 @@ class FrameStats:
         bytes: its share of the size of the group's files, which are fetched as a whole.
         fetch_ms: its share of the time to read the group's files and verify their SHA-256.
         decode_ms: time of video decoding; for a keyframe, including the time to open the files.
-        dequantize_ms: time to convert decoded pictures to Gaussians.
+        dequantize_ms: time to convert decoded images to Gaussians.
         render_ms: time of rendering; None if the frame was not rendered.
     """
 

@@ -178,7 +178,7 @@ def rasterize(
         gaussians: N splats, N may be 0, drawn with their own dilation.
         camera: a pinhole camera without distortion. The principal point may be outside the image, so
             `camera.cropped(...)` renders a part of the image at the cost of that part.
-        background: (3,) RGB, or an (H, W, 3) picture; None: black.
+        background: (3,) RGB, or an (H, W, 3) image; None: black.
         backend: "reference", "cpu", "cuda" (gsplat), "triton", or "auto": for splats on a GPU, cuda where gsplat is
             installed with its kernels or with nvcc, else triton; for others, cpu. cuda and triton take float32 only.
         screen_offsets: (N, 2) offsets in pixels, added to the 2D means. Pass zeros that require a gradient to get the

@@ -39,7 +39,7 @@ _TRANSMITTANCE_MIN = tl.constexpr(TRANSMITTANCE_MIN)
 
 @triton.jit
 def _pixels(tile, frames, views):
-    """Centers of a tile's pixels, their numbers among the pixels of all views, and which of them are in the picture."""
+    """Centers of a tile's pixels, their numbers among the pixels of all views, and which of them are in the image."""
     view = 0
     for number in range(1, views):  # the last view whose first tile is not after this one
         view = tl.where(tl.load(frames + number * _CAMERA + 24) <= tile, number, view)

@@ -35,7 +35,7 @@ def has_credentials(path: Path | str) -> bool:
 class StoreAddress(PosixPath):
     """An address where a path is expected, such as in `CaptureSettings.root`.
 
-    Its text is the address. No file has such a name, so whoever takes it for one finds nothing.
+    Its text is the address. No file has such a name, so anyone who takes it for one finds nothing.
     """
 
     def __str__(self) -> str:

@@ -120,7 +120,7 @@ def _beside(path: Path) -> Path:
 
 
 def _forget(root: Path, names: set[str]) -> None:
-    """Delete what the store has no more, and leftovers of killed processes: whoever writes here has locked the
+    """Delete what the store has no more, and leftovers of killed processes: anyone who writes here has locked the
     mirrors."""
     for folder, _, files in os.walk(root, topdown=False):
         for name in files:

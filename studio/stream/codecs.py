@@ -1,4 +1,4 @@
-"""The table of video codecs: how FFmpeg's encoders are called for pictures of numbers, and what each can do.
+"""The table of video codecs: how FFmpeg's encoders are called for images of numbers, and what each can do.
 
 Adding one: its row here and its name in `CodecName`; `docs/STREAM.md`; the browser player's own list.
 """
@@ -18,7 +18,7 @@ QP_MAX = 51
 
 @dataclass(frozen=True)
 class Codec:
-    """Parameters of an FFmpeg encoder for constant QP, one I picture at the start, one thread, no psychovisual tuning.
+    """Parameters of an FFmpeg encoder for constant QP, one I frame at the start, one thread, no psychovisual tuning.
 
     Attributes:
         encoder: FFmpeg's name.
@@ -27,10 +27,10 @@ class Codec:
         lossless: for QP 0; None if not supported.
         tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
         takes_b_frames: whether it takes {b}.
-        takes_offsets: whether single pictures can have a lower QP (`video.PlaneEncoder`).
+        takes_offsets: whether single images can have a lower QP (`video.PlaneEncoder`).
         qp_max: largest QP on its own scale.
         presets: its own names of some of `PRESETS`, where they differ.
-        first: QPs by which its I pictures are better than P pictures.
+        first: QPs by which its I frames are better than P frames.
     """
 
     encoder: str
@@ -53,9 +53,9 @@ class Codec:
         return self.presets[PRESETS.index(preset)]
 
 
-# Psychovisual tuning (psy) helps pictures, not numbers. Scene cut detection would insert more I frames.
+# Psychovisual tuning (psy) helps images, not numbers. Scene cut detection would insert more I frames.
 _X264 = "keyint=infinite:scenecut=0:bframes={b}:psy=0:threads=1:lookahead-threads=1:log=0"
-# One picture of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
+# One image of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
 _X264_TILES = f"{_X264}:no-deblock=1:ipratio=1.0"
 _X265_TILES = (
     "keyint=-1:scenecut=0:bframes={b}:psy-rd=0:psy-rdoq=0:aq-mode=0:cutree=0:ipratio=1.0:no-deblock=1:no-sao=1:"
@@ -76,7 +76,7 @@ CODECS: dict[str, Codec] = {
         presets=("12", "11", "10", "10", "9", "8", "7", "6", "5"),  # about as fast as x264's of the same name
     ),
 }
-"""Codecs of pictures of many tiles (profile `motion`), by their names in the manifest."""
+"""Codecs of images of many tiles (profile `motion`), by their names in the manifest."""
 
 PLANE_CODEC = Codec("libx264", "x264-params", _X264, _X264, takes_offsets=True, first=3)
-"""H.264 for single planes (profile `planes`, VideoGS): with deblocking, and a finer I picture (ipratio 1.4)."""
+"""H.264 for single planes (profile `planes`, VideoGS): with deblocking, and a finer I frame (ipratio 1.4)."""

@@ -1,6 +1,6 @@
-"""How the numbers of splats are laid out in pictures, and how they are taken from and put back into `Gaussians`.
+"""How the numbers of splats are laid out in images, and how they are taken from and put back into `Gaussians`.
 
-A *plane* is a square luma picture with one byte per splat. Means have 16 bits and two planes, all else 8 bits and one
+A *plane* is a square luma image with one byte per splat. Means have 16 bits and two planes, all else 8 bits and one
 plane (paper, "Quantization bits setting").
 """
 
@@ -36,7 +36,7 @@ def tile_side(splats: int) -> int:
 
 
 def tile_grid(tiles: int) -> tuple[int, int]:
-    """Columns and rows of the picture: as few empty tiles as possible, then as square as possible."""
+    """Columns and rows of the image: as few empty tiles as possible, then as square as possible."""
 
     def badness(columns: int) -> tuple[int, int]:
         rows = -(-tiles // columns)

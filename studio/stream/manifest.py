@@ -159,7 +159,7 @@ class FileEntry(Model):
 
 
 class LumaCheck(Model):
-    """CRC-32 of the decoded luma of one picture of a video, so that players can verify that their decoder is exact."""
+    """CRC-32 of the decoded luma of one image of a video, so that players can verify that their decoder is exact."""
 
     picture: Annotated[int, Field(ge=0, lt=MAX_GROUP_FRAMES)]
     crc32: Annotated[int, Field(ge=0, lt=1 << 32)]
@@ -173,7 +173,7 @@ class VideoEntry(FileEntry):
 
     Attributes:
         qp: quantization parameter on the codec's own scale, 0 is lossless; informative.
-        checks: of its first and of one later picture.
+        checks: of its first and of one later image.
     """
 
     qp: Annotated[int, Field(ge=0, le=63)]
@@ -367,7 +367,7 @@ class PlanesRendition(Rendition):
 
 
 class ChannelEntry(Model):
-    """One tile of the picture: value = offset + (code - 128) * step; residuals are also scaled by 2^class of the
+    """One tile of the image: value = offset + (code - 128) * step; residuals are also scaled by 2^class of the
     splat."""
 
     name: str

@@ -69,7 +69,7 @@ def deinterleave(codes: np.ndarray) -> np.ndarray:
 
 
 def square_scan(side: int, count: int) -> np.ndarray:
-    """Pixels of splats in a square picture, along a Morton curve: neighbors in the order are close in the picture.
+    """Pixels of splats in a square image, along a Morton curve: neighbors in the order are close in the image.
 
     The pixels of a side x side square are sorted by the number whose bit 2i is bit i of the column and bit 2i + 1 bit i
     of the row; if the side is not a power of two, the curve leaves the square in between.

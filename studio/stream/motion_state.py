@@ -28,7 +28,7 @@ _ESCAPE_BYTES = 4
 
 @dataclass(frozen=True)
 class Escapes:
-    """Codes outside the 0 to 255 of the picture, sorted by channel, splat and frame.
+    """Codes outside the 0 to 255 of the image, sorted by channel, splat and frame.
 
     Attributes:
         channel, splat, frame: (E,) int64 indices.

@@ -1,4 +1,4 @@
-"""Reading a stream: verified files to decoded pictures to Gaussians, the exact inverse of baking."""
+"""Reading a stream: verified files to decoded images to Gaussians, the exact inverse of baking."""
 
 from __future__ import annotations
 
@@ -308,7 +308,7 @@ class StreamReader:
         return open_decoder(group, files, self._pool, self.source.name, self.manifest.codec.name, self._threads)
 
     def gaussians(self, frame: int) -> Gaussians:
-        """One frame, 0-based. The next frame costs one decoded picture; seeking decodes from the group's keyframe.
+        """One frame, 0-based. The next frame costs one decoded image; seeking decodes from the group's keyframe.
 
         Raises:
             StudioError: no such frame, or a file of its group is missing or damaged.

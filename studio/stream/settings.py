@@ -130,7 +130,7 @@ class BakeSettings(Settings):
     """Encoder effort: slower presets produce smaller files."""
 
     b_frames: Annotated[int, Field(ge=0, le=7)] | None = None
-    """Profile motion: B-frames between P-frames, each predicted from the pictures before and after it. They save a
+    """Profile motion: B-frames between P-frames, each predicted from the images before and after it. They save a
     tenth to a quarter of the bytes. null: 5, and none with codec av1."""
 
     smooth_paths: bool | None = None
@@ -153,7 +153,7 @@ class BakeSettings(Settings):
 
     view_range: Annotated[Literal["auto", "none"], Affects("manifest")] = "auto"
     """Tell players from where the splats can be looked at. auto: up to 35 to 50 degrees from the nearest training
-    camera, depending on their spacing; beyond it, players fade the picture. none: from everywhere."""
+    camera, depending on their spacing; beyond it, players fade the image. none: from everywhere."""
 
     @model_validator(mode="after")
     def _combinations(self) -> Self:

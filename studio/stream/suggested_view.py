@@ -11,7 +11,7 @@ from studio.cameras import Camera, look_at_pose
 from studio.gaussians import Gaussians
 
 MARGIN = 1.08
-"""How much larger than the scene's box the picture is."""
+"""How much larger than the scene's box the image is."""
 
 _EDGES = np.array([place for place in product((-1, 0, 1), repeat=3) if place.count(0) == 1])
 """(12, 3) middles of the edges of a cube from -1 to 1."""
@@ -39,9 +39,9 @@ def seen_box(frames: Iterable[Gaussians]) -> tuple[np.ndarray, np.ndarray] | Non
 
 
 def suggested_view(camera: Camera, low: Sequence[float], high: Sequence[float], up: np.ndarray) -> Camera:
-    """The camera's place and picture size; it looks at the middle of a box, which fills the picture.
+    """The camera's place and image size; it looks at the middle of a box, which fills the image.
 
-    The middles of the box's edges are inside the picture. Its corners, where hardly anything ever is, need not be.
+    The middles of the box's edges are inside the image. Its corners, where hardly anything ever is, need not be.
 
     Args:
         camera: gives the place, the size and the name.

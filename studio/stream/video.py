@@ -1,4 +1,4 @@
-"""A video of numbers: 8-bit luma in MP4 through PyAV. The same pictures give the same bytes.
+"""A video of numbers: 8-bit luma in MP4 through PyAV. The same images give the same bytes.
 
 PyAV is imported where it is used, which keeps importing the package fast.
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
 NOMINAL_FPS = 30
-"""Rate written into the MP4s, without meaning: picture k is frame k of the group, and the manifest has the rate."""
+"""Rate written into the MP4s, without meaning: image k is frame k of the group, and the manifest has the rate."""
 
 _JPEG_RANGE = 2  # AVCOL_RANGE_JPEG: luma uses 0 to 255
 _BT709 = 1  # AVCOL_PRI_BT709, AVCOL_TRC_BT709, AVCOL_SPC_BT709
@@ -36,7 +36,7 @@ _NEUTRAL = 128
 
 
 def _bytes_of(plane: Any) -> np.ndarray:
-    """(rows, bytes per row) uint8 view of a PyAV picture plane; rows may be wider than the picture."""
+    """(rows, bytes per row) uint8 view of a PyAV image plane; rows may be wider than the image."""
     return np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
 
 
@@ -45,10 +45,10 @@ _B_FRAMES = ":b-adapt=0:pbratio=1.3"
 
 
 def _x264_zones(qp: int, offsets: Sequence[int], first: int) -> str:
-    """Parameters of x264 that lower the QP of single pictures: `offsets`, at most 0.
+    """Parameters of x264 that lower the QP of single images: `offsets`, at most 0.
 
-    x264 keeps constant QPs between those of its I, P and B pictures. So the QP of I pictures becomes the lowest that is
-    wanted, and the only I picture, the first, is raised to `first` below `qp` again.
+    x264 keeps constant QPs between those of its I, P and B images. So the QP of I frames becomes the lowest that is
+    wanted, and the only I frame, the first, is raised to `first` below `qp` again.
     """
     lowest = max(-min(offsets), first)
     parts = [f"0,0,q={qp + lowest - first + offsets[0]}"]
@@ -62,7 +62,7 @@ def _x264_zones(qp: int, offsets: Sequence[int], first: int) -> str:
 
 
 class PlaneEncoder:
-    """Encodes pictures of numbers: one I picture, then P, with B between them if wanted; constant QP; one thread, so
+    """Encodes images of numbers: one I frame, then P, with B between them if wanted; constant QP; one thread, so
     that the bytes are reproducible.
 
     Luma is full range, chroma neutral (yuv420p, since few hardware decoders support gray). QP 0 is lossless. The
@@ -73,14 +73,14 @@ class PlaneEncoder:
         size: width and height.
         qp: on the H.264 scale.
         preset: one of `codecs.PRESETS`.
-        tiles: codec of a picture of many tiles; None for a plane of the profile `planes`.
+        tiles: codec of an image of many tiles; None for a plane of the profile `planes`.
         b_frames: B-frames between P-frames, each predicted from the one before and the one after. The file then has
-            the pictures in another order than that of display; decoders return the order of display. Not with AV1, and
-            not for planes. At most the number of pictures minus 2: x265 gives the packets of shorter videos time stamps
+            the images in another order than that of display; decoders return the order of display. Not with AV1, and
+            not for planes. At most the number of images minus 2: x265 gives the packets of shorter videos time stamps
             that are not defined, which MP4 does not take.
         fps: frames per second that the level is chosen for; the file then also has a `colr` box. None, for VideoGS: the
             level for `NOMINAL_FPS`, and no such box.
-        offsets: what is added to the QP of each picture, at most 0; the QP stays at least 1. Empty: nothing. H.264
+        offsets: what is added to the QP of each image, at most 0; the QP stays at least 1. Empty: nothing. H.264
             only; without effect where `qp` is 0.
     """
 
@@ -136,12 +136,12 @@ class PlaneEncoder:
             _bytes_of(plane)[:] = _NEUTRAL
 
     def add(self, plane: np.ndarray) -> None:
-        """Encode the next picture, (height, width) uint8."""
+        """Encode the next image, (height, width) uint8."""
         luma = self._picture.planes[0]
         _bytes_of(luma)[:, : self._width] = plane
         self._picture.pts = self._frames
         self._frames += 1
-        # SVT-AV1 starts with the first picture
+        # SVT-AV1 starts with the first image
         with kept_scheduling() if self._frames == 1 else contextlib.nullcontext():
             packets = self._stream.encode(self._picture)
         for packet in packets:
@@ -160,8 +160,8 @@ class PlaneEncoder:
 
 
 _NO_PROBING: Any = [{"skip_frame": "all"}]  # PyAV's own types are wrong here
-"""Keeps FFmpeg from decoding the first picture while probing, which took half of the time of opening. The manifest has
-the information, and `PlaneDecoder` checks each picture."""
+"""Keeps FFmpeg from decoding the first image while probing, which took half of the time of opening. The manifest has
+the information, and `PlaneDecoder` checks each image."""
 
 
 class PlaneDecoder:
@@ -173,10 +173,10 @@ class PlaneDecoder:
         size: width and height, from the manifest.
         pictures: that the file may have at most, from the manifest.
         codec: h264, hevc or av1, from the manifest.
-        threads: decoder threads; more than one decode several pictures in parallel.
+        threads: decoder threads; more than one decode several images in parallel.
 
     Raises:
-        StudioError: not an MP4 of that codec and picture size, or with more pictures.
+        StudioError: not an MP4 of that codec and image size, or with more images.
     """
 
     def __init__(
@@ -228,10 +228,10 @@ class PlaneDecoder:
         self._frames: Iterator[Any] = container.decode(stream)
 
     def read(self, out: np.ndarray) -> None:
-        """Decode the next picture into `out`, (height, width) uint8.
+        """Decode the next image into `out`, (height, width) uint8.
 
         Raises:
-            StudioError: the file is damaged or has no further picture.
+            StudioError: the file is damaged or has no further image.
         """
         with self._lock:
             self._read(out)

@@ -1,7 +1,7 @@
 """Masks that all cameras agree on: refined from the splats' own drawn alpha while they train.
 
-The mask of one picture is uncertain at outlines, in shadows and where performer and room have the same color. Splats
-have to agree with all pictures at once, so their drawn alpha, sharpened, is the better mask, also where each single
+The mask of one image is uncertain at outlines, in shadows and where performer and room have the same color. Splats
+have to agree with all images at once, so their drawn alpha, sharpened, is the better mask, also where each single
 one is wrong.
 """
 

@@ -1,4 +1,4 @@
-"""The strip of pictures above the timeline: which frames it shows, and where."""
+"""The strip of images above the timeline: which frames it shows, and where."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from studio.stream import is_address
 Size = tuple[int, int]
 
 ASPECT = 1.1
-"""Width of a picture divided by its height: room for arms and what is held."""
+"""Width of an image divided by its height: room for arms and what is held."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Slot:
 
 
 def slots(timeline: Timeline, width: int) -> list[Slot]:
-    """Places for pictures `width` pixels wide that do not overlap, each beginning at its frame. The frames are
+    """Places for images `width` pixels wide that do not overlap, each beginning at its frame. The frames are
     multiples of a power of two, so that panning keeps them and zooming keeps half of them."""
     shown = timeline.frame_count if timeline.shown is None else timeline.shown
     each = timeline.width / max(shown, 1e-9)
@@ -56,14 +56,14 @@ def draw_strip(timeline: Timeline, size: Size, pictures: Mapping[int, np.ndarray
 
     Args:
         timeline: maps frames to columns.
-        size: (width, height) of a picture, pixels.
+        size: (width, height) of an image, pixels.
         pictures: by frame; None or missing for those that are not drawn yet.
     """
     canvas = Canvas(timeline.width, size[1], RAISED)
     for slot in slots(timeline, size[0]):
         picture = pictures.get(slot.frame)
         if picture is not None:
-            # the ground of the picture fills its place, so that the strip has no gaps
+            # the ground of the image fills its place, so that the strip has no gaps
             red, green, blue = (int(one) for one in picture[0, 0])
             canvas.rect(slot.x, 0, slot.width - 1, size[1], (red, green, blue))
             canvas.image(slot.x + (slot.width - 1 - size[0]) / 2, 0, picture)
@@ -72,13 +72,13 @@ def draw_strip(timeline: Timeline, size: Size, pictures: Mapping[int, np.ndarray
 
 
 def has_pictures(player: PlayerPresenter) -> bool:
-    """Whether what is open can be drawn: not a stream on the web, which would be downloaded twice."""
+    """Whether the open take or stream can be drawn: not a stream on the web, which would be downloaded twice."""
     opened = player.opened
     return opened is not None and opened.default is not None and not is_address(str(opened.path))
 
 
 class Filmstrip:
-    """Draws the pictures one by one on a thread, while nothing is played and no stage runs."""
+    """Draws the images one by one on a thread, while nothing is played and no stage runs."""
 
     def __init__(self) -> None:
         self._thumbnails = Thumbnails()
@@ -92,9 +92,9 @@ class Filmstrip:
         """Pictures by frame, None for those that are not drawn yet; empty if nothing that is open can be drawn.
 
         Args:
-            player: what is open, and the view that it opens with.
+            player: the open take or stream, and the view that it opens with.
             frames: counted from 0.
-            size: (width, height) of a picture, pixels.
+            size: (width, height) of an image, pixels.
             busy: whether a stage runs; it changes the take again and again, and needs the time.
         """
         opened = player.opened

@@ -27,7 +27,7 @@ from studio.gaussians import Gaussians
 KEPT_PICTURES = 9
 
 FAINTEST = 0.1
-"""How much of the picture is left where nothing was filmed."""
+"""How much of the image is left where nothing was filmed."""
 
 Color = tuple[float, float, float]
 DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
@@ -51,7 +51,7 @@ class RenderRequest:
         context: the take, for footage; None for a bare stream.
         rig: the capture cameras, used if the footage cannot be opened.
         points: (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so
-            that the narrow pictures contain the performer.
+            that the narrow images contain the performer.
         scene: what mode "scene" shows.
     """
 
@@ -75,12 +75,12 @@ class RenderRequest:
 
     @property
     def text(self) -> int:
-        """Size of labels, pixels of the picture."""
+        """Size of labels, pixels of the image."""
         return max(round(0.88 * self.em), compare.LEAST_SIZE)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the pictures, from left to right."""
+        """Names of the images, from left to right."""
         if self.mode in compare.ALONE:
             return (self.what,)
         if self.mode == "side by side":
@@ -92,16 +92,16 @@ class RenderRequest:
 
     @property
     def label(self) -> tuple[object, ...]:
-        """What it is a picture of, apart from frame and view: pictures with different labels must not be confused."""
+        """What it is an image of, apart from frame and view: images with different labels must not be confused."""
         return (self.mode, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
 
     def shown(self, name: str) -> str:
-        """What a picture is called on screen."""
+        """What an image is called on screen."""
         source = self.sources.get(name)
         return source.label if isinstance(source, OtherSource) else compare.LABELS[name]
 
     def same_as(self, other: RenderRequest) -> bool:
-        """Whether it results in the same picture."""
+        """Whether it results in the same image."""
         return (
             self.orbit is other.orbit
             and (self.scene and self.scene.key) == (other.scene and other.scene.key)
@@ -116,7 +116,7 @@ class RenderRequest:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A rendered picture.
+    """A rendered image.
 
     Attributes:
         image: (H, W, 3) uint8 RGB.
@@ -125,7 +125,7 @@ class Picture:
         splats: number of Gaussians drawn; 0 for footage.
         load_seconds, draw_seconds: total time to load and to render the Gaussians of all parts.
         mode: one of `compare.MODES`.
-        box: rectangle of the (left) picture in the image; the wipe moves within it.
+        box: rectangle of the (left) image in the image; the wipe moves within it.
         camera: the capture camera; "" for the free view.
         label: `RenderRequest.label`.
         cameras, ends: of a scene: name and (N, 2) pixels of frusta and of the ends of the view axes.
@@ -169,7 +169,7 @@ class FrameRenderer:
     _reduced_of: tuple[object, float] = (None, 1.0)
 
     def __call__(self, request: RenderRequest) -> Picture:
-        """Render the picture.
+        """Render the image.
 
         Raises:
             StudioError: a missing or damaged frame or image.
@@ -300,7 +300,7 @@ def faded(
     background: Color,
     text: int = compare.LABEL_SIZE,
 ) -> np.ndarray:
-    """The (H, W, 3) uint8 picture, faded to the background where no camera filmed from near `camera`, with a word.
+    """The (H, W, 3) uint8 image, faded to the background where no camera filmed from near `camera`, with a word.
 
     Args:
         image, camera, background: as drawn.

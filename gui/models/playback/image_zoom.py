@@ -35,11 +35,11 @@ class ImageZoom:
     zoom: float = 1.0
 
     def scale(self, camera: Camera, width: int, height: int) -> float:
-        """Picture pixels per image pixel, for a picture of this size."""
+        """Picture pixels per image pixel, for an image of this size."""
         return min(width / camera.width, height / camera.height) * self.zoom
 
     def offset(self, camera: Camera, width: int, height: int) -> tuple[float, float]:
-        """Position of the image's upper left corner in the picture, pixels."""
+        """Position of the image's upper left corner in the image, pixels."""
         scale = self.scale(camera, width, height)
         return width / 2 - self.u * camera.width * scale, height / 2 - self.v * camera.height * scale
 
@@ -69,7 +69,7 @@ class ImageZoom:
         return np.ascontiguousarray(pixels)
 
     def inside(self, camera: Camera, width: int, height: int) -> tuple[int, int, int, int]:
-        """The camera's image in a picture of this size: first column and row, and the column and row after the last,
+        """The camera's image in an image of this size: first column and row, and the column and row after the last,
         pixels."""
         scale = self.scale(camera, width, height)
         x, y = self.offset(camera, width, height)
@@ -88,7 +88,7 @@ class ImageZoom:
         return ImageZoom(0.5, 0.5, 1.0) if zoom == 1.0 else ImageZoom(self.u, self.v, zoom)
 
     def moved(self, dx: float, dy: float, camera: Camera, width: int, height: int) -> ImageZoom:
-        """This view moved by a drag in pixels of the picture."""
+        """This view moved by a drag in pixels of the image."""
         scale = self.scale(camera, width, height)
         u = float(np.clip(self.u - dx / scale / camera.width, 0.0, 1.0))
         v = float(np.clip(self.v - dy / scale / camera.height, 0.0, 1.0))
@@ -100,7 +100,7 @@ class ImageZoom:
 
         Args:
             points: (N, 3) world coordinates.
-            width, height: size of the picture, pixels.
+            width, height: size of the image, pixels.
         """
         pixels, depth = camera.project(points)
         pixels = pixels[depth > 1e-6]

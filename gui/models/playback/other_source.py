@@ -1,4 +1,4 @@
-"""OtherSource: another bake or another take, shown at the times of what is open, to compare the two."""
+"""OtherSource: another bake or another take, shown at the times of the open take or stream, to compare the two."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 OTHER = "other"
-"""Name of this source among those of what is open."""
+"""Name of this source among those of the open take or stream."""
 
 
 class OtherSource:
-    """Frames of another source, by time: each frame of what is open shows the other's frame of the same second, and
-    after the other's end its last one.
+    """Frames of another source, by time: each frame of the open take or stream shows the other's frame of the same
+    second, and after the other's end its last one.
 
     Args:
         source: the other frames.
@@ -33,11 +33,11 @@ class OtherSource:
         self.group_starts: Sequence[int] = source.group_starts
 
     def span(self, frame_count: int, fps: float, group_starts: Sequence[int]) -> None:
-        """Set the frames of what is open."""
+        """Set the frames of the open take or stream."""
         self.frame_count, self.fps, self.group_starts = frame_count, fps, group_starts
 
     def frame_of(self, frame: int) -> int:
-        """The other's frame at a frame of what is open."""
+        """The other's frame at a frame of the open take or stream."""
         return min(round(frame * self._source.fps / self.fps), self._source.frame_count - 1)
 
     def gaussians(self, frame: int) -> Gaussians:
@@ -49,7 +49,7 @@ class OtherSource:
         return self._source.load_ms(self.frame_of(frame))
 
     def series(self, name: str, camera: str = "") -> list[float | None]:
-        """A metric, or "bytes", for every frame of what is open; None where it was not measured.
+        """A metric, or "bytes", for every frame of the open take or stream; None where it was not measured.
 
         Args:
             name: the metric.
@@ -80,7 +80,7 @@ def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_
         place: the folder.
         label: what it is called; "" for its name.
         evaluation: its evaluation.json; None for that of a take.
-        in_take: whether a stream has the frames and the world of the take that it was baked from, as what is open has
+        in_take: whether a stream has the frames and the world of the take that it was baked from, as the open one has
             if that is a take.
 
     Raises:

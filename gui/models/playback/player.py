@@ -34,11 +34,11 @@ from studio.playback import Output, SoundDevice
 NOTHING_TO_SHOW = "Nothing trained or baked yet. Run the stages on the left."
 
 LONGEST_SHARP = 1.0
-"""Seconds that a picture at full resolution may take to draw; the next change waits for it."""
+"""Seconds that an image at full resolution may take to draw; the next change waits for it."""
 
 
 class PlayerPresenter(Viewpoint):
-    """What is open, the transport, the view, the comparison, and the newest picture.
+    """The open take or stream, the transport, the view, the comparison, and the newest image.
 
     Args:
         draw_function: renders Gaussians; tests replace it.
@@ -85,7 +85,7 @@ class PlayerPresenter(Viewpoint):
         self._sharp: bool | None = None
         self.em = 16.0
 
-    # What is open
+    # The open take or stream
 
     def open(self, path: str | Path) -> bool:
         """Open a take or a stream. On bad input returns False and sets `message`."""
@@ -114,7 +114,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def points(self) -> np.ndarray:
-        """(N, 3) world: where splats are in any frame, which pictures should contain."""
+        """(N, 3) world: where splats are in any frame, which images should contain."""
         return self._points
 
     @property
@@ -272,13 +272,13 @@ class PlayerPresenter(Viewpoint):
         return True
 
     def wipe_at(self, x: float) -> bool:
-        """Whether a column of the picture is on the wipe's line, within 14 pixels."""
+        """Whether a column of the image is on the wipe's line, within 14 pixels."""
         if self.mode != "wipe" or self.picture is None or self.picture.mode != "wipe":
             return False
         return abs(x - (self.picture.box.x + self.wipe * self.picture.box.width)) < 14
 
     def move_wipe(self, x: float) -> None:
-        """Move the wipe's line to a column of the picture."""
+        """Move the wipe's line to a column of the image."""
         if self.picture is not None:
             self.wipe = min(max((x - self.picture.box.x) / max(self.picture.box.width, 1), 0.0), 1.0)
 
@@ -289,10 +289,10 @@ class PlayerPresenter(Viewpoint):
         else:
             self.audio.volume = 0.0 if self.audio.volume else 1.0
 
-    # Pictures
+    # Images
 
     def poll(self) -> Picture | None:
-        """Request the current frame and return a new picture if there is one. Call at each tick; never blocks."""
+        """Request the current frame and return a new image if there is one. Call at each tick; never blocks."""
         self._follow_sound()
         if self.opened is not None and self.source is not None:
             request = self._request()
@@ -334,13 +334,13 @@ class PlayerPresenter(Viewpoint):
         return (self.picture.cameras, self.picture.ends) if self.picture is not None else ((), ())
 
     def rests(self, full: tuple[int, int]) -> bool:
-        """Whether the view has rested long enough for a picture at full resolution. Call at each tick.
+        """Whether the view has rested long enough for an image at full resolution. Call at each tick.
 
-        That a picture takes long must not keep the next change waiting: from the time that the present one took, it is
+        That an image takes long must not keep the next change waiting: from the time that the present one took, it is
         decided once per rest whether there will be one. A scene always gets one.
 
         Args:
-            full: (width, height) of such a picture.
+            full: (width, height) of such an image.
         """
         view = (
             self.mode, self.orbit.key, self.camera, self.image_zoom, self.what, self.reference, self.wipe,
@@ -358,13 +358,13 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def label(self) -> object:
-        """What the wanted picture is a picture of, apart from frame and view; None if there is nothing to show."""
+        """What the wanted image is an image of, apart from frame and view; None if there is nothing to show."""
         request = self._request()
         return request.label if request is not None else None
 
     @property
     def current(self) -> bool:
-        """Whether the newest picture is one of what is wanted: the same sources, comparison and camera, and when
+        """Whether the newest image is one of what is wanted: the same sources, comparison and camera, and when
         paused the same frame."""
         request = self._request()
         if self.picture is None or request is None or self.picture.label != request.label:
@@ -373,7 +373,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def frame(self) -> int:
-        """The frame that the window's numbers and plots refer to: during playback that of the newest picture."""
+        """The frame that the window's numbers and plots refer to: during playback that of the newest image."""
         if self.on_screen and self.transport.playing and self.picture is not None and self.current:
             return min(self.picture.frame, self.transport.last)
         return self.transport.frame
@@ -385,14 +385,14 @@ class PlayerPresenter(Viewpoint):
         return [str(group) for source in sources if isinstance(source, StreamSource) for group in source.skipped]
 
     def show_again(self) -> None:
-        """Request the picture again at the next poll, because the viewport has shown something else."""
+        """Request the image again at the next poll, because the viewport has shown something else."""
         self._asked = None
 
     def _received(self, done: Done[RenderRequest, Picture]) -> Picture | None:
         if self.opened is None or done.request.sources is not self.opened.sources:
             return None  # from a source that has been closed
         if isinstance(done.error, LeftOut):
-            # as in video players, the last picture stays on screen and playback continues
+            # as in video players, the last image stays on screen and playback continues
             self._left_out = (done.request.frame, str(done.error))
             return None
         if done.error is not None:
@@ -411,7 +411,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def settled(self) -> bool:
-        """Whether the newest picture shows what was last requested."""
+        """Whether the newest image shows what was last requested."""
         return self._worker.idle
 
     @property
@@ -427,7 +427,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def status(self) -> str:
-        """Status line for the newest picture."""
+        """Status line for the newest image."""
         if self.picture is None or self.source is None:
             return ""
         picture = self.picture

@@ -1,4 +1,4 @@
-"""Thumbnails: small pictures of frames from given views, drawn one by one on a thread with sources of its own."""
+"""Thumbnails: small images of frames from given views, drawn one by one on a thread with sources of its own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class _Request:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What it is a picture of, apart from `contents`."""
+        """What it is an image of, apart from `contents`."""
         camera = self.camera
         view = (camera.K.tobytes(), camera.world_to_camera.tobytes(), camera.width, camera.height)
         return (str(self.place), *view, self.frame, self.size)
@@ -56,15 +56,15 @@ class Thumbnails:
         size: tuple[int, int],
         ask: bool = True,
     ) -> np.ndarray | None:
-        """A picture if it is there; else it is asked for, unless another one is being drawn. Until the new one is
+        """A image if it is there; else it is asked for, unless another one is being drawn. Until the new one is
         there, the last one with other contents is returned.
 
         Args:
-            place: what is open.
+            place: the open take or stream.
             contents: changes when its frames do.
             camera: the view.
             frame: counted from 0.
-            size: (width, height) of the picture, pixels.
+            size: (width, height) of the image, pixels.
             ask: whether one that is not there, or has other contents, is drawn.
         """
         request = _Request(place, contents, camera, frame, size)
@@ -75,7 +75,7 @@ class Thumbnails:
         return held[1] if held is not None else None
 
     def _drawn(self, done: Done[_Request, np.ndarray]) -> None:
-        """Keep a new picture. One that failed is not asked for again."""
+        """Keep a new image. One that failed is not asked for again."""
         self._asked = False
         self._pictures.put(done.request.key, (done.request.contents, done.result))
         self.changed.emit()

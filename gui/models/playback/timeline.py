@@ -1,4 +1,4 @@
-"""The timeline's track: mapping of columns to frames, and its picture."""
+"""The timeline's track: mapping of columns to frames, and its image."""
 
 from __future__ import annotations
 

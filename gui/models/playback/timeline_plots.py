@@ -148,7 +148,7 @@ class TimelinePlots:
         width, height: pixels.
         em: font size, pixels.
         frame_count, group_starts, first, shown, trim: as in `Timeline`.
-        strip: height of the strip of pictures above the plots, pixels; 0 for none.
+        strip: height of the strip of images above the plots, pixels; 0 for none.
         span: first and last frame of the selected span; None for none.
         fps: frame rate, for times beside the numbers of frames; 0 for none.
     """
@@ -189,7 +189,7 @@ class TimelinePlots:
         )
 
     def frame_at(self, x: float) -> int:
-        """The frame under a column of the picture."""
+        """The frame under a column of the image."""
         return self.timeline.frame_at(x - self.left)
 
     def picture(self, frame: int | None, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
@@ -362,7 +362,7 @@ class TimelinePlots:
         return [frame for frame in range(0, self.frame_count, step) if timeline.shows(frame)]
 
     def in_strip(self, y: float) -> bool:
-        """Whether a row of the picture is in the strip of pictures."""
+        """Whether a row of the image is in the strip of images."""
         return self.strip > 0 and y < GAP + self.strip
 
     def _span_marks(self, canvas: Canvas, timeline: Timeline) -> None:

@@ -102,7 +102,7 @@ class Transport:
 
     def _back_in_span(self, due: int, first: int, last: int) -> int:
         frame = first + (due - first) % (last - first + 1)
-        if self._led is not None:  # the sound repeats as a whole: begin it again where the picture is
+        if self._led is not None:  # the sound repeats as a whole: begin it again where the image is
             self._anchor(frame)
             self._lead()
         return frame

@@ -1,4 +1,4 @@
-"""Viewpoint: what is open, which part of it is on screen, and from which camera."""
+"""Viewpoint: the open take or stream, which part of it is on screen, and from which camera."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.
 NOTHING_OPEN = "Open a take or a stream, or create a new take from footage (File menu)."
 
 _SAME_SHAPE = 0.01
-"""Relative difference between the shapes of two pictures below which they show the same."""
+"""Relative difference between the shapes of two images below which they show the same."""
 
 
 class Viewpoint:
@@ -32,9 +32,9 @@ class Viewpoint:
         camera: the capture camera; "" for the free view.
         image_zoom: the visible part of its image.
         orbit, home: the current and the initial free view.
-        size: (width, height) of the picture.
+        size: (width, height) of the image.
         background: one of `BACKGROUNDS`.
-        message: text over the picture.
+        message: text over the image.
         scene_parts: what the scene shows, of `gui.models.scene.contents.PARTS`.
     """
 
@@ -125,7 +125,7 @@ class Viewpoint:
 
     @property
     def _box_size(self) -> tuple[int, int]:
-        """Size of one picture: the whole viewport, or a part of a side-by-side view."""
+        """Size of one image: the whole viewport, or a part of a side-by-side view."""
         count = 1 if self.mode != "side by side" else len(self.source_names) + 1
         return self.size[0] // count, self.size[1]
 
@@ -134,7 +134,7 @@ class Viewpoint:
         size = (max(int(width), 16), max(int(height), 16))
         if size != self.size:
             self.size, fitted = size, self._fitted_size
-            # a picture of the same view in another resolution, whose sides are rounded, keeps its zoom
+            # an image of the same view in another resolution, whose sides are rounded, keeps its zoom
             if abs(size[0] * fitted[1] / (size[1] * fitted[0]) - 1) > _SAME_SHAPE:
                 self._fit_zoom()
 
@@ -190,7 +190,7 @@ class Viewpoint:
         """The pinhole camera of the current view; None if nothing is open.
 
         Args:
-            size: (width, height) of the picture; `self.size` if None.
+            size: (width, height) of the image; `self.size` if None.
         """
         if self.opened is None:
             return None

@@ -62,7 +62,7 @@ class Surfaces:
 
 
 def compose(background: Color, splats: SplatLayer | None, surfaces: Surfaces, fragments: Fragments) -> np.ndarray:
-    """The picture, (H, W, 3) uint8.
+    """The image, (H, W, 3) uint8.
 
     Args:
         background: RGB in 0 to 1.

@@ -66,7 +66,7 @@ class SceneWanted:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Equal keys mean equal pictures, if the frame and the view are equal."""
+        """Equal keys mean equal images, if the frame and the view are equal."""
         return (
             id(self.rig),
             id(self.context),

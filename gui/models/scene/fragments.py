@@ -68,7 +68,7 @@ def line_fragments(camera: Camera, lines: Lines) -> Fragments:
     colors = lines.colors[kept]
     focal, middle = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     pixels = ends[..., :2] / ends[..., 2:] * focal + middle
-    inverse = 1 / ends[..., 2]  # changes linearly along a line in the picture
+    inverse = 1 / ends[..., 2]  # changes linearly along a line in the image
     margin = lines.width + 1
     pixels, inverse, kept = _in_picture(pixels, inverse, camera.width, camera.height, margin)
     colors = colors[kept]
@@ -95,7 +95,7 @@ def _in_front(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _in_picture(
     pixels: np.ndarray, inverse: np.ndarray, width: int, height: int, margin: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lines (M, 2, 2) cut at the edges of the picture (Liang and Barsky 1984), and which of them are left."""
+    """Lines (M, 2, 2) cut at the edges of the image (Liang and Barsky 1984), and which of them are left."""
     start, along = pixels[:, 0], pixels[:, 1] - pixels[:, 0]
     low, high = np.zeros(len(pixels)), np.ones(len(pixels))
     for axis, size in ((0, width), (1, height)):
@@ -144,7 +144,7 @@ def _spans(
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A surface in a rectangle of the picture.
+    """A surface in a rectangle of the image.
 
     Attributes:
         rows, columns: the rectangle.

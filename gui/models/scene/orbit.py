@@ -16,7 +16,7 @@ from studio.cameras import Camera
 _MAX_PITCH = math.radians(89.0)
 _TURN = math.radians(0.4)  # per pixel dragged
 FILLED = 0.92
-"""Share of a picture that is filled by what it must show, see `OrbitCamera.filling`."""
+"""Share of an image that is filled by what it must show, see `OrbitCamera.filling`."""
 
 _ZOOM_STEP = 0.9  # distance factor of one notch of the wheel
 
@@ -141,7 +141,7 @@ class OrbitCamera:
         return replace(self, yaw=(self.yaw - _TURN * dx) % math.tau, pitch=pitch)
 
     def pan(self, dx: float, dy: float, height: int) -> OrbitCamera:
-        """This view panned by a drag of (dx, dy) pixels in a picture `height` pixels high: the target stays under the
+        """This view panned by a drag of (dx, dy) pixels in an image `height` pixels high: the target stays under the
         pointer."""
         per_pixel = 2.0 * self.distance * math.tan(0.5 * self.fov) / max(height, 1)
         x, y, _ = self._axes()
@@ -152,12 +152,12 @@ class OrbitCamera:
         return replace(self, distance=float(np.clip(self.distance * _ZOOM_STEP**notches, 1e-4, 1e6)))
 
     def widened(self, points: np.ndarray, width: int, height: int) -> float:
-        """Factor, at most 1, by which a picture of this size must be reduced to contain all of the points from left to
+        """Factor, at most 1, by which an image of this size must be reduced to contain all of the points from left to
         right.
 
         Args:
             points: (N, 3) world coordinates; those behind the view are ignored.
-            width, height: size of the picture, pixels.
+            width, height: size of the image, pixels.
         """
         if len(points) == 0:
             return 1.0
@@ -167,11 +167,11 @@ class OrbitCamera:
         return min(1.0, 0.5 * 0.85 * width / max(float(across.max(initial=0.0)), 1e-6))
 
     def filling(self, points: np.ndarray, width: int, height: int) -> Camera:
-        """The pinhole camera that looks in this direction and whose picture the points fill but for a small margin.
+        """The pinhole camera that looks in this direction and whose image the points fill but for a small margin.
 
         Args:
             points: (N, 3) world coordinates; those behind the view are ignored.
-            width, height: size of the picture, pixels.
+            width, height: size of the image, pixels.
         """
         camera = self.camera(width, height)
         if len(points) == 0:

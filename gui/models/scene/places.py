@@ -1,4 +1,4 @@
-"""Where the capture cameras' frusta are in the picture of the scene."""
+"""Where the capture cameras' frusta are in the image of the scene."""
 
 from __future__ import annotations
 

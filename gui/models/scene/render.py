@@ -1,4 +1,4 @@
-"""SceneRenderer: the scene's picture, composed from the rasterizer's splats and everything else."""
+"""SceneRenderer: the scene's image, composed from the rasterizer's splats and everything else."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Place = tuple[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class ScenePicture:
-    """A picture of the scene.
+    """A image of the scene.
 
     Attributes:
         image: (H, W, 3) uint8.

@@ -1,4 +1,4 @@
-"""Rest: whether the view has rested for a moment, so that there is time for a better picture."""
+"""Rest: whether the view has rested for a moment, so that there is time for a better image."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Rest:
         """Whether the view has been equal for `RESTS_AFTER`. Call at each tick.
 
         Args:
-            view: everything that the picture depends on.
+            view: everything that the image depends on.
             moving: whether it moves without the user, as in playback.
         """
         if moving or view != self._view:

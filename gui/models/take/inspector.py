@@ -1,4 +1,4 @@
-"""The inspector, drawn as a picture."""
+"""The inspector, drawn as an image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The job log, drawn as a picture: lines with their time and level, and buttons that fix what warnings tell of."""
+"""The job log, drawn as an image: lines with their time and level, and buttons that fix what warnings tell of."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TITLE = "Job log"
 
 @dataclass(frozen=True)
 class LogRow:
-    """A row of the picture.
+    """A row of the image.
 
     Attributes:
         kind: "", "warning", "error" or "fix" (a button).
@@ -154,7 +154,7 @@ def _clock(told: float) -> str:
 
 @dataclass(frozen=True)
 class LogView:
-    """Which rows are in the picture.
+    """Which rows are in the image.
 
     Attributes:
         rows: from `log_rows`.
@@ -197,7 +197,7 @@ class LogView:
         return (words, left, wide) if left + wide <= right else None
 
     def on_filter(self, x: float, y: float) -> bool:
-        """Whether a pixel of the picture is on the switch."""
+        """Whether a pixel of the image is on the switch."""
         found = self.filter if y < self.top else None
         if found is None:
             return False
@@ -210,13 +210,13 @@ class LogView:
 
     @property
     def shown(self) -> Sequence[LogRow]:
-        """The rows in the picture, top to bottom."""
+        """The rows in the image, top to bottom."""
         count = max(int((self.height - self.top) // self._step), 1)
         end = max(len(self.rows) - self.back, min(count, len(self.rows)))
         return self.rows[max(end - count, 0) : end]
 
     def fix_at(self, x: float, y: float) -> Fix | None:
-        """The fix whose button is at a pixel of the picture; None if there is none."""
+        """The fix whose button is at a pixel of the image; None if there is none."""
         number = int((y - self.top) // self._step)
         if not 0 <= number < len(self.shown):
             return None

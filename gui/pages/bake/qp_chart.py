@@ -17,14 +17,14 @@ class QpChart:
     """See the module.
 
     Args:
-        size: of the picture.
+        size: of the image.
         em: font size, pixels.
         trial: its results so far.
         current: the QP that is set.
         told: what the last click did; "" if there was none.
 
     Attributes:
-        canvas: the picture.
+        canvas: the image.
         points: center of each QP's point, pixels.
         cells: the table as words: titles, then a row for each QP with results.
     """

@@ -32,7 +32,7 @@ MEASURED_FRAMES = 3
 """Overrides that disable what would choose another QP."""
 
 HIGHEST_PSNR = 100.0
-"""dB; that of equal pictures is infinite."""
+"""dB; that of equal images is infinite."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Trial:
 
     Attributes:
         bytes_per_frame: bytes of the group divided by its frames.
-        psnr: dB, of the decoded splats' pictures against those of the trained ones, measured as for
+        psnr: dB, of the decoded splats' images against those of the trained ones, measured as for
             a target PSNR; mean over the measured frames.
     """
 

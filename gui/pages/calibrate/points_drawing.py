@@ -42,7 +42,7 @@ Rect = tuple[float, float, float, float]
 
 
 class Spots:
-    """The clickable rectangles of a picture."""
+    """The clickable rectangles of an image."""
 
     def __init__(self) -> None:
         self._spots: list[tuple[Rect, Action]] = []

@@ -25,7 +25,7 @@ from studio.storage import is_address
 
 
 class PointsView(StageView):
-    """See the module. Clicks act on the layout of the last picture.
+    """See the module. Clicks act on the layout of the last image.
 
     Attributes:
         described: emitted when the point is to be edited.
@@ -112,7 +112,7 @@ class PointsView(StageView):
         context, names = self._footage
         return names if context is self.workspace.context else ()
 
-    # Pictures
+    # Images
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -225,7 +225,7 @@ class PointsView(StageView):
     # User actions
 
     def click(self, x: float, y: float) -> None:
-        """Handle a click at a pixel of the picture."""
+        """Handle a click at a pixel of the image."""
         action = self._spots.at(x, y)
         if action is not None:
             self._try(action)

@@ -29,7 +29,7 @@ OFF = (
 NOT_YET = "The colors of the cameras are fitted at the start of training. Run Train."
 
 TALLEST = 320
-"""Most rows of a picture."""
+"""Most rows of an image."""
 
 SECONDS = 0.7
 """Images are read for so long before what there is so far is drawn."""

@@ -243,7 +243,7 @@ class _Reduced:
 
 @dataclass(frozen=True)
 class _ImageAt:
-    """Where a camera's image is in the picture: (left, top, width, height), and the image's (width, height)."""
+    """Where a camera's image is in the image: (left, top, width, height), and the image's (width, height)."""
 
     camera: str
     place: tuple[float, float, float, float]
@@ -251,16 +251,16 @@ class _ImageAt:
 
     @property
     def scale(self) -> float:
-        """Pixels of the picture per pixel of the image."""
+        """Pixels of the image per pixel of the image."""
         return self.place[2] / self.size[0]
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
-        """The pixel of the image at one of the picture."""
+        """The pixel of the image at one of the image."""
         left, top, _, _ = self.place
         return (x - left) / self.scale, (y - top) / self.scale
 
     def shown(self, points: np.ndarray) -> np.ndarray:
-        """Pixels of the picture of pixels (N, 2) of the image."""
+        """Pixels of the image of pixels (N, 2) of the image."""
         return np.asarray(points) * self.scale + self.place[:2]
 
 
@@ -280,7 +280,7 @@ def _aspect(footage: Footage, camera: str) -> float:
 
 
 def grid(count: int, width: int, height: float, aspect: float, label: int) -> tuple[int, int]:
-    """(width, height) of the largest cells that fit `count` pictures of an aspect ratio, with a label under each."""
+    """(width, height) of the largest cells that fit `count` images of an aspect ratio, with a label under each."""
     best = (1, 1)
     for columns in range(1, count + 1):
         rows = -(-count // columns)

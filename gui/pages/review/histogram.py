@@ -1,4 +1,4 @@
-"""A histogram of the splats' opacities beside the picture, with the limit of floaters as a line that can be dragged."""
+"""A histogram of the splats' opacities beside the image, with the limit of floaters as a line that can be dragged."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WIDTH, _HEIGHT, _MARGIN = 17.0, 7.5, 0.6
 
 @dataclass(frozen=True)
 class HistogramPlace:
-    """Where the bars are in a picture.
+    """Where the bars are in an image.
 
     Attributes:
         left, top, width, height: pixels.
@@ -34,14 +34,14 @@ class HistogramPlace:
 
     @classmethod
     def of(cls, size: tuple[int, int], em: float) -> HistogramPlace:
-        """In the lower left corner of a picture of some size (width, height), pixels."""
+        """In the lower left corner of an image of some size (width, height), pixels."""
         left = (_MARGIN + 0.6) * em
         width = min(_WIDTH * em, size[0] - 2 * _MARGIN * em) - 1.2 * em
         height = (_HEIGHT - 3.4) * em
         return cls(left, size[1] - (_MARGIN + 1.6) * em - height, max(width, 1.0), height, em)
 
     def opacity_at(self, x: float) -> float:
-        """The limit at a column of the picture."""
+        """The limit at a column of the image."""
         return round(min(max((x - self.left) / self.width, LEAST), MOST), 3)
 
     def holds(self, x: float, y: float) -> bool:

@@ -78,12 +78,12 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
 
 
 def brush_field(radius: float) -> Field:
-    """The field of the brush's radius, which is relative to the height of the picture."""
+    """The field of the brush's radius, which is relative to the height of the image."""
     return "radius", "Radius, % of the height of the view", f"{100 * radius:.3g}"
 
 
 def brush_of(text: str) -> float | str:
-    """The brush's radius, relative to the height of the picture, as typed; a sentence if it makes no sense."""
+    """The brush's radius, relative to the height of the image, as typed; a sentence if it makes no sense."""
     try:
         radius = float(text.strip().removesuffix("%")) / 100
     except ValueError:

@@ -34,7 +34,7 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2,
 
 @dataclass(frozen=True)
 class Stroke:
-    """What is being drawn, in pixels of the picture.
+    """What is being drawn, in pixels of the image.
 
     Attributes:
         points: (x, y).
@@ -77,7 +77,7 @@ def over(splats: SplatLayer, background: Color) -> np.ndarray:
 
 
 def draw_lines(canvas: Canvas, view: Camera, lines: Lines, splats: SplatLayer) -> None:
-    """Draw lines on the picture of the splats; what these hide is drawn faintly."""
+    """Draw lines on the image of the splats; what these hide is drawn faintly."""
     found = line_fragments(view, lines)
     hidden = (splats.alpha.reshape(-1)[found.pixels] > OPAQUE) & (splats.depth.reshape(-1)[found.pixels] < found.depth)
     cover = np.where(hidden, HIDDEN, 1.0) * found.cover
@@ -146,7 +146,7 @@ def draw_clicks(canvas: Canvas, view: Camera, points: Sequence[tuple[float, ...]
 
 
 def with_circle(pixels: np.ndarray, x: float, y: float, radius: float) -> np.ndarray:
-    """A copy of a picture with the outline of the brush, bright on dark so that it is seen on everything."""
+    """A copy of an image with the outline of the brush, bright on dark so that it is seen on everything."""
     canvas = Canvas(1, 1)
     canvas.pixels = pixels.copy()
     canvas.dot(x, y, radius + 1, GROUND, filled=False)

@@ -39,7 +39,7 @@ EDIT_CHOICES: tuple[Choice, ...] = (
 )
 TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale", "detail")
 BRUSH = 0.03
-"""Radius of the brush at first, relative to the height of the picture."""
+"""Radius of the brush at first, relative to the height of the image."""
 
 LEAST_BRUSH, MOST_BRUSH = 0.002, 0.5
 """Limits of it."""
@@ -71,7 +71,7 @@ _CUT = {"crop": "outside of the box", "ground": "below the plane"}
 
 
 def hint(tool: str, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:
-    """What to do next, over the picture; "" if there is nothing to say.
+    """What to do next, over the image; "" if there is nothing to say.
 
     Args:
         tool: one of `TOOLS`.

@@ -52,7 +52,7 @@ _DRAGGED = {"crop": "crop box", "ground": "ground plane", "detail": "size of a d
 
 @dataclass(frozen=True)
 class _State:
-    """What the picture depends on."""
+    """What the image depends on."""
 
     frame: int
     view: tuple[float, ...]
@@ -79,8 +79,8 @@ class EditView(OrbitView):
         show_removed: whether removed splats are drawn, in red.
         pending: the edits with what is selected or being dragged; None if nothing is.
         clicks: picked points, world.
-        brush: radius of the brush, relative to the height of the picture.
-        pointer: where the pointer is over the picture, relative to its width and height; None elsewhere.
+        brush: radius of the brush, relative to the height of the image.
+        pointer: where the pointer is over the image, relative to its width and height; None elsewhere.
         two_points: emitted with two points, whose distance gives the scale.
         refused: why the last change was refused, or what to do; "" if it was not.
         refusal: emitted with `refused`.
@@ -371,7 +371,7 @@ class EditView(OrbitView):
             return
         self.commit(after, f"detail {len(after.details)}")
 
-    # The picture
+    # The image
 
     def _view(self) -> Camera:
         return (self.orbit or OrbitCamera()).camera(*self._size)
@@ -399,7 +399,7 @@ class EditView(OrbitView):
         return self._with_brush(found)
 
     def _with_brush(self, found: np.ndarray | None) -> np.ndarray | None:
-        """The new picture, or the last one if the pointer has moved, with a circle where the brush is; None if nothing
+        """The new image, or the last one if the pointer has moved, with a circle where the brush is; None if nothing
         has changed. The splats are not drawn again for it."""
         self._plain = found if found is not None else self._plain
         if self._plain is None:

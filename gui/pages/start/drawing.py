@@ -58,7 +58,7 @@ KEYS = "Arrow keys and Enter: choose    Delete: remove from the list    Ctrl+V: 
 
 @dataclass
 class StartPicture:
-    """The picture of the page, and its parts.
+    """The image of the page, and its parts.
 
     Attributes:
         width, height: pixels.

@@ -35,7 +35,7 @@ class _Request:
 
 @dataclass(frozen=True)
 class _Facts:
-    """What was found: a card, unless nothing has changed; or a picture."""
+    """What was found: a card, unless nothing has changed; or an image."""
 
     stamp: object = None
     card: Card | None = None
@@ -115,7 +115,7 @@ class StartPage:
         self.look(self.places)
 
     def _next(self) -> _Request | None:
-        """What to read next: cards that are not known, then pictures, then cards that may have changed."""
+        """What to read next: cards that are not known, then images, then cards that may have changed."""
         now = self._now()
         for place in self.places:
             if place not in self.cards:

@@ -1,4 +1,4 @@
-"""Small pictures of takes and streams, kept in the user's cache folder. Slow: use on a worker thread."""
+"""Small images of takes and streams, kept in the user's cache folder. Slow: use on a worker thread."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Dialogs:
         lines: what the list in it shows, where that changes by itself.
         last_folder: the folder in which something was chosen last; "" if nothing was.
         remembered: called when that changes.
-        pictures: pictures in the open dialog, which are drawn exactly some draws later.
+        pictures: images in the open dialog, which are drawn exactly some draws later.
         on_key: handles keys once the text field has the focus, and returns whether it did; None for none.
         on_press: is told the X key codes of presses and repeats, which the text field keeps for itself, where they are
             known; None for none.

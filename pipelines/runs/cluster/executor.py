@@ -131,7 +131,7 @@ class _Run:
 
         try:
             self._go(groups)
-        except BrokenPipeError:  # whoever reads the events is gone, not the cluster
+        except BrokenPipeError:  # anyone who reads the events is gone, not the cluster
             raise
         except (RayError, ConnectionError) as error:
             raise StudioError(

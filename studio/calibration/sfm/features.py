@@ -143,7 +143,7 @@ def _extract(path: Path, folder: Path, job: SfmJob) -> None:
     names = [file_name(number, sync_frame) for number in range(len(job.names)) for sync_frame in range(job.sync_frames)]
     count = "SELECT COUNT(*) FROM keypoints"
     with polled("features", len(names), lambda: count_rows(path, count)):
-        # Once, on a busy machine, COLMAP left an image out without a word. A second call goes on with those that
+        # Once, on a busy machine, COLMAP left an image out silently. A second call continues with those that
         # are missing; an image without any feature is not missing.
         for _ in range(2):
             pycolmap.extract_features(

@@ -58,7 +58,7 @@ class GroupDecoder(ABC):
 
 
 def check_luma(video: VideoEntry | PlaneEntry, index: int, luma: np.ndarray, name: str) -> None:
-    """Compare picture `index` of a video with its check, if it has one.
+    """Compare image `index` of a video with its check, if it has one.
 
     Args:
         video: its entry in the manifest.

@@ -124,7 +124,7 @@ class GroupTables:
 
 
 class MotionFrame(DecodedFrame):
-    """One frame: picture (height, width) uint8 and 0-based index within the group."""
+    """One frame: image (height, width) uint8 and 0-based index within the group."""
 
     def __init__(self, tables: GroupTables, index: int, picture: np.ndarray) -> None:
         self._tables, self._index, self._picture = tables, index, picture

@@ -289,7 +289,7 @@ def _video_values(values: JsonObject) -> list[JsonObject]:
 
 
 def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int) -> tuple[dict[str, int], ...]:
-    """CRC-32 of the decoded luma of the first and of the middle picture of a video, as in the manifest."""
+    """CRC-32 of the decoded luma of the first and of the middle image of a video, as in the manifest."""
     wanted = sorted({0, frame_count // 2})
     found = []
     decoder = PlaneDecoder(data, "baking", size, frame_count, codec)

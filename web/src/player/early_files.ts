@@ -25,7 +25,7 @@ declare global {
 const PATIENCE = 15_000;
 
 /**
- * Takes the early files of an address; null if there are none. They are used once: whoever opens the stream again wants
+ * Takes the early files of an address; null if there are none. They are used once: anyone who opens the stream again wants
  * the newest manifest.
  *
  * @param url - whole address of the manifest

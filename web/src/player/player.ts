@@ -26,9 +26,9 @@ const TELL = 500;
 const UNSORTED: DepthAxis = [0, 0, 0, 0];
 
 export interface PlayerEvents {
-  /** The manifest has been read; the first picture is loading. */
+  /** The manifest has been read; the first image is loading. */
   opened: StreamInfo;
-  /** The first picture is on the canvas. */
+  /** The first image is on the canvas. */
   ready: undefined;
   play: undefined;
   pause: undefined;
@@ -342,7 +342,7 @@ export class Player {
     return this.camera.view;
   }
 
-  /** How much of the picture to show from this view, 0 to 1: below 1, no camera filmed from near here. */
+  /** How much of the image to show from this view, 0 to 1: below 1, no camera filmed from near here. */
   get visibility(): number {
     const range = this.info?.viewRange ?? null;
     return range === null ? 1 : visibility(range, centerOf(this.screen.pinhole()));
@@ -478,7 +478,7 @@ export class Player {
     this.screen.dirty = true;
     this.emit("opened", info);
     if (this.requested === null) this.request(Math.floor(this.position), true);
-    // The driver compiles while the first picture is fetched and decoded.
+    // The driver compiles while the first image is fetched and decoded.
     this.screen.renderer.prepare(info.profile, info.shDegree);
   }
 
@@ -492,7 +492,7 @@ export class Player {
   private arrived(picture: Picture): void {
     const { requested } = this;
     if (picture.setup !== null) this.setups.set(picture.group, picture.setup);
-    // After a change of the renderer, a picture for the one before may still arrive.
+    // After a change of the renderer, an image for the one before may still arrive.
     const usable = !this.needsSetup || this.setups.has(picture.group);
     if (requested?.frame !== picture.frame || !usable) {
       this.recycle(picture);
@@ -514,10 +514,10 @@ export class Player {
     }
   }
 
-  /** Setups that came with pictures that have not been shown yet: one or two. */
+  /** Setups that came with images that have not been shown yet: one or two. */
   private readonly setups = new Map<number, NonNullable<Picture["setup"]>>();
 
-  /** Whether the renderer is new, or its contents were lost, and pictures are of no use before their group's setup has come. */
+  /** Whether the renderer is new, or its contents were lost, and images are of no use before their group's setup has come. */
   private needsSetup = false;
 
   private show(picture: Picture, now: number, axis: DepthAxis): void {

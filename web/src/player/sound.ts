@@ -129,7 +129,7 @@ export class Sound {
 
   private begin(): void {
     this.element.play().catch((error: unknown) => {
-      // AbortError: paused or loaded anew before it started.
+      // AbortError: paused or loaded again before it started.
       if (!(error instanceof DOMException) || error.name === "AbortError") return;
       if (error.name !== "NotAllowedError") {
         this.fail(messageOf(error));

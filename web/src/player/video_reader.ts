@@ -1,5 +1,5 @@
 /**
- * Reads luma from <video> elements on the page; the worker requests pictures by time.
+ * Reads luma from <video> elements on the page; the worker requests images by time.
  *
  * texImage2D returns the luma of full-range H.264 with neutral chroma exactly; four values are packed into each pixel that
  * is read back.
@@ -8,9 +8,9 @@
 import { messageOf, StreamError } from "../stream/errors.ts";
 import type { ToWorker, VideoRequest } from "../worker/messages.ts";
 
-/** Milliseconds to wait for a picture. */
+/** Milliseconds to wait for an image. */
 const PATIENCE = 20_000;
-/** The same if the browser may not report presented pictures: on hidden pages, or if it does not support that. */
+/** The same if the browser may not report presented images: on hidden pages, or if it does not support that. */
 const UNREPORTED = 2_000;
 
 const VERTEX = `#version 300 es
@@ -139,12 +139,12 @@ export class VideoReader {
 }
 
 /**
- * Tracks which picture a <video> shows. "seeked" is not enough: on a busy machine it fires while the element still shows
- * the picture from before the seek.
+ * Tracks which image a <video> shows. "seeked" is not enough: on a busy machine it fires while the element still shows
+ * the image from before the seek.
  */
 class Presented {
   private readonly reports: boolean;
-  /** Presentation time of the picture in seconds; null before the first. */
+  /** Presentation time of the image in seconds; null before the first. */
   private mediaTime: number | null = null;
   private changed: (() => void) | null = null;
 
@@ -153,7 +153,7 @@ class Presented {
     if (this.reports) this.listen();
   }
 
-  /** Waits for the picture shown at `time`, the middle of its `duration`; both in seconds. */
+  /** Waits for the image shown at `time`, the middle of its `duration`; both in seconds. */
   async reach(time: number, duration: number): Promise<void> {
     if (!this.reports) return;
     const there = (): boolean =>

@@ -244,7 +244,7 @@ export class OrbitCamera {
     this.view = { ...this.view, distance: this.distance * factor };
   }
 
-  /** Pans so that the target moves by (dx, dy) on screen, as fractions of the picture's height. */
+  /** Pans so that the target moves by (dx, dy) on screen, as fractions of the image's height. */
   pan(dx: number, dy: number, aspect: number): void {
     const [right, down] = this.axes();
     const size = 2 * this.distance * this.tangentsFor(aspect)[1];

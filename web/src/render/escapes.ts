@@ -1,4 +1,4 @@
-/** Splats with escapes (codes that do not fit into a byte), as a small picture of their own. */
+/** Splats with escapes (codes that do not fit into a byte), as a small image of their own. */
 
 import type { GroupSetup } from "../worker/messages.ts";
 
@@ -8,9 +8,9 @@ const STEP = 8;
 export interface EscapedSplats {
   /** Their pixels in the tile of all splats. */
   readonly pixels: Uint32Array<ArrayBuffer>;
-  /** Side of the small picture's tiles; at most `tile`. */
+  /** Side of the small image's tiles; at most `tile`. */
   readonly side: number;
-  /** Luma of all their channels, laid out as the picture is, with `side` in place of `tile`: code / 255, not limited to 1. */
+  /** Luma of all their channels, laid out as the image is, with `side` in place of `tile`: code / 255, not limited to 1. */
   readonly luma: Float32Array<ArrayBuffer>;
   /** Their statics: (side, side, 4). */
   readonly statics: Uint32Array<ArrayBuffer>;
@@ -19,7 +19,7 @@ export interface EscapedSplats {
 /**
  * Copies the splats with escapes out of a frame of the profile motion.
  *
- * @param luma - the frame's picture: (rows * tile, columns * tile)
+ * @param luma - the frame's image: (rows * tile, columns * tile)
  * @param escapes - (n, 4): pixel in the tile, channel, code, unused; those of a pixel follow one another
  */
 export function escapedSplats(

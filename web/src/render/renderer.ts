@@ -337,7 +337,7 @@ export class Renderer {
     this.resources?.project(profile, shDegree);
   }
 
-  /** Uploads a group's shared data; only pictures of this group may follow until the next call. */
+  /** Uploads a group's shared data; only images of this group may follow until the next call. */
   setGroup(setup: GroupSetup): void {
     const { resources } = this;
     if (resources === null) return;

@@ -5,7 +5,7 @@
  *    its channels to eight words (position, inverse covariance, color, opacity, size).
  * 2. `splat` draws the quads in the sorted order, reading these words.
  *
- * Splats with escapes (codes that do not fit into a byte) are projected a second time, from a small picture of floats, by the
+ * Splats with escapes (codes that do not fit into a byte) are projected a second time, from a small image of floats, by the
  * same program: another one would have to be compiled when the first of them appear, amid playback.
  */
 
@@ -53,7 +53,7 @@ function colorSum(shDegree: number, first: number): string {
     .join("\n  ");
 }
 
-/** Reads channels of the picture: `v(c)` is the value of channel c. */
+/** Reads channels of the image: `v(c)` is the value of channel c. */
 function channels(count: number): string {
   return `
 uniform sampler2D luma;
@@ -134,7 +134,7 @@ vec3 harmonics(vec3 d) {
 }`;
 };
 
-/** Channels of a picture. */
+/** Channels of an image. */
 function channelCount(profile: "motion" | "planes", shDegree: number): number {
   // In the profile planes, each position coordinate has two planes.
   return (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;

@@ -49,7 +49,7 @@ export interface MarkView {
   readonly camera: string;
   /** Position of the line between footage and stream, 0 to 1; null: they were not compared. */
   readonly wipe: number | null;
-  /** Whether the camera's whole picture was shown, rather than the performer. */
+  /** Whether the camera's whole image was shown, rather than the performer. */
   readonly whole: boolean;
 }
 

@@ -1,9 +1,9 @@
-/** Which part of a camera's picture is shown, and where. */
+/** Which part of a camera's image is shown, and where. */
 
 import type { Camera, Vector } from "../stream/metadata.ts";
 import type { ReviewCamera } from "./api.ts";
 
-/** A part of a picture, in its pixels. */
+/** A part of an image, in its pixels. */
 export interface Part {
   readonly x: number;
   readonly y: number;
@@ -16,7 +16,7 @@ const MARGIN = 0.08;
 
 export const whole = ({ width, height }: ReviewCamera): Part => ({ x: 0, y: 0, width, height });
 
-/** The part that holds the performer: the box of all splats, seen by the camera. The whole picture if it is not in front. */
+/** The part that holds the performer: the box of all splats, seen by the camera. The whole image if it is not in front. */
 export function around(camera: ReviewCamera, { min, max }: { readonly min: Vector; readonly max: Vector }): Part {
   const [xs, ys]: [number[], number[]] = [[], []];
   const { K, world_to_camera: w } = camera;
@@ -60,7 +60,7 @@ export function withRoom(part: Part, { width, height, top, bottom }: Area): Part
   };
 }
 
-/** The pinhole camera whose whole picture is this part. */
+/** The pinhole camera whose whole image is this part. */
 export function cameraOf({ K, world_to_camera }: ReviewCamera, part: Part): Camera {
   return {
     width: part.width,
@@ -74,7 +74,7 @@ export function cameraOf({ K, world_to_camera }: ReviewCamera, part: Part): Came
   };
 }
 
-/** Where the whole picture is on a canvas on which the part is as large as possible, in the middle. */
+/** Where the whole image is on a canvas on which the part is as large as possible, in the middle. */
 export function placed(camera: ReviewCamera, part: Part, width: number, height: number): Part {
   const scale = Math.min(width / part.width, height / part.height);
   return {

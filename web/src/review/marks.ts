@@ -55,7 +55,7 @@ export class Marks {
   readonly problem = make("p", { class: "problem trouble", role: "alert" });
   private marks: readonly Mark[] = [];
   private editing: { frame: number; replaces: MarkContent | null } | null = null;
-  /** The view when the form was opened, which may have changed the picture's shape. */
+  /** The view when the form was opened, which may have changed the image's shape. */
   private began: MarkView | null = null;
   /** The view of the mark that was gone to for editing. */
   private kept: MarkView | null = null;

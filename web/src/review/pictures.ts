@@ -1,10 +1,10 @@
-/** Pictures of the footage: the frame on the screen first, then the next ones, as many as fit in memory. */
+/** Images of the footage: the frame on the screen first, then the next ones, as many as fit in memory. */
 
 import type { ReviewServer } from "./api.ts";
 
 const MAX_BYTES = 128e6;
 const AHEAD = 6;
-/** Milliseconds until a picture that could not be fetched is asked for again. */
+/** Milliseconds until an image that could not be fetched is asked for again. */
 const RETRY = 3000;
 
 export class Pictures {
@@ -13,14 +13,14 @@ export class Pictures {
   private readonly failed = new Map<string, number>();
   private wanted: { camera: string; frame: number; count: number } | null = null;
   private loading: AbortController | null = null;
-  /** Why the last picture could not be fetched; "" if it could. */
+  /** Why the last image could not be fetched; "" if it could. */
   problem = "";
 
   constructor(private readonly server: ReviewServer, arrived: () => void) {
     this.arrived = arrived;
   }
 
-  /** The picture if it is here; it is fetched otherwise. */
+  /** The image if it is here; it is fetched otherwise. */
   ask(camera: string, frame: number, count: number): ImageBitmap | null {
     this.wanted = { camera, frame, count };
     this.load();

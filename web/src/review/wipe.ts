@@ -1,4 +1,4 @@
-/** Footage of a held-out camera over the player's picture from exactly that camera, divided by a line to drag. */
+/** Footage of a held-out camera over the player's image from exactly that camera, divided by a line to drag. */
 
 import type { Player } from "../player/player.ts";
 import type { Vector } from "../stream/metadata.ts";
@@ -11,7 +11,7 @@ import css from "./wipe.css";
 const GROUND = "#0b0d10";
 const STEP = 0.02;
 
-/** Pixels between a label and the edge of the picture. */
+/** Pixels between a label and the edge of the image. */
 const EDGE = 12;
 
 export class Wipe {
@@ -82,7 +82,7 @@ export class Wipe {
     this.place(0.5);
   }
 
-  /** Compares with a camera, or ends the comparison. `all` shows its whole picture instead of the performer. */
+  /** Compares with a camera, or ends the comparison. `all` shows its whole image instead of the performer. */
   show(camera: ReviewCamera | null, all: boolean): void {
     const { player } = this;
     if (camera !== null && this.camera === null) this.before = player.background;
@@ -111,7 +111,7 @@ export class Wipe {
     this.place(at);
   }
 
-  /** Chooses the part of the camera's picture: all of it, or the performer between the title and the controls. */
+  /** Chooses the part of the camera's image: all of it, or the performer between the title and the controls. */
   private frame(): void {
     const { camera, player, layer } = this;
     if (camera === null || layer.clientHeight === 0) return;
@@ -159,7 +159,7 @@ export class Wipe {
     context.clearRect(0, 0, width, height);
     context.fillStyle = GROUND;
     if (picture === null) {
-      // No other frame's picture: it would show differences that are none.
+      // No other frame's image: it would show differences that are none.
       context.fillRect(0, 0, column, height);
     } else {
       context.save();
@@ -170,7 +170,7 @@ export class Wipe {
       context.drawImage(picture, box.x, box.y, box.width, box.height);
       context.restore();
     }
-    // The camera saw nothing beyond its picture.
+    // The camera saw nothing beyond its image.
     const [right, bottom] = [box.x + box.width, box.y + box.height];
     context.fillRect(0, 0, width, box.y);
     context.fillRect(0, bottom, width, height - bottom);

@@ -1,4 +1,4 @@
-/** Names, bounds and places of what a frame's picture holds, as in studio/stream/layout.py. */
+/** Names, bounds and places of what a frame's image holds, as in studio/stream/layout.py. */
 
 export const MAX_VALUE = 1e9;
 const MAX_LOG_SCALE = Math.log(MAX_VALUE);

@@ -181,7 +181,7 @@ function checkBox({ min, max }: stored.Box, place: string): void {
   if (min.some((low, i) => low > max[i])) throw wrong(place, "has a minimum above its maximum");
 }
 
-/** The first check is of the first picture, another one of a later picture. */
+/** The first check is of the first image, another one of a later image. */
 function checkLumaChecks({ checks }: Pick<stored.VideoEntry, "checks">, frames: number, place: string): void {
   checks.forEach(({ picture }, i) => {
     const fits = i === 0 ? picture === 0 : picture > checks[i - 1].picture && picture < frames;

@@ -25,7 +25,7 @@ const ROWS = Uint8Array.from({ length: CODES }, (_, code) => compact(code >>> 1)
  *
  * @param tile - side of the tile in pixels
  * @param count - number of splats, at most tile^2
- * @param width - pixels from one row to the next: the tile's side, or the width of a picture that begins with the tile
+ * @param width - pixels from one row to the next: the tile's side, or the width of an image that begins with the tile
  * @returns row * width + column for each splat
  */
 export function tilePixels(tile: number, count: number, width = tile): Uint32Array<ArrayBuffer> {

@@ -1,4 +1,4 @@
-/** Decodes splats from a side file and a luma picture, for sorting and for the shaders. */
+/** Decodes splats from a side file and a luma image, for sorting and for the shaders. */
 
 import type { MotionRendition } from "./manifest.ts";
 import { tilePixels } from "./morton.ts";
@@ -11,13 +11,13 @@ export const BLOCK_FLOATS = 4 * BLOCK_TEXELS;
 
 const f = Math.fround;
 
-/** Where the splats of a group lie; most groups of a stream have pictures of the same size. */
+/** Where the splats of a group lie; most groups of a stream have images of the same size. */
 interface Places {
   readonly tile: number;
   readonly columns: number;
   /** Pixel of each splat within a tile: row * tile + column. */
   readonly pixels: Uint32Array<ArrayBuffer>;
-  /** Distance of each splat's value from the first one of its tile in the picture. */
+  /** Distance of each splat's value from the first one of its tile in the image. */
   readonly offsets: Uint32Array<ArrayBuffer>;
 }
 
@@ -161,7 +161,7 @@ export class MotionTables {
    * Centers of all splats in a frame of the group.
    *
    * @param index - frame within the group
-   * @param luma - the decoded picture, rows * tile by columns * tile
+   * @param luma - the decoded image, rows * tile by columns * tile
    * @param out - (N, 3) float32, filled
    */
   positions(index: number, luma: Uint8Array, table: Float32Array, out: Float32Array): void {

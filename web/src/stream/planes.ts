@@ -1,8 +1,8 @@
-/** The profile `planes`: its planes as tiles of one picture, so that both profiles are rendered in the same way. */
+/** The profile `planes`: its planes as tiles of one image, so that both profiles are rendered in the same way. */
 
 import { filesOf, type PlanesRendition } from "./manifest.ts";
 
-/** Tiles per row of the picture that contains a frame's planes. */
+/** Tiles per row of the image that contains a frame's planes. */
 const COLUMNS = 8;
 
 /** Layout of the planes: plane p is at column p % columns, row p / columns. */

@@ -52,7 +52,7 @@ function graphics(): string {
   return name;
 }
 
-/** Runs the benchmark on a player that has shown its first picture. */
+/** Runs the benchmark on a player that has shown its first image. */
 export async function benchmark(player: Player, progress: (part: number) => void): Promise<BenchmarkResult> {
   const info = player.info!;
   const { statistics } = player;

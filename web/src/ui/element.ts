@@ -24,7 +24,7 @@ import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 /** Milliseconds without user input until the controls hide. */
 const IDLE = 3000;
 const NOTICE = 5000;
-/** Opacity of the picture where nothing was filmed. */
+/** Opacity of the image where nothing was filmed. */
 const FAINTEST = 0.1;
 
 /** The type of `state`, which is also sent to a page that embeds the player in an iframe. */
@@ -363,7 +363,7 @@ export class V3PlayerElement extends HTMLElement {
     this.addEventListener("pointermove", (event) => {
       if (event.pointerType === "mouse") this.awake();
     }, { signal });
-    // The comparison of the review lies over the picture and keeps its pointer events to itself.
+    // The comparison of the review lies over the image and keeps its pointer events to itself.
     this.addEventListener("pointerdown", (event) => {
       if (event.composedPath().some((part) => part instanceof Element && part.classList.contains("wipe"))) this.awake();
     }, { signal, capture: true });
@@ -414,7 +414,7 @@ export class V3PlayerElement extends HTMLElement {
     motion.shift = event.shiftKey;
     // The link to copy by hand is selected and copied with keys.
     if (from.tagName === "INPUT" && event.key !== "Escape") return;
-    // Whoever has a keyboard may want to know its keys.
+    // Anyone who has a keyboard may want to know its keys.
     this.classList.add("has-keys");
     // Space also presses a focused button.
     const onButton = from.tagName === "BUTTON";
@@ -602,7 +602,7 @@ export class V3PlayerElement extends HTMLElement {
     this.part_(".bar [data-act='info']").setAttribute("aria-pressed", String(this.panel?.open ?? false));
   }
 
-  /** The session in a headset or on the camera's picture; null if there is none. Not part of the stable interface. */
+  /** The session in a headset or on the camera's image; null if there is none. Not part of the stable interface. */
   immersive: Immersive | null = null;
 
   private async toggleImmersion(kind: Immersion): Promise<void> {
@@ -704,7 +704,7 @@ export class V3PlayerElement extends HTMLElement {
     this.noticeTimer = setTimeout(() => element.classList.remove("shown"), NOTICE);
   }
 
-  /** Fades the picture where no camera filmed from nearby, down to a hint of it, and says why. */
+  /** Fades the image where no camera filmed from nearby, down to a hint of it, and says why. */
   private fade(visibility: number): void {
     const canvas = this.part_<HTMLElement>(".stage > canvas");
     canvas.style.opacity = visibility < 1 ? String(FAINTEST + (1 - FAINTEST) * visibility) : "";

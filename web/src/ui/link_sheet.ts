@@ -48,7 +48,7 @@ export class LinkSheet {
 
   async copyToReview(): Promise<void> {
     const address = this.address(location.href, this.reviewParameters());
-    await this.give(address, "Link to this review copied. Whoever has it sees the footage and can change marks.");
+    await this.give(address, "Link to this review copied. Anyone who has it sees the footage and can change marks.");
   }
 
   hide(): void {

@@ -3,7 +3,7 @@
 import type { View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 
-/** Degrees per pixel of finger movement, for a picture of 500 pixels. */
+/** Degrees per pixel of finger movement, for an image of 500 pixels. */
 const TURN = 0.42;
 /** Seconds in which inertia decays to about a third. */
 const GLIDE = 0.28;
@@ -16,7 +16,7 @@ const FLY = 420;
 export interface MotionEvents {
   /** Called on a tap or click without movement, with its place in the window. */
   tap(pointer: string, x: number, y: number): void;
-  /** Called when the user touches the picture, turns the wheel or uses the gamepad. */
+  /** Called when the user touches the image, turns the wheel or uses the gamepad. */
   input(): void;
   /** Called when the user has moved the camera. */
   touched(): void;

@@ -132,7 +132,7 @@ export const TEMPLATE = `
 <div class="sheet which" role="dialog" aria-label="Which link" hidden>
   <h2>Link to this time and view <button type="button" class="close" data-act="copy-close" aria-label="Close">${ICONS.close}</button></h2>
   <button type="button" class="offer" data-act="link-watch"><b>Copy link to watch</b><small>The player alone, without the review.</small></button>
-  <button type="button" class="offer" data-act="link-review"><b>Copy link to this review</b><small>Secret: whoever has it sees the footage and can change marks.</small></button>
+  <button type="button" class="offer" data-act="link-review"><b>Copy link to this review</b><small>Secret: anyone who has it sees the footage and can change marks.</small></button>
 </div>
 <div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">Try again</button></p></div></div>
 `;

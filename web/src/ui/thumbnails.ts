@@ -50,7 +50,7 @@ export class Thumbnails {
     const old = this.copies.get(part);
     if (old?.view === view) return;
     const picture = old?.picture ?? document.createElement("canvas");
-    // The middle of wide and of tall pictures.
+    // The middle of wide and of tall images.
     const aspect = Math.max(0.6, Math.min(4 / 3, canvas.width / canvas.height));
     const [width, height] = [Math.min(canvas.width, canvas.height * aspect), Math.min(canvas.height, canvas.width / aspect)];
     picture.width = Math.round(HEIGHT * aspect);

@@ -1,4 +1,4 @@
-/** Compares decoded pictures with their CRC-32 in the manifest: a decoder is exact, or it cannot be used. */
+/** Compares decoded images with their CRC-32 in the manifest: a decoder is exact, or it cannot be used. */
 
 import { crc32 } from "../stream/crc32.ts";
 import type { LumaCheck } from "../stream/manifest.ts";
@@ -16,7 +16,7 @@ export class CheckedPictures implements PictureSource {
   ) {}
 
   async get(index: number): Promise<Luma> {
-    // Nothing is drawn before the first picture was compared, also where playing or seeking begins after it.
+    // Nothing is drawn before the first image was compared, also where playing or seeking begins after it.
     if (!this.begun && index > 0) this.pool.give((await this.checked(0)).data);
     return this.checked(index);
   }

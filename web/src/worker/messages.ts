@@ -19,7 +19,7 @@ export interface EarlyFile {
 /** A splat's depth is axis · (x, y, z, 1). */
 export type DepthAxis = readonly [number, number, number, number];
 
-/** How pictures are decoded. */
+/** How images are decoded. */
 export type DecodePath = "webcodecs" | "webcodecs-software" | "video";
 
 export type ToWorker =
@@ -49,7 +49,7 @@ export type ToWorker =
   | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }
   /** Retry groups that could not be fetched. */
   | { readonly type: "retry" }
-  /** The graphics context was lost: send the next picture with its group's setup. */
+  /** The graphics context was lost: send the next image with its group's setup. */
   | { readonly type: "forget-setup" }
   | VideoReply;
 
@@ -67,7 +67,7 @@ export type VideoRequest =
       readonly width: number;
       readonly height: number;
     }
-  /** `time` is the middle of the requested picture, which is shown for `duration`; both in seconds. */
+  /** `time` is the middle of the requested image, which is shown for `duration`; both in seconds. */
   | {
       readonly type: "video-read";
       readonly request: number;
@@ -126,7 +126,7 @@ export interface GroupSetup {
 }
 
 export interface Timings {
-  /** Milliseconds for this frame: video decoding (wall-clock service time of one picture), dequantizing positions, sorting. */
+  /** Milliseconds for this frame: video decoding (wall-clock service time of one image), dequantizing positions, sorting. */
   readonly decode: number;
   readonly dequantize: number;
   readonly sort: number;
@@ -135,7 +135,7 @@ export interface Timings {
 export interface Picture {
   readonly frame: number;
   readonly group: number;
-  /** Sent with a picture if the page does not have its group's setup. */
+  /** Sent with an image if the page does not have its group's setup. */
   readonly setup: GroupSetup | null;
   readonly luma: Uint8Array<ArrayBuffer>;
   readonly blocks: Float32Array<ArrayBuffer> | null;

@@ -14,7 +14,7 @@ export function inDisplayOrder(packets: readonly { readonly timestamp: number }[
   return places;
 }
 
-/** For each picture: how many packets hold it and all pictures before it. B-frames need some that come later. */
+/** For each image: how many packets hold it and all images before it. B-frames need some that come later. */
 export function packetsNeeded(packets: readonly { readonly picture: number }[]): number[] {
   const needed = new Array<number>(packets.length).fill(0);
   packets.forEach(({ picture }, at) => {

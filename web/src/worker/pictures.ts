@@ -5,16 +5,16 @@ import { messageOf, StreamError } from "../stream/errors.ts";
 import { packetsNeeded } from "./order.ts";
 import type { Pool } from "./pool.ts";
 
-/** A decoded picture: luma, and the wall-clock decoding time in milliseconds. */
+/** A decoded image: luma, and the wall-clock decoding time in milliseconds. */
 export interface Luma {
   readonly data: Uint8Array<ArrayBuffer>;
   readonly decode: number;
 }
 
 export interface PictureSource {
-  /** Picture `index` of the group; the caller owns it. Going forward is cheap; going back restarts decoding. */
+  /** Image `index` of the group; the caller owns it. Going forward is cheap; going back restarts decoding. */
   get(index: number): Promise<Luma>;
-  /** Decodes the first pictures ahead. */
+  /** Decodes the first images ahead. */
   warm(): void;
   close(): void;
 }
@@ -25,19 +25,19 @@ export class Closed extends Error {}
 /** WebCodecs returns frames without planes (w3c/webcodecs#920) or rejects the video; another decode path may work. */
 export class PathFailed extends StreamError {}
 
-/** Number of pictures decoded ahead of the last requested one. */
+/** Number of images decoded ahead of the last requested one. */
 const AHEAD = 4;
-/** Microseconds per picture, used to identify decoder output; the true frame rate is in the manifest. */
+/** Microseconds per image, used to identify decoder output; the true frame rate is in the manifest. */
 const TICK = 33_333;
-/** Milliseconds without a picture after which the decoder is considered stuck. */
+/** Milliseconds without an image after which the decoder is considered stuck. */
 const PATIENCE = 20_000;
 
 /** Decodes one video with WebCodecs. */
 export class WebCodecsPictures implements PictureSource {
   private decoder: VideoDecoder | null = null;
-  /** Packets that the decoder needs for each picture and all before it. */
+  /** Packets that the decoder needs for each image and all before it. */
   private readonly needed: readonly number[];
-  /** Next packet to feed to the decoder, next picture that it will output, first picture that is needed. */
+  /** Next packet to feed to the decoder, next image that it will output, first image that is needed. */
   private fed = 0;
   private out = 0;
   private wanted = 0;
@@ -86,7 +86,7 @@ export class WebCodecsPictures implements PictureSource {
     this.fail(new Closed());
   }
 
-  /** Drops pictures before `index`, and `index` itself, which now belongs to the caller. */
+  /** Drops images before `index`, and `index` itself, which now belongs to the caller. */
   private drop(index: number): void {
     for (const [at, luma] of this.ready) {
       if (at < index) this.pool.give(luma.data);
@@ -189,7 +189,7 @@ export class WebCodecsPictures implements PictureSource {
     try {
       const decoder = this.decoder ?? this.start();
       const until = Math.min(packets.length, this.after(this.wanted) + AHEAD - 1);
-      // Decode up to the requested picture immediately, and beyond it slowly.
+      // Decode up to the requested image immediately, and beyond it slowly.
       while (this.fed < until && (this.fed < this.after(this.wanted) || this.fed < this.after(this.out) + AHEAD - 1)) {
         const packet = packets[this.fed];
         this.submitted.push(performance.now());
@@ -201,7 +201,7 @@ export class WebCodecsPictures implements PictureSource {
           }),
         );
         this.fed++;
-        // Decoders may withhold pictures until they are flushed.
+        // Decoders may withhold images until they are flushed.
         if (this.fed === packets.length) void this.flush(decoder, this.run);
       }
     } catch (error) {
@@ -214,7 +214,7 @@ export class WebCodecsPictures implements PictureSource {
       }, PATIENCE);
   }
 
-  /** Packets that are needed for a picture; all for one past the end. */
+  /** Packets that are needed for an image; all for one past the end. */
   private after(picture: number): number {
     return picture < this.needed.length ? this.needed[picture] : this.packets.length;
   }

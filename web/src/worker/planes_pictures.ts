@@ -1,6 +1,6 @@
 /**
  * Luma of the profile `planes`: a group's many small videos are decoded one after another and assembled as tiles of one
- * picture per frame. Devices have few decoders, so only one is used, and a group is decoded completely before it plays.
+ * image per frame. Devices have few decoders, so only one is used, and a group is decoded completely before it plays.
  */
 
 import { StreamError } from "../stream/errors.ts";
@@ -9,7 +9,7 @@ import { planesLayout } from "../stream/planes.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
 import type { Pool } from "./pool.ts";
 
-/** Maximum bytes of a group's pictures. */
+/** Maximum bytes of a group's images. */
 const MAX_GROUP_BYTES = 512 << 20;
 
 export class PlanesPictures implements PictureSource {

@@ -1,4 +1,4 @@
-/** An open stream: turns requests for frames into sorted pictures. */
+/** An open stream: turns requests for frames into sorted images. */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { GroupTable } from "../stream/group_table.ts";
@@ -379,7 +379,7 @@ export class Session {
     if (this.soundWanted) void this.bringSound();
   }
 
-  /** Fetches the sound, once the first picture is there. */
+  /** Fetches the sound, once the first image is there. */
   private async bringSound(): Promise<void> {
     this.soundWanted = false;
     const { audio } = this.manifest!;
@@ -577,7 +577,7 @@ export class Session {
   }
 }
 
-/** Width and height of the picture that holds all of a group's numbers of one frame. */
+/** Width and height of the image that holds all of a group's numbers of one frame. */
 function pictureSize(group: Rendition): [number, number] {
   const { tile, columns, rows } = isMotion(group) ? group : planesLayout(group);
   return [columns * tile, rows * tile];

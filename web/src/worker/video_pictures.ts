@@ -1,6 +1,6 @@
 /**
  * Decodes luma with a <video> element if WebCodecs is unavailable: on insecure pages, and in browsers without it. The
- * element is on the page; this requests its pictures.
+ * element is on the page; this requests its images.
  */
 
 import type { Demuxed, Packet } from "./demux.ts";

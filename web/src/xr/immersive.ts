@@ -33,7 +33,7 @@ export async function hasImmersion(kind: Immersion): Promise<boolean> {
 }
 
 export interface ImmersionHandlers {
-  /** A hint for the viewer, in AR on top of the camera's picture. */
+  /** A hint for the viewer, in AR on top of the camera's image. */
   readonly hint: (text: string) => void;
   readonly ended: () => void;
 }
