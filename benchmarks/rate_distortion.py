@@ -63,12 +63,9 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "without smoothing": {"smooth_paths": False},
     "without B-frames": {"b_frames": 0},
     "default": {},
-    "splats 0.9": {"splats": 0.9},
-    "splats 0.8": {"splats": 0.8},
-    "splats 0.7": {"splats": 0.7},
 }
 """Settings of `bake`."""
-BRIEF = ("plain", "default", "splats 0.8")
+BRIEF = ("plain", "default")
 
 console = Console(width=120)
 
@@ -534,7 +531,7 @@ def main() -> int:
     parser.add_argument("--groups", help="indices of the groups, for example 0,2 (default: all)")
     parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
     parser.add_argument("--variants", action="store_true", help="compare settings of the profile motion instead")
-    parser.add_argument("--brief", action="store_true", help="with --variants: only the default and splats 0.8")
+    parser.add_argument("--brief", action="store_true", help="with --variants: only the default")
     parser.add_argument("--speed", action="store_true", help="measure times at 60,000 to 300,000 splats instead")
     parser.add_argument("--write", type=Path, metavar="FILE", help="write the tables between the markers in this file")
     parser.add_argument("--title", default="", help="description of the take for the first line")
