@@ -562,7 +562,7 @@ class GroupEntry(Model):
 class Page(Model):
     """A page of the index as stored."""
 
-    format: Literal["v3studio-stream-page"] = PAGE_FORMAT
+    format: Literal["v3studio-stream-page"]
     groups: Annotated[tuple[GroupEntry, ...], Field(min_length=1, max_length=MAX_PAGE_GROUPS)]
 
 
@@ -572,9 +572,9 @@ class Page(Model):
 class Codec(Model):
     """How the videos are encoded."""
 
-    name: CodecName = "h264"
-    pixel_format: Literal["yuv420p"] = "yuv420p"
-    color_range: Literal["full"] = "full"
+    name: CodecName
+    pixel_format: Literal["yuv420p"]
+    color_range: Literal["full"]
 
 
 class RenditionEntry(Model):
@@ -629,12 +629,12 @@ class Manifest(Model):
     fps: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
     frame_count: Annotated[int, Field(ge=1, le=MAX_FRAMES)]
     scan: Literal["morton", "rows"]
-    codec: Codec = Codec()
+    codec: Codec
     bounding_box: Box
     live: bool = False
     renditions: Annotated[tuple[RenditionEntry, ...], Field(min_length=1, max_length=MAX_RENDITIONS)]
     groups: Annotated[tuple[GroupEntry, ...], Field(min_length=1, max_length=MAX_GROUPS)]
-    pages: Annotated[tuple[PageEntry, ...], Field(max_length=MAX_GROUPS)] = ()
+    pages: Annotated[tuple[PageEntry, ...], Field(max_length=MAX_GROUPS)]
     audio: AudioEntry | None = None
     settings: JsonObject = Field(default_factory=dict)
     metadata: JsonObject = Field(default_factory=dict)

@@ -19,6 +19,7 @@ from studio.stream.manifest import (
     MANIFEST_NAME,
     MAX_MANIFEST_BYTES,
     MAX_PAGE_GROUPS,
+    PAGE_FORMAT,
     PROFILES,
     AudioEntry,
     Codec,
@@ -88,7 +89,7 @@ def write_manifest(
             fps=float(fps),
             frame_count=sum(group.frame_count for group in groups),
             scan=PROFILES[settings.profile].scan,  # type: ignore[arg-type]
-            codec=Codec(name=settings.codec),
+            codec=Codec(name=settings.codec, pixel_format="yuv420p", color_range="full"),
             bounding_box=box,
             live=live,
             renditions=_renditions(groups, fps),
@@ -149,7 +150,7 @@ def _pages(directory: Path, groups: Sequence[GroupEntry], sizes: Sequence[int], 
     while start < len(groups):
         end = _fitting(sizes, start, PAGE_BYTES)
         part = tuple(groups[start:end])
-        data = Page(groups=part).to_bytes()
+        data = Page(format=PAGE_FORMAT, groups=part).to_bytes()
         name, digest = content_name(data, ".json")
         _write(directory / name, data)
         pages.append(
