@@ -21,6 +21,7 @@ import torch
 from pipelines.share import sharing
 from pipelines.share.page import PageText, first_files, read_intro
 from pipelines.share.sharing import Shared, share, share_size
+from pipelines.takes.take import TAKE_FORMAT
 from studio.cameras import Camera
 from studio.errors import Cancelled
 from studio.formats.camera_path import Key, write_path_keys
@@ -160,7 +161,7 @@ def test_without_text_the_streams_own_is_used_and_its_folders_name(stream, tmp_p
     assert (player["data-title"], player.get("data-credits")) == ("Giv?n", None)
     take = tmp_path / "my take"
     shutil.copytree(stream, take / "stream")
-    (take / "take.json").write_text(json.dumps({"format": 1}))
+    (take / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
     assert share(str(take), tmp_path / "of take").title == "my take"
 
 
@@ -293,7 +294,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
     with refuses("source.file_missing", file=tmp_path / "manifest.json"):
         share_page(str(tmp_path), tmp_path / "take.html")
     (tmp_path / "take").mkdir()
-    (tmp_path / "take" / "take.json").write_text(json.dumps({"format": 1}))
+    (tmp_path / "take" / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
     with refuses("take.no_stream", file=str(tmp_path / "take")):
         share_size(str(tmp_path / "take"))
 

@@ -9,6 +9,7 @@ import pytest
 
 from studio.stream import FolderSource, StreamReader
 from tests.support.streams import bake_numbered
+from tests.support.waiting import wait_until
 
 FPS = 50.0
 
@@ -108,14 +109,9 @@ def clock() -> HandClock:
 
 @pytest.fixture
 def until() -> Callable[..., None]:
-    """`until(condition)`: wait up to 10 s until other threads make it true."""
-    import time
+    """`until(condition)`: wait until other threads make it true, on a busy machine too."""
 
     def wait(condition: Callable[[], bool], what: str = "condition") -> None:
-        for _ in range(2000):
-            if condition():
-                return
-            time.sleep(0.005)
-        raise AssertionError(f"{what} was not met in 10 s")
+        wait_until(what, condition, 120.0)
 
     return wait
