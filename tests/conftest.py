@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import hypothesis
 import pytest
 
 from studio.process import passive_openmp
@@ -31,6 +32,8 @@ def pytest_configure(config: pytest.Config) -> None:
     # Shells start background commands with Ctrl-C ignored, which programs that the tests start would inherit.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    hypothesis.settings.register_profile("any machine", deadline=None)
+    hypothesis.settings.load_profile("any machine")
     for line in (
         "gpu: needs a CUDA device; skipped if there is none",
         "slow: takes more than a few seconds: runs of the pipeline, training, windows, COLMAP",
