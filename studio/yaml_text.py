@@ -59,8 +59,8 @@ class _Constructor(SafeConstructor):
 
 class _Representer(SafeRepresenter):
     def represent_str(self, data: str) -> Any:
-        # ruamel cannot read a key that begins with a colon in brackets, as it writes it
-        return self.represent_scalar("tag:yaml.org,2002:str", data, style="'" if data.startswith(":") else None)
+        # in brackets, ruamel writes text that begins with these without quotes, and reads it as a key or a value
+        return self.represent_scalar("tag:yaml.org,2002:str", data, style="'" if data.startswith((":", "?")) else None)
 
 
 _Representer.add_representer(str, _Representer.represent_str)

@@ -6,7 +6,7 @@ import datetime
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from studio.yaml_text import (
@@ -87,6 +87,7 @@ JSON = st.recursive(
 
 
 @given(JSON, st.sampled_from([False, True, None]))
+@example(["?0", ":0", {"?0": ":0"}], True)
 def test_what_is_written_is_read_as_the_same(value: object, flow: bool | None) -> None:
     assert parse_yaml(dump_yaml(value, flow=flow)) == value
 
