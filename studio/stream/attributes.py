@@ -28,6 +28,7 @@ class Attribute:
 
     Attributes:
         name: means, quats, scales, opacities or sh.
+        label: what people read.
         components: names in `planes`; {k} stands for each SH coefficient.
         channels: names in `motion`, likewise.
         steps: of the channels. An error of one step is about equally visible in every channel (found by rendering
@@ -38,6 +39,7 @@ class Attribute:
     """
 
     name: str
+    label: str
     components: tuple[str, ...]
     channels: tuple[str, ...]
     steps: tuple[float, ...]
@@ -53,10 +55,16 @@ class Attribute:
 
 ATTRIBUTES = (
     Attribute(
-        "means", ("mean_x", "mean_y", "mean_z"), ("residual_x", "residual_y", "residual_z"), (0.08,) * 3, bits=16
+        "means",
+        "positions",
+        ("mean_x", "mean_y", "mean_z"),
+        ("residual_x", "residual_y", "residual_z"),
+        (0.08,) * 3,
+        bits=16,
     ),
     Attribute(
         "quats",
+        "rotation",
         ("quat_w", "quat_x", "quat_y", "quat_z"),
         ("rotation_0", "rotation_1", "rotation_2"),
         (0.0015,) * 3,
@@ -64,15 +72,17 @@ ATTRIBUTES = (
     ),
     Attribute(
         "scales",
+        "scale",
         ("log_scale_0", "log_scale_1", "log_scale_2"),
         ("log_scale_0", "log_scale_1", "log_scale_2"),
         (0.017,) * 3,
         held=True,
         largest=MAX_LOG_SCALE,
     ),
-    Attribute("opacities", ("opacity",), ("opacity",), (0.0096,)),
+    Attribute("opacities", "opacity", ("opacity",), ("opacity",), (0.0096,)),
     Attribute(
         "sh",
+        "color",
         ("sh_{k}_r", "sh_{k}_g", "sh_{k}_b"),
         ("sh_{k}_y", "sh_{k}_co", "sh_{k}_cg"),
         (0.0069, 0.0072, 0.0072),

@@ -18,25 +18,17 @@ from gui.pages.stage_view import Size, StageView
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.stream import StreamReader
+from studio.stream.attributes import components
 
-ATTRIBUTES = {
-    "means_high": "positions, high bytes",
-    "means_low": "positions, low bytes",
-    "sh": "color",
-    "opacities": "opacity",
-    "scales": "scale",
-    "quats": "rotation",
-}
+_ATTRIBUTES = {component.name: component.attribute for component in components(sh_degree=3)}
 
 
-def attribute_of(component: str, part: str) -> str:
-    """Key of `ATTRIBUTES` that a plane belongs to."""
-    if component.startswith("mean_"):
-        return "means_high" if part == "high" else "means_low"
-    for prefix, name in (("sh_", "sh"), ("opacity", "opacities"), ("log_scale", "scales"), ("quat", "quats")):
-        if component.startswith(prefix):
-            return name
-    return "sh"
+def plane_label(component: str, part: str) -> str:
+    """What the bytes of a plane are for; `part`: as in the manifest."""
+    attribute = _ATTRIBUTES[component]
+    if attribute.bits == 8:
+        return attribute.label
+    return f"{attribute.label}, {'high' if part == 'high' else 'low'} bytes"
 
 
 @dataclass(frozen=True)
@@ -63,16 +55,16 @@ def shares(reader: StreamReader) -> list[Share]:
         found[name] = (before[0] + size, before[1] | qps)
 
     for group in reader.groups:
-        components = getattr(group, "components", None)  # of the profile "planes"
-        if components is None:
+        stored = getattr(group, "components", None)  # of the profile "planes"
+        if stored is None:
             for file in group.files:
                 qp = getattr(file, "qp", None)
                 name = "video" if qp is not None else "motion"
                 add(name, file.bytes, frozenset() if qp is None else frozenset({qp}))
             continue
-        for component in components:
+        for component in stored:
             for plane in component.planes:
-                add(ATTRIBUTES[attribute_of(component.name, plane.part)], plane.bytes, frozenset({plane.qp}))
+                add(plane_label(component.name, plane.part), plane.bytes, frozenset({plane.qp}))
     rest = reader.played_bytes - sum(size for size, _ in found.values())
     words = rest_words(reader.audio is not None)
     return [*(Share(name, *values) for name, values in found.items()), Share(words, rest, frozenset())]

@@ -97,23 +97,24 @@ def test_equal_rates_and_any_order():
     assert rule.choose(8.0) == 1
 
 
-@pytest.fixture
-def long_stream(tmp_path):
-    """300 frames in groups of 10, three renditions; the frames themselves are few, so that baking is quick."""
+@pytest.fixture(scope="module")
+def switching(tmp_path_factory):
+    """60 frames in groups of 4, three renditions, few splats."""
+    folder = tmp_path_factory.mktemp("switching")
     settings = BakeSettings(ladder=LADDER, preset="ultrafast")
-    frames = _turning_bodies(300, 40)
+    frames = _turning_bodies(60, 40)
     share = lambda: frames[0].means[:, 0].abs().numpy()  # noqa: E731
     entries = [
-        bake_group(frames[first : first + 10], tmp_path, first // 10, first, settings, contribution=share)
-        for first in range(0, 300, 10)
+        bake_group(frames[first : first + 4], folder, first // 4, first, settings, contribution=share)
+        for first in range(0, 60, 4)
     ]
-    write_manifest(tmp_path, entries, 30, settings)
-    return tmp_path, frames
+    write_manifest(folder, entries, 30, settings)
+    return folder, frames
 
 
-def test_changing_renditions_neither_repeats_nor_skips_a_frame(long_stream, monkeypatch):
-    """The player of 300 frames changes the rendition at every group; each frame is the one that was baked."""
-    folder, frames = long_stream
+def test_changing_renditions_neither_repeats_nor_skips_a_frame(switching, monkeypatch):
+    """The player changes the rendition at every group; each frame is the one that was baked."""
+    folder, frames = switching
     turns = iter(range(10_000))
     monkeypatch.setattr(RateRule, "choose", lambda self, buffered: next(turns) % 3)
     shown = []
@@ -122,17 +123,17 @@ def test_changing_renditions_neither_repeats_nor_skips_a_frame(long_stream, monk
         shown.append((item.frame, len(item.gaussians), float(item.gaussians.means[:, 0].mean())))
 
     report = play_headless(folder, adaptive=True, on_frame=show)
-    assert [frame for frame, _, _ in shown] == list(range(300))
+    assert [frame for frame, _, _ in shown] == list(range(60))
     assert (report.dropped, report.skipped) == (0, ())
     sizes = [count for _, count, _ in shown]
-    assert sizes == [(40, 40, 20)[frame // 10 % 3] for frame in range(300)]
+    assert sizes == [(40, 40, 20)[frame // 4 % 3] for frame in range(60)]
     for frame, count, mean in shown:
         if count == 40:  # half of the splats drift by 0.05 a frame, which tells frames apart
             assert abs(mean - float(frames[frame].means[:, 0].mean())) < 0.0125
 
 
-def test_the_rule_hears_of_network_and_decoder(long_stream):
-    folder, _ = long_stream
+def test_the_rule_hears_of_network_and_decoder(switching):
+    folder, _ = switching
     with StreamReader.open(folder) as reader:
         assert Shared(reader).rule is None  # a folder
         shared = Shared(reader, adaptive=True)

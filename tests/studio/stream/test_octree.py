@@ -69,9 +69,9 @@ def test_deflate_is_one_stream_for_any_zlib(parts):
 
 
 def test_inflate_stops_at_the_promised_size():
-    bomb = deflate([bytes(50_000_000)])
-    assert len(bomb) < 100_000
-    for size in (10, 49_999_999, 50_000_001):
+    bomb = deflate([bytes(2_000_000)])
+    assert len(bomb) < 4000
+    for size in (10, 1_999_999, 2_000_001):
         with pytest.raises(ValueError, match="decompress to"):
             inflate(bomb, size)
     with pytest.raises(ValueError, match="decompress"):

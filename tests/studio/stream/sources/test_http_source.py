@@ -204,14 +204,6 @@ def test_a_stalling_server(server, source):
     assert time.monotonic() - began < 30
 
 
-def test_a_server_that_says_nothing(server, source):
-    server.faults["/s/file"] = lambda handler, data: server.stop_stalling.wait(60)
-    began = time.monotonic()
-    with refuses("source.unavailable", file=f"{server.url}/file", reason="read_timeout"):
-        source.read("file", len(CONTENT))
-    assert time.monotonic() - began < 30
-
-
 def test_a_trickle_is_no_stream(server, source):
     def trickle(handler, data):
         handler.send_response(200)
