@@ -9,7 +9,7 @@ from gui.models.loop import LOOP
 from gui.overlays import Overlays
 from gui.platform.closing import CloseRequests
 from gui.platform.menu_bar import MenuBar
-from gui.platform.presses import Chords
+from gui.platform.presses import Chords, key_code
 from gui.platform.x_window import XDisplay
 from gui.shell import Shell
 from gui.widgets.picture import holds
@@ -56,6 +56,7 @@ class UserInput:
         came = window.input.poll(hold=window.dialogs.focusing, release=window.dialogs.expected)
         if window.input.came_to_rest():
             self._chords.release_all()
+            self._actions.search.show_expected()
         if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
             window.changed()
         window.input.escapes.dialog = bool(window.dialogs.name)  # what came may have closed it
@@ -68,10 +69,12 @@ class UserInput:
         """Handle a key event of the toolkit; returns whether it is not to be handled further."""
         window, dialogs = self._window, self._window.dialogs
         LOOP.run()  # what is typed is for what a chosen item opens
-        modifier = self._chords.note(event)
+        is_new, press = True, None
+        if event.type == gui.KeyEvent.Type.DOWN:
+            is_new, press = window.input.reports.reported(key_code(event.key))
+        modifier = self._chords.note(event, press)
         if modifier and event.type == gui.KeyEvent.Type.UP:
             self._actions.search.show_expected()
-        is_new = event.type != gui.KeyEvent.Type.DOWN or window.input.reports.is_new()
         if event.key == gui.KeyName.ESCAPE:
             self._close_requests.escape()
             if event.type == gui.KeyEvent.Type.DOWN and window.input.escapes.heard(self._chords.again):

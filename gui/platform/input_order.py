@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gui.platform.presses import Escapes, KeyReports
+from gui.platform.presses import Escapes, KeyReports, Press
 from gui.platform.x_window import BUTTONS
 from gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, InputEvent, errors_ignored, open_display
 
@@ -41,7 +41,7 @@ _KINDS: dict[int, tuple[Kind, int]] = {
 """Kind and mask by the type of an X event."""
 
 _INPUT_ONLY, _LARGEST = 2, 32767
-_CONTROL = 1 << 2
+_SHIFT, _CONTROL = 1 << 0, 1 << 2
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,8 @@ class InputOrder:
         if one is not None and one.kind == "key":
             self.pressed(one.code)
             self._typing = True
-            self.reports.press()
+            state = one.event.state if one.event is not None else 0
+            self.reports.press(Press(one.code, one.repeated, bool(state & _CONTROL), bool(state & _SHIFT)))
         if one is None or one.code != ESCAPE or one.repeated:
             return
         if one.kind == "key":

@@ -6,7 +6,11 @@ busy machine has been seen to report one press twice, which would jump over two 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from open3d.visualization import gui
+
+from gui.platform.keyboard import KEYS
 
 PATIENCE = 10
 """Ticks within which the toolkit reports a press, if it does."""
@@ -22,6 +26,36 @@ _MODIFIERS = {
     gui.KeyName.RIGHT_SHIFT: "shift",
 }
 
+_CODES = {
+    gui.KeyName.ESCAPE: 9, gui.KeyName.BACKSPACE: 22, gui.KeyName.TAB: 23, gui.KeyName.ENTER: 36,
+    gui.KeyName.LEFT_CONTROL: 37, gui.KeyName.LEFT_SHIFT: 50, gui.KeyName.RIGHT_SHIFT: 62,
+    gui.KeyName.RIGHT_CONTROL: 105, gui.KeyName.HOME: 110, gui.KeyName.UP: 111, gui.KeyName.PAGE_UP: 112,
+    gui.KeyName.LEFT: 113, gui.KeyName.RIGHT: 114, gui.KeyName.END: 115, gui.KeyName.DOWN: 116,
+    gui.KeyName.PAGE_DOWN: 117, gui.KeyName.DELETE: 119, gui.KeyName.META: 133,
+}  # fmt: skip
+"""X key codes of keys that are no letters, as in `keyboard`."""
+
+
+def key_code(key: gui.KeyName) -> int | None:
+    """The X key code of a key of the toolkit; None if it is not known."""
+    number = int(key)
+    return _CODES.get(key) or KEYS.get(chr(number).lower() if number < 128 else "")
+
+
+class Press(NamedTuple):
+    """A press of a key that was passed on to the toolkit.
+
+    Attributes:
+        code: X key code.
+        repeated: whether the key was down already.
+        control, shift: whether these were held.
+    """
+
+    code: int
+    repeated: bool = False
+    control: bool = False
+    shift: bool = False
+
 
 class Chords:
     """See the module. Give it every key event.
@@ -35,10 +69,22 @@ class Chords:
         self._held: set[object] = set()
         self.again = False
 
-    def note(self, event: gui.KeyEvent) -> bool:
-        """Note an event; returns whether it is one of a modifier."""
+    def note(self, event: gui.KeyEvent, press: Press | None = None) -> bool:
+        """Note an event; returns whether it is one of a modifier.
+
+        Args:
+            event: it.
+            press: what X knows of it. The toolkit may have lost a release when a dialog opened or closed, so the
+                modifiers are taken from here, and a key repeats only if both say so.
+        """
         down = event.type == gui.KeyEvent.Type.DOWN
-        self.again = down and event.key in self._held
+        if press is not None:
+            for key, name in _MODIFIERS.items():
+                if not getattr(press, name):
+                    self._held.discard(key)
+            self._held |= {gui.KeyName.LEFT_CONTROL} if press.control and not self.control else set()
+            self._held |= {gui.KeyName.LEFT_SHIFT} if press.shift and not self.shift else set()
+        self.again = down and event.key in self._held and (press is None or press.repeated)
         (self._held.add if down else self._held.discard)(event.key)
         return event.key in _MODIFIERS
 
@@ -122,34 +168,38 @@ class KeyReports:
     def __init__(self) -> None:
         self.passed = self.again = 0
         self._tick = 0
-        self._unheard: list[int] = []  # ticks of the presses that were passed on
+        self._unheard: list[tuple[int, Press]] = []  # presses that were passed on, with their ticks
         self._last = -SETTLED
 
     def tick(self) -> None:
         """Note that the window has ticked."""
         self._tick += 1
-        while self._unheard and self._tick >= self._unheard[0] + SETTLED:
+        while self._unheard and self._tick >= self._unheard[0][0] + SETTLED:
             del self._unheard[0]  # a text field kept it
 
-    def press(self) -> None:
+    def press(self, press: Press) -> None:
         """Note a press, or a repeat of a key that is held, that is passed on to the toolkit."""
         self.passed += 1
-        self._unheard.append(self._tick)
+        self._unheard.append((self._tick, press))
         self._last = self._tick
 
-    def is_new(self) -> bool:
-        """Note that the toolkit reports a press; returns whether it is to be acted on.
+    def reported(self, code: int | None) -> tuple[bool, Press | None]:
+        """Note that the toolkit reports a press.
 
-        Presses that did not come through here, as with the pointer outside of the window, are: long after the last one
-        that did.
+        Args:
+            code: its X key code; None if that is not known.
+
+        Returns:
+            Whether it is to be acted on, and the press that was passed on, if any. Presses that did not come through
+            here, as with the pointer outside of the window, are acted on long after the last one that did.
         """
-        if self._unheard:
-            del self._unheard[0]
-            return True
-        if self.settled:
-            return True
-        self.again += 1
-        return False
+        for number, (_, press) in enumerate(self._unheard):
+            if code in (None, press.code):
+                del self._unheard[: number + 1]  # a text field kept those before it
+                return True, press
+        if not self.settled:
+            self.again += 1
+        return self.settled, None
 
     @property
     def settled(self) -> bool:
