@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.capture.media import open_media
+from studio.capture.media import open_media, start_of, video_stream
 from studio.errors import StudioError
 
 SAMPLE_RATE = 48_000
@@ -49,7 +49,8 @@ class SoundFile:
                     )
                 stream = container.streams.audio[0]
                 self.channels = 1 if stream.channels == 1 else 2
-                self._zero = _start(container.streams.video[0]) if container.streams.video else 0.0
+                video = video_stream(container)
+                self._zero = start_of(video) if video is not None else 0.0
                 self.duration = _end(container, stream)
                 if self.duration is not None:
                     self.duration -= self._zero
@@ -97,14 +98,10 @@ class SoundFile:
         return StudioError("audio.unreadable", f"the sound cannot be read ({reason})", file=self.path, fix=_COPY_AGAIN)
 
 
-def _start(stream: Any) -> float:
-    return float(stream.start_time * stream.time_base) if stream.start_time is not None else 0.0
-
-
 def _end(container: Any, stream: Any) -> float | None:
     if stream.duration is not None:
-        return _start(stream) + float(stream.duration * stream.time_base)
-    return None if container.duration is None else _start(stream) + container.duration / 1e6
+        return start_of(stream) + float(stream.duration * stream.time_base)
+    return None if container.duration is None else start_of(stream) + container.duration / 1e6
 
 
 def _then_none(frames: Iterator[Any]) -> Iterator[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from studio.capture.images import image_size
-from studio.capture.media import open_media
+from studio.capture.media import open_media, video_stream
 from studio.errors import StudioError
 
 _FOLDERS = ("", "images", "image", "imgs", "img", "videos", "video", "rgbs", "rgb")
@@ -63,8 +63,10 @@ def _size(file: Path, camera: str) -> tuple[int, int]:
         if file.suffix.lower() in _IMAGES:
             return image_size(file)
         with open_media(file) as container:
-            stream = container.streams.video[0]
-            return stream.codec_context.width, stream.codec_context.height
+            stream = video_stream(container)
+            if stream is None:
+                raise ValueError("no video stream")
+            return stream.width, stream.height
     except Exception as error:
         if isinstance(error, StudioError) and error.code.startswith("storage."):
             raise

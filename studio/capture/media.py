@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from studio.storage import cached_object
 
 if TYPE_CHECKING:
     from av.container import InputContainer
+    from av.video.frame import VideoFrame
+    from av.video.stream import VideoStream
 
     from studio.storage import CachedObject
 
@@ -25,6 +27,10 @@ FORMATS = (
 )  # fmt: skip
 """Names of FFmpeg's demuxers of self-contained files."""
 
+_ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
+"""FFmpeg's own decoders of these codecs ignore the alpha channel, which WebM files hold beside the frames."""
+
+_STILLS = frozenset({"mjpeg", "png", "bmp", "gif", "tiff", "webp"})
 
 _OPTIONS = {"format_whitelist": ",".join(FORMATS)}
 
@@ -65,3 +71,59 @@ def _open_stored(stored: CachedObject, **options: str) -> InputContainer:
     import av
 
     return av.open(stored, "r", container_options={**_OPTIONS, "protocol_whitelist": "none", **options})
+
+
+def video_stream(container: InputContainer) -> VideoStream | None:
+    """The stream with the footage: not cover art or thumbnails, and the largest of several, as others are previews.
+
+    A stream other than the first that is the only one marked as default precedes. Programs mark the first one without
+    being told to, so that this mark says nothing.
+
+    Returns:
+        None if there is no video whose codec FFmpeg knows.
+    """
+    from av.stream import Disposition
+
+    pictures = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
+    known: list[VideoStream] = [stream for stream in container.streams.video if stream.codec_context is not None]
+    films = [stream for stream in known if not stream.disposition & pictures]
+    marked = [stream for stream in films if stream.disposition & Disposition.default]
+    if len(marked) == 1 and marked[0] is not films[0]:
+        return marked[0]
+    return max(films, key=lambda stream: (_moves(stream), stream.width * stream.height), default=None)
+
+
+def _moves(stream: VideoStream) -> bool:
+    """Whether it is not a still that is not marked as cover art; Matroska does not tell how many frames there are."""
+    return stream.frames > 1 or stream.codec_context.codec.name not in _STILLS
+
+
+def start_of(stream: Any) -> float:
+    """Seconds at which a stream begins."""
+    return float(stream.start_time * stream.time_base) if stream.start_time is not None else 0.0
+
+
+def has_separate_alpha(stream: VideoStream) -> bool:
+    """Whether alpha is stored beside the frames of a VP8 or VP9 video, as WebM marks it."""
+    return stream.codec_context.codec.name in _ALPHA_DECODERS and stream.metadata.get("alpha_mode") == "1"
+
+
+def decoded(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
+    """The frames of a stream from the container's current position on, with alpha if the file has it.
+
+    Raises:
+        av.FFmpegError, OSError, ValueError: a frame cannot be decoded.
+    """
+    from av.codec import CodecContext
+
+    # each decoder has one thread: a capture keeps many open, and each frame thread needs a frame buffer of its own
+    if not has_separate_alpha(stream):
+        if not stream.codec_context.is_open:
+            stream.codec_context.thread_count = 1
+        yield from container.decode(stream)
+        return
+    decoder: Any = CodecContext.create(_ALPHA_DECODERS[stream.codec_context.codec.name], "r")
+    decoder.extradata = stream.codec_context.extradata
+    decoder.thread_count = 1
+    for packet in container.demux(stream):
+        yield from decoder.decode(packet)

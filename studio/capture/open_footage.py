@@ -251,8 +251,17 @@ def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[flo
 
 
 def _video_notes(sources: Mapping[str, FrameSource]) -> str:
-    """What is unusual about the videos, one line per camera."""
-    return "\n".join(f"Camera '{camera}': {source.note}." for camera, source in sources.items() if source.note)
+    """What is unusual about the videos, one line for the cameras of which it is true."""
+    cameras: dict[str, list[str]] = {}
+    for camera, source in sources.items():
+        if source.note:
+            cameras.setdefault(source.note, []).append(camera)
+    lines = []
+    for note, names in cameras.items():
+        every = len(names) == len(sources) and len(names) > 1
+        who = f"All {len(names)} cameras" if every else f"{plural('Camera', len(names))} {_quoted(names)}"
+        lines.append(f"{who}: {note}.")
+    return "\n".join(lines)
 
 
 def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
@@ -332,6 +341,10 @@ def _by_number(cameras: Mapping[str, Camera], names: Sequence[str]) -> dict[str,
 def _only_number(name: str) -> int | None:
     numbers = re.findall(r"\d+", name)
     return int(numbers[0]) if len(numbers) == 1 else None
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
 
 
 def _and_more(noun: str, names: Sequence[str]) -> str:

@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from studio.capture.footage import Footage
-from studio.capture.media import open_media
+from studio.capture.media import open_media, start_of, video_stream
 from studio.capture.patterns import VIDEO_EXTENSIONS
 from studio.capture.timecode import Timecode, read_timecode, timecode_offsets
 from studio.counts import counted
@@ -303,8 +302,8 @@ def sound_signal(file: Path) -> np.ndarray | None:
         with open_media(file) as container:
             if not container.streams.audio:
                 return None
-            video: Any = container.streams.video[0]
-            first = float(video.start_time * video.time_base) if video.start_time is not None else 0.0
+            video = video_stream(container)
+            first = start_of(video) if video is not None else 0.0
             resample = av.AudioResampler(format="flt", layout="mono", rate=16000)
             parts, start = [], None
             for frame in container.decode(audio=0):

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from studio.capture.media import open_media
+from studio.capture.media import open_media, video_stream
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -100,9 +100,9 @@ def read_timecode(file: Path) -> Timecode | None:
 
     try:
         with open_media(file) as container:
-            video = container.streams.video[0]
-            rate = video.average_rate
-            places = (video, container, *container.streams)
+            video = video_stream(container)
+            rate = video.average_rate if video is not None else None
+            places = (*([] if video is None else [video]), container, *container.streams)
             text = next((found for place in places if (found := _tag(place.metadata))), None)
             first = _first_of_track(container)
     except (av.error.FFmpegError, OSError, IndexError) as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 import functools
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from studio.capture.chroma_grid import chroma_grid
 from studio.capture.frame_clock import frame_clock
-from studio.capture.media import open_media, open_packets
+from studio.capture.media import decoded, open_media, open_packets, video_stream
 from studio.capture.transfer import TransferFunction, eight_bit
 from studio.chroma import ChromaSampling
 from studio.errors import StudioError
@@ -21,6 +22,7 @@ from studio.errors import StudioError
 # which is visible at silhouettes and reduces the color accuracy of 4:2:0 footage by about 1 dB.
 _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
+_HDR = {16: "PQ", 18: "HLG"}  # FFmpeg's AVCOL_TRC_SMPTE2084 and AVCOL_TRC_ARIB_STD_B67
 _EMPTY_PACKET = 8  # bytes
 _ENCODE_AGAIN = "Copy or encode the video again."
 
@@ -39,7 +41,7 @@ class VideoReader:
         frame_count: number of frames at a constant rate. A frame that the file skips or repeats without data is the one
             before it.
         fps: frame rate in frames per second, or None.
-        note: a sentence if frames are repeated; otherwise "".
+        note: a clause on what is unusual about the file and how it is read; otherwise "".
         has_alpha: whether frames have an alpha channel.
 
     Raises:
@@ -88,6 +90,7 @@ class VideoReader:
             turned = self._turns % 2 == 1
             self.width, self.height = (frame.height, frame.width) if turned else (frame.width, frame.height)
             self._coded = (frame.width, frame.height)
+            self.note = "; ".join(filter(None, (self.note, *_unusual(self._container, stream, frame))))
             self.has_alpha = any(part.is_alpha for part in frame.format.components)
 
     @property
@@ -149,8 +152,9 @@ class VideoReader:
         if self._transfer not in ("auto", "srgb"):
             return None  # the loss would have to subsample before the curve
         with open_media(self.path) as container:
-            container.streams.video[0].codec_context.thread_count = 1
-            frame = next(container.decode(video=0))
+            stream = video_stream(container)
+            assert stream is not None  # else `__init__` would have raised
+            frame = next(decoded(container, stream))
             found = chroma_grid(frame, self._to_rgb, self._matrix)
         return found and found.rotated(self._turns, *self._coded)
 
@@ -181,20 +185,18 @@ class VideoReader:
                 file=self.path,
                 fix=_ENCODE_AGAIN,
             ) from None
-        if not container.streams.video:
+        stream = video_stream(container)
+        if stream is None:
+            films = [each for each in container.streams.video if each.codec_context is None]
             container.close()
+            if films:
+                raise StudioError(
+                    "footage.video_unreadable", "the video has a codec that FFmpeg does not know", file=self.path,
+                    fix=_ENCODE_AGAIN,
+                )  # fmt: skip
             raise StudioError("footage.no_video_stream", "the file has no video stream", file=self.path)
-        if container.streams.video[0].codec_context is None:
-            container.close()
-            raise StudioError(
-                "footage.video_unreadable", "the video has a codec that FFmpeg does not know", file=self.path,
-                fix=_ENCODE_AGAIN,
-            )  # fmt: skip
-        self._container = container
-        self._stream = container.streams.video[0]
-        # One thread per decoder: a capture keeps many decoders open, and each frame thread needs its own frame buffer.
-        self._stream.codec_context.thread_count = 1
-        self._frames = container.decode(self._stream)
+        self._container, self._stream = container, stream
+        self._frames = decoded(container, stream)
         self._next = 0
 
     def _without_empty(self, sizes: list[int], times: list[int]) -> None:
@@ -210,16 +212,18 @@ class VideoReader:
             return
         try:
             with open_media(self.path) as container:
-                decoded = [(frame.pts, frame.key_frame) for frame in container.decode(container.streams.video[0])]
+                stream = video_stream(container)
+                assert stream is not None
+                frames = [(frame.pts, frame.key_frame) for frame in decoded(container, stream)]
         except (av.error.FFmpegError, OSError):
             return  # reported when the frame is read
-        found = [time for time, _ in decoded if time is not None]
+        found = [time for time, _ in frames if time is not None]
         silent = {time for time, size in zip(times, sizes, strict=True) if size <= _EMPTY_PACKET}
         missing = set(times) - set(found)
-        if not missing or not missing <= silent or len(set(found)) != len(decoded) or found != sorted(found):
+        if not missing or not missing <= silent or len(set(found)) != len(frames) or found != sorted(found):
             return
         self._timestamps, self._coded_count = found, len(found)
-        self._keyframes = [index for index, (_, key) in enumerate(decoded) if key]
+        self._keyframes = [index for index, (_, key) in enumerate(frames) if key]
         self._shown = [max(0, bisect.bisect_right(found, time) - 1) for time in sorted(times)]
         self.note = f"{len(missing)} dropped frames repeat the ones before them"
 
@@ -264,7 +268,7 @@ class VideoReader:
         known = True
         try:
             with open_packets(self.path) if listed else open_media(self.path) as container:
-                stream = container.streams.video[0]
+                stream = container.streams[self._stream.index]
                 for packet in container.demux(stream):
                     if packet.size == 0 or packet.is_discard:
                         continue
@@ -362,7 +366,7 @@ class VideoReader:
         start = self._keyframes[place]
         try:
             self._container.seek(self._timestamps[start], stream=self._stream, backward=True, any_frame=False)
-            self._frames = self._container.decode(self._stream)
+            self._frames = decoded(self._container, self._stream)
             # In an open GOP, undecodable frames that precede the keyframe may come first: skip them.
             for frame in self._frames:
                 if frame.pts is None or frame.pts > self._timestamps[start]:
@@ -376,6 +380,20 @@ class VideoReader:
         except (av.error.FFmpegError, OSError, ValueError):
             pass
         self._open()  # unusable seek index: decoding from the start is slow but exact
+
+
+def _unusual(container: Any, stream: Any, frame: Any) -> Iterator[str]:
+    """What a viewer would not see, but a reconstruction does."""
+    if len(container.streams.video) > 1:
+        which = f"number {stream.index} ({frame.width}x{frame.height}, {stream.codec_context.name})"
+        yield f"of {len(container.streams.video)} video streams, {which} is used"
+    if frame.interlaced_frame:
+        yield "the video is interlaced, and its lines of two times stay mixed"
+    shape = stream.sample_aspect_ratio
+    if shape not in (None, 0, 1):
+        yield f"pixels are {float(shape):.4g} times as wide as high; images are used as stored"
+    if int(frame.color_trc) in _HDR:
+        yield f"the video is HDR ({_HDR[int(frame.color_trc)]}), and its values are read as sRGB"
 
 
 def _chain(first: Any, rest: Any) -> Any:
