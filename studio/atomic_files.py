@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import hashlib
 import json
 import os
@@ -27,9 +25,6 @@ _NAMED = rf"(?P<pid>[0-9]{{1,9}})(-(?P<machine>[0-9a-f]{{8}})-[0-9a-f]{{8}})?(?P
 _ABANDONED_SECONDS = 3600.0
 """Temporary files of other machines are leftovers if nothing was written to them for so long: whether their process
 runs cannot be known here."""
-
-_HERE = -100  # AT_FDCWD: relative paths are from the working folder
-_EXCHANGE = 2  # RENAME_EXCHANGE
 
 
 @contextmanager
@@ -151,26 +146,6 @@ def _running(pid: int) -> bool:
     except (PermissionError, OverflowError):
         return True
     return True
-
-
-def exchange(first: Path, second: Path) -> bool:
-    """Swap two files or folders of one file system in a single step: others see either state, never neither.
-
-    Returns:
-        False, with nothing changed, where the system cannot (renameat2 is Linux's; some network file systems lack it).
-
-    Raises:
-        OSError: one does not exist, or may not be renamed.
-    """
-    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if renameat2 is None:
-        return False
-    if renameat2(_HERE, os.fsencode(first), _HERE, os.fsencode(second), _EXCHANGE) == 0:
-        return True
-    number = ctypes.get_errno()
-    if number in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
-        return False
-    raise OSError(number, os.strerror(number), str(first), None, str(second))
 
 
 def write_bytes(path: Path, data: bytes, durable: bool = False) -> None:

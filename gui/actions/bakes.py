@@ -1,4 +1,4 @@
-"""Bakes that the take keeps: list, compare, choose, keep."""
+"""Bakes that the take keeps: list, compare, keep."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BakeActions:
             lambda place: open_other(*place), "v3studio other", self._opened
         )
         self.bakes.changed.connect(self._changed)
-        choices = BakeChoices(self._compare, self._ask_take, self.stop, self._choose, self._ask_keep)
+        choices = BakeChoices(self._compare, self._ask_take, self.stop, self._ask_keep)
         self._dialog = BakesDialog(window.dialogs, self.bakes, choices)
 
     def show(self) -> None:
@@ -61,26 +61,6 @@ class BakeActions:
         """Stop comparing with another bake or take."""
         self._window.dialogs.close()
         self._window.player.compare_with(None)
-
-    def _choose(self, row: KeptBake) -> None:
-        window = self._window
-        take = window.workspace.take
-        if take is None:
-            return
-        if self.bakes.is_kept or not take.stream.exists():
-            self.bakes.choose(take, row.name)
-            self._dialog.update()
-            return
-
-        def discard() -> None:
-            self.bakes.choose(take, row.name, discard=True)
-            self.show()
-
-        window.dialogs.ask(
-            f"Replace the stream by '{row.name}'?",
-            "The present stream is not kept and would be lost. Keep it first if you may need it.",
-            [("keep", "Keep it...", self._ask_keep), ("discard", "Replace", discard), ("stay", "Cancel", self.show)],
-        )
 
     def _ask_keep(self) -> None:
         window = self._window

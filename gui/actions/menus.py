@@ -36,7 +36,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("scene", "Scene: splats, cameras, points (O)"),
             ("", ""),
             ("cameras", "Cameras: use, hold out..."),
-            ("bakes", "Bakes: compare, choose, delete..."),
+            ("bakes", "Bakes: compare, keep..."),
             ("queue", "Queue of takes (Q)"),
             ("", ""),
             ("start", "Start page (H)"),

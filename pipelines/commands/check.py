@@ -76,8 +76,8 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
     unmade = [damage.file for damage in found.damage if not damage.stage]
     lost = sorted({file.split("/")[1] for file in unmade if file.startswith("bakes/")})
     if lost:
-        names = " ".join(map(shlex.quote, lost))
-        print(f"Damaged kept bakes are not made again by a run. To remove them: v3studio bakes remove {name} {names}")
+        names = " ".join(shlex.quote(str(take.bakes / one)) for one in lost)
+        print(f"Damaged kept bakes are not made again by a run. To remove them: rm -r {names}")
     if own := [file for file in unmade if not file.startswith("bakes/")]:
         print(
             f"Not made by a run: {', '.join(own)}. Copy back a backup, or move what is damaged elsewhere to start over."

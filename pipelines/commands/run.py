@@ -169,9 +169,9 @@ def _run(arguments: argparse.Namespace) -> int:
 
     keep = getattr(arguments, "keep", None)
     if keep is not None:
-        from pipelines.takes.kept_bakes import refuse_taken
+        from pipelines.takes.kept_bakes import free_name
 
-        refuse_taken(take, keep)
+        free_name(take, keep)
 
     if arguments.stage:
         stages: Sequence[str] = (arguments.stage,)

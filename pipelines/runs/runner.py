@@ -35,7 +35,7 @@ from pipelines.stages.reporter import Countdown, StageReporter
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
-from pipelines.takes.kept_bakes import keep_bake, note_evaluation, refuse_taken
+from pipelines.takes.kept_bakes import free_name, keep_bake, note_evaluation
 from pipelines.takes.records import write_failure
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
@@ -104,7 +104,7 @@ def run(
             ):
                 report = Logged(emit, take)
                 if keep is not None:
-                    refuse_taken(take, keep)
+                    free_name(take, keep)
                 _Run(Inputs(take, config), report, cancellation, clock, force).go(names)
                 if keep is not None:
                     kept = keep_bake(take, keep)

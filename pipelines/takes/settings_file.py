@@ -30,7 +30,7 @@ MAX_NODES = 100_000
 _FIX = "Fix the file, or write a new one with `v3studio config > FILE`."
 
 
-def set_settings(path: Path, values: Mapping[str, Any], *, defaults: str = "") -> None:
+def set_settings(path: Path, values: Mapping[str, Any]) -> None:
     """Set values in a YAML file, atomically; comments, order and all other values are kept.
 
     Missing sections and settings are appended. A value that does not change is not rewritten, so a file that
@@ -39,21 +39,20 @@ def set_settings(path: Path, values: Mapping[str, Any], *, defaults: str = "") -
     Args:
         path: the file.
         values: JSON-ready values by dotted name, "bake.quality" or "calibrate.board.columns".
-        defaults: YAML to start from if there is no such file.
 
     Raises:
         StudioError: the file is not a YAML mapping or exceeds a limit (`settings.not_yaml`), or cannot be read
             (`settings.unreadable`).
         OSError: the file cannot be written.
     """
-    text = changed_text(path, values, defaults=defaults)
+    text = changed_text(path, values)
     if text is not None:
         write_text(path, text)
 
 
-def changed_text(path: Path, values: Mapping[str, Any], *, defaults: str = "") -> str | None:
+def changed_text(path: Path, values: Mapping[str, Any]) -> str | None:
     """What `set_settings` writes; None if all values are there already. See there."""
-    before = _read(path) if path.exists() else defaults
+    before = _read(path) if path.exists() else ""
     tree = _parse(before, path)
     changed = not path.exists()
     for name, value in values.items():

@@ -5,13 +5,10 @@ import subprocess
 import sys
 import time
 
-import pytest
-
 from studio import atomic_files as module
 from studio.atomic_files import (
     PARTIAL,
     atomic_path,
-    exchange,
     is_being_written,
     leftovers,
     remove_leftovers,
@@ -91,14 +88,3 @@ def test_names_of_this_version_tell_whether_their_process_runs(tmp_path, monkeyp
     assert leftovers(tmp_path, tmp_path / "site") == [new]
     assert leftovers(tmp_path, tmp_path / "site", ".old") == [old]
     assert [is_being_written(path) for path in (new, old, alive)] == [False, False, True]
-
-
-def test_folders_are_swapped_in_one_step(tmp_path):
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / name).touch()
-    if not exchange(tmp_path / "a", tmp_path / "b"):
-        pytest.skip("this file system cannot swap folders")
-    assert [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.glob("*/*"))] == ["a/b", "b/a"]
-    with pytest.raises(FileNotFoundError):
-        exchange(tmp_path / "a", tmp_path / "missing")

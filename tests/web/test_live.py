@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 
 import pytest
 import support
 
-from studio.atomic_files import exchange
 from studio.stream import StreamReader
 from studio.stream.write_archive import write_archive
 
@@ -71,11 +71,15 @@ def test_a_paused_page_gets_the_best_rendition(site, baked, open_page):
 def test_a_stream_that_is_baked_again_is_not_mixed(site, baked, open_page):
     """The page has read the first group when another bake takes the stream's place."""
     shutil.copytree(baked(), site.stream)
-    new = shutil.copytree(baked(qp=34), site.folder / "new")
+    old, new = set((site.stream / "files").iterdir()), baked(qp=34)
     site.bytes_per_second = 50_000
     page = open_page(wait=False)
     page.wait("document.querySelector('v3-player').engine?.info")
-    exchange(site.stream, new)
+    shutil.copytree(new / "files", site.stream / "files", dirs_exist_ok=True)
+    shutil.copy2(new / "manifest.json", site.folder / "manifest.json")
+    os.replace(site.folder / "manifest.json", site.stream / "manifest.json")
+    for path in old - {site.stream / "files" / path.name for path in (new / "files").iterdir()}:
+        path.unlink()
     site.bytes_per_second = None
     said = "The stream was baked again since it was opened; reload the page."
     page.wait("[...(seen.error ?? []), ...(seen.notice ?? [])].some(one => one.includes(argument))", said)

@@ -1,17 +1,15 @@
-"""The bakes that a take keeps: what the window lists, and changes on a thread."""
+"""The bakes that a take keeps: what the window lists, and keeps on a thread."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 from gui.models.loop import Signal
 from gui.models.worker import Done, LatestWorker
 from pipelines.takes.atomic_files import disk_errors
-from pipelines.takes.kept_bakes import KeptBake, choose_bake, keep_bake, kept_bakes
+from pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
-Change = Callable[[], str]
+Kept = tuple[Take, str]
 
 
 def bake_words(kept: KeptBake) -> str:
@@ -22,7 +20,7 @@ def bake_words(kept: KeptBake) -> str:
         f"{kept.bytes_per_frame / 1000:.1f} KB/frame",
         f"{kept.bytes / 1e6:.2f} MB",
         "not evaluated" if kept.psnr is None else f"{kept.psnr:.2f} dB",
-        "the take's stream" if kept.chosen else "",
+        "the take's stream" if kept.is_stream else "",
         "" if kept.current else "older training",
         "" if kept.same_edits else "other edits",
     ]
@@ -36,24 +34,24 @@ class Bakes:
         rows: the kept bakes of the take.
         message: what happened last.
         failed: whether it was refused.
-        changed: emitted when a change has been made or refused.
+        changed: emitted when a bake has been kept or refused.
     """
 
     def __init__(self) -> None:
-        self._worker: LatestWorker[Change, str] = LatestWorker(lambda change: change(), "v3studio bakes", self._made)
+        self._worker: LatestWorker[Kept, str] = LatestWorker(_keep, "v3studio bakes", self._made)
         self.changed: Signal[[]] = Signal()
         self.rows: list[KeptBake] = []
         self.message, self.failed = "", False
 
     @property
     def busy(self) -> bool:
-        """Whether a change is being made."""
+        """Whether a bake is being kept."""
         return not self._worker.idle
 
     @property
     def is_kept(self) -> bool:
         """Whether the take's stream is one of the kept bakes."""
-        return any(row.chosen for row in self.rows)
+        return any(row.is_stream for row in self.rows)
 
     def look(self, take: Take | None) -> None:
         """List the kept bakes."""
@@ -64,35 +62,21 @@ class Bakes:
 
     def keep(self, take: Take, name: str) -> None:
         """Keep the take's stream under a name."""
-        self._change(take, lambda: f"Kept as '{keep_bake(take, name).name}'.")
-
-    def choose(self, take: Take, name: str, discard: bool = False) -> None:
-        """Make a kept bake the take's stream; `discard` the present one if it is not kept."""
-
-        def change() -> str:
-            kept = choose_bake(take, name, discard=discard)
-            return " ".join([f"'{kept.name}' is the take's stream now, with its settings.", *kept.remarks])
-
-        self._change(take, change)
-
-    def _change(self, take: Take, change: Change) -> None:
-        if self.busy:
-            self.message, self.failed = "Another change is being made. Try again in a moment.", True
-            return
-
-        def locked() -> str:
-            with take.locked("v3studio-gui, bakes"), disk_errors(take.root):
-                return change()
-
         self.message, self.failed = "Working ...", False
-        self._worker.ask(locked)
+        self._worker.ask((take, name))
 
-    def _made(self, done: Done[Change, str]) -> None:
+    def _made(self, done: Done[Kept, str]) -> None:
         self.failed = done.error is not None
         known = done.error is None or isinstance(done.error, StudioError)
         self.message = str(done.error or done.result) if known else f"It failed: {done.error!r}"
         self.changed.emit()
 
     def close(self) -> bool:
-        """End the thread after a change in progress. Returns whether it ended in time."""
+        """End the thread after a bake that is being kept. Returns whether it ended in time."""
         return self._worker.close()
+
+
+def _keep(asked: Kept) -> str:
+    take, name = asked
+    with take.locked("v3studio-gui, bakes"), disk_errors(take.root):
+        return f"Kept as '{keep_bake(take, name).name}'."

@@ -25,14 +25,12 @@ class BakeChoices:
         compare: compare with a kept bake.
         compare_take: choose another take or stream to compare with.
         stop: stop comparing.
-        choose: make it the take's stream.
         keep: keep the take's stream; asks for a name.
     """
 
     compare: Callable[[KeptBake], object]
     compare_take: Callable[[], None]
     stop: Callable[[], None]
-    choose: Callable[[KeptBake], object]
     keep: Callable[[], None]
 
 
@@ -65,7 +63,6 @@ class BakesDialog:
         row = gui.Horiz(0.4 * dialogs.em)
         for key, label, action in (
             ("compare", "Compare with it", lambda: self._of_selected(choices.compare)),
-            ("choose", "Make it the stream", lambda: self._of_selected(choices.choose)),
             ("keep", "Keep the stream as...", choices.keep),
             ("compare_take", "Compare with another take...", choices.compare_take),
         ):
@@ -95,7 +92,6 @@ class BakesDialog:
         bakes, selected = self._bakes, self._selected
         may = {
             "compare": selected is not None,
-            "choose": selected is not None and not selected.chosen and not bakes.busy,
             "keep": self._baked and not bakes.busy and not bakes.is_kept,
         }
         for key, enabled in may.items():

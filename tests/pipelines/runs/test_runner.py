@@ -29,7 +29,7 @@ from pipelines.runs.work import work
 from pipelines.stages import STAGE_NAMES, evaluate, stage_named
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.kept_bakes import keep_bake, kept_bake
+from pipelines.takes.kept_bakes import keep_bake, kept_bakes
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
@@ -196,7 +196,7 @@ def test_a_bake_is_kept_within_the_run(project, monkeypatch):
     events = project.run(stages=("bake",), command="v3studio bake", keep="fine")
     assert [holder["command"] for holder in holders] == ["v3studio bake"]
     assert (events[-2].stage, events[-1].outcome) == ("bake", "done")
-    assert kept_bake(project.take, "fine").chosen
+    assert [(kept.name, kept.is_stream) for kept in kept_bakes(project.take)] == [("fine", True)]
     with refuses("bakes.name_taken"):
         project.run(stages=("bake",), keep="fine")
     assert project.events[-1].outcome == "failed"
@@ -214,7 +214,7 @@ def test_a_kept_bake_gets_the_evaluation_of_a_killed_run(project):
     assert (warning.code, events[-1].outcome) == ("bakes.evaluation_not_noted", "done")
     shutil.rmtree(blocked)
     project.run(stages=("evaluate",))
-    assert kept_bake(project.take, "fine").psnr is not None
+    assert kept_bakes(project.take)[0].psnr is not None
 
 
 def test_a_baking_setting_reruns_baking_and_evaluation_only(project):

@@ -1,4 +1,4 @@
-"""Bakes that are kept: a bake of another QP does not lose them, they are takes, and choosing one brings it back."""
+"""Bakes that are kept: a bake of another QP does not lose them, and they are takes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipelines.config import load_config
 from pipelines.stages import STAGE_NAMES
 from pipelines.takes.edits import change_edits
 from pipelines.takes.integrity import check_take
-from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bake, kept_bakes, remove_bake
+from pipelines.takes.kept_bakes import keep_bake, kept_bakes
 from pipelines.takes.take import Take
 from studio.edits.edit_list import EditList, Trim
 from studio.stream import StreamReader
@@ -41,18 +41,18 @@ def replace_file(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def test_two_bakes_are_kept_and_either_is_chosen(finished: Path, take: Take, here: Callable, tmp_path: Path) -> None:
+def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Callable, tmp_path: Path) -> None:
     first = contents(take.stream)
-    assert here("bakes", "keep", take.root, "fine").returncode == 0
+    assert here("bakes", take.root, "--keep", "fine").returncode == 0
     links = [os.stat(path).st_nlink for path in (take.bakes / "fine" / "stream").rglob("*") if path.is_file()]
     assert set(links) == {2}, "hard links take no space"
     baked = here("bake", take.root, "--bake.quality", "40", "--keep", "coarse")
     assert baked.returncode == 0, baked.stderr
     second = contents(take.stream)
     assert second != first
-    assert contents(kept_bake(take, "fine").take.stream) == first, "baking again leaves what is kept"
-    listed = {row["name"]: row for row in json.loads(here("bakes", "list", take.root, "--json").stdout)}
-    assert {name: (row["settings"]["bake.quality"], row["chosen"]) for name, row in listed.items()} == {
+    assert contents(take.bakes / "fine" / "stream") == first, "baking again leaves what is kept"
+    listed = {row["name"]: row for row in json.loads(here("bakes", take.root, "--json").stdout)}
+    assert {name: (row["settings"]["bake.quality"], row["is_stream"]) for name, row in listed.items()} == {
         "fine": (20, False),
         "coarse": (40, True),
     }
@@ -68,31 +68,20 @@ def test_two_bakes_are_kept_and_either_is_chosen(finished: Path, take: Take, her
     fine, coarse = json.loads(compared.stdout)["takes"]
     assert fine["psnr"] > coarse["psnr"]
 
-    assert here("bakes", "choose", take.root, "fine").returncode == 0
-    assert contents(take.stream) == first
-    assert load_config(take.config).bake.quality == 20
-    assert set(states(here, take.root).values()) == {"done"}, "also the evaluation"
     assert check_take(take, STAGE_NAMES).damage == ()
-    assert here("bakes", "choose", take.root, "coarse").returncode == 0
-    assert (contents(take.stream), load_config(take.config).bake.qp) == (second, 40)
-    assert states(here, take.root) == {**dict.fromkeys(STAGE_NAMES, "done"), "evaluate": "missing"}
     assert here("evaluate", take.root).returncode == 0
-    later = kept_bake(take, "coarse").psnr
+    later = kept_bakes(take)[-1].psnr
     assert later is not None
     assert later < measured, "what is measured later belongs to the kept bake too"
-    assert "coarse" in here("bakes", "list", take.root).stdout
-    assert here("bakes", "remove", take.root, "fine", "gone").returncode == 1
-    assert here("bakes", "remove", take.root, "fine", "coarse").returncode == 0
-    assert (contents(take.stream), take.bakes.exists()) == (second, False)
+    assert "coarse" in here("bakes", take.root).stdout
 
 
 @pytest.mark.parametrize(
     "name", ["", "..", "a/b", ".hidden", "a\\b", "end.", "x" * 61, "new\nline", "CON", "a.partial"]
 )
 def test_names_that_are_no_folders_are_refused(take: Take, name: str) -> None:
-    for action in (keep_bake, choose_bake, remove_bake):
-        with refuses("bakes.invalid_name"):
-            action(take, name)
+    with refuses("bakes.invalid_name"):
+        keep_bake(take, name)
     assert not take.bakes.exists()
 
 
@@ -101,7 +90,6 @@ def test_a_name_is_the_same_in_each_form_of_its_letters(take: Take) -> None:
     assert keep_bake(take, "cafe\u0301").name == "caf\u00e9"
     with refuses("bakes.name_taken"):
         keep_bake(take, "caf\u00e9")
-    remove_bake(take, "cafe\u0301")
 
 
 def test_a_stream_that_is_not_the_recorded_one_is_not_kept(take: Take) -> None:
@@ -117,11 +105,10 @@ def test_a_stream_that_is_not_the_recorded_one_is_not_kept(take: Take) -> None:
     assert not take.bakes.exists()
 
 
-def test_other_edits_and_settings_are_reported(take: Take, here: Callable) -> None:
+def test_other_edits_are_reported(take: Take, here: Callable) -> None:
     keep_bake(take, "whole")
     change_edits(take.edits, EditList(trim=Trim(first=1, last=3)), "trim")
-    assert "other edits" in here("bakes", "list", take.root).stdout
-    assert "other edits" in choose_bake(take, "whole").remarks[0]
+    assert "other edits" in here("bakes", take.root).stdout
     take.edits.write_text("{")
     assert [kept.same_edits for kept in kept_bakes(take)] == [False]
 
@@ -134,54 +121,12 @@ def test_check_names_damage_of_a_kept_bake(take: Take, here: Callable) -> None:
     done = here("check", take.root, "--remove")
     assert done.returncode == 1
     assert f"changed: {path.relative_to(take.root)}" in done.stdout
-    assert f"v3studio bakes remove {take.root} fine" in done.stdout
+    assert f"rm -r {take.bakes / 'fine'}" in done.stdout
     assert path.is_file()
     assert set(states(here, take.root).values()) == {"done"}, "no run makes it again, so no stage is forgotten"
-    with refuses("take.damaged"):
-        choose_bake(take, "fine")
-    record = kept_bake(take, "fine").take.record("bake")
+    record = Take(take.bakes / "fine").record("bake")
     replace_file(record, b"{")
     assert kept_bakes(take) == []
     done = here("check", take.root)
     assert done.returncode == 1
     assert f"damaged: {record.relative_to(take.root)} (" in done.stdout
-    assert remove_bake(take, "fine") > 0, "a damaged one can be removed"
-
-
-def test_a_stream_that_is_not_kept_is_not_lost(take: Take) -> None:
-    keep_bake(take, "fine")
-    manifest = take.stream / "manifest.json"
-    replace_file(manifest, b"{}")
-    with refuses("bakes.would_be_lost"):
-        choose_bake(take, "fine")
-    assert manifest.read_bytes() == b"{}"
-    choose_bake(take, "fine", discard=True)
-    assert contents(take.stream) == contents(take.bakes / "fine" / "stream")
-
-
-def test_an_interrupted_choice_is_repeated(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
-    keep_bake(take, "fine")
-    before, kept = contents(take.stream), contents(take.bakes)
-
-    def killed(*arguments: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr("pipelines.takes.kept_bakes._put_stream", killed)
-        with pytest.raises(KeyboardInterrupt):
-            choose_bake(take, "fine")
-    assert contents(take.bakes) == kept
-    assert choose_bake(take, "fine").chosen
-    assert contents(take.stream) == before
-
-
-@pytest.mark.parametrize(
-    ("config", "code"), [("bake: [", "settings.not_yaml"), ("bake:\n  gone: 3\n", "settings.unknown")]
-)
-def test_a_broken_config_leaves_the_present_bake(take: Take, config: str, code: str) -> None:
-    keep_bake(take, "fine")
-    take.config.write_text(config)
-    before = contents(take.root)
-    with refuses(code, file=take.config):
-        choose_bake(take, "fine")
-    assert contents(take.root) == before

@@ -109,7 +109,7 @@ def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished_projec
     assert psnr.range[0] < 30 < psnr.range[1]
 
 
-def test_bakes_are_kept_and_chosen_on_a_thread(take_copy: Path) -> None:
+def test_bakes_are_kept_on_a_thread(take_copy: Path) -> None:
     take, bakes = Take.open(take_copy), Bakes()
 
     changes: list[str] = []
@@ -124,12 +124,9 @@ def test_bakes_are_kept_and_chosen_on_a_thread(take_copy: Path) -> None:
     bakes.keep(take, "fine")
     assert "'fine'" in done()
     (row,) = bakes.rows
-    assert (row.name, row.chosen, bakes.is_kept) == ("fine", True, True)
+    assert (row.name, row.is_stream, bakes.is_kept) == ("fine", True, True)
     assert "dB" in bake_words(row)
     bakes.keep(take, "a/b")
     assert "cannot be the name" in done()
     assert bakes.failed
-    bakes.choose(take, "fine")
-    assert "is the take's stream" in done()
-    assert not bakes.failed
     assert bakes.close()
