@@ -151,7 +151,7 @@ class TrainView(StageView):
                 fix="Run Train: it runs earlier stages first.",
             )
         footage = context.footage.calibrated
-        held_out = footage.held_out_cameras
+        held_out = footage.measured_cameras
         run = self.workspace.run
         preview = max(run.previews.values(), key=lambda event: event.time, default=None)
         if preview is not None and Path(preview.path).is_file() and preview.camera and preview.frame is not None:

@@ -132,7 +132,7 @@ def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequen
     known = footage.raw.camera_names
     wanted = tuple(cameras) or protocol.cameras
     if not wanted:
-        if not footage.raw.held_out_cameras:
+        if not footage.raw.measured_cameras:
             raise StudioError(
                 "compare.no_held_out",
                 "no camera is held out, so nothing measures new views",
@@ -140,7 +140,7 @@ def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequen
                 fix="Name the cameras to measure with --cameras A,B.",
                 option="--cameras",
             )
-        return footage.raw.held_out_cameras
+        return footage.raw.measured_cameras
     names = []
     for one in wanted:
         name = find_camera(one, known)

@@ -209,7 +209,7 @@ class TakeReview:
 
 def _compared(footage: Footage) -> tuple[str, ...]:
     """The held-out cameras, or all where none is held out."""
-    return footage.held_out_cameras or footage.train_cameras
+    return footage.measured_cameras or footage.train_cameras
 
 
 def _size(footage: Footage, camera: str) -> tuple[int, int]:

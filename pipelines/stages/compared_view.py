@@ -64,4 +64,4 @@ def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | Non
 def compared_cameras(inputs: Inputs) -> tuple[str, ...]:
     """Names of the held-out cameras; those of the training cameras if none is held out."""
     footage = inputs.footage.calibrated
-    return footage.held_out_cameras or footage.train_cameras
+    return footage.measured_cameras or footage.train_cameras

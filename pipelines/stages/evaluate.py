@@ -81,7 +81,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     lpips = lpips_of(inputs.config, inputs.device if executor is None else "cpu")
     if lpips is not None and lpips.remark:
         reporter.warn(lpips.remark)
-    held_out, cameras = bool(footage.held_out_cameras), compared_cameras(inputs)
+    held_out, cameras = bool(footage.measured_cameras), compared_cameras(inputs)
     if not held_out:
         reporter.warn(
             Message(

@@ -93,10 +93,11 @@ _MOST_ERRORS = 3  # reported per camera
 
 @dataclass
 class _CameraProblems:
-    """Errors of one camera, and frame numbers with an empty or a full mask."""
+    """Errors of one camera, frame numbers with an empty or a full mask, and the highest value in the empty ones."""
 
     errors: list[Message] = field(default_factory=list)
     empty: list[int] = field(default_factory=list)
+    highest: int = 0
     full: list[int] = field(default_factory=list)
 
 
@@ -123,6 +124,7 @@ def check_footage(
     total = len(frames) * len(footage.camera_names)
     missing = footage.mask_source if isinstance(footage.mask_source, MissingMaskSource) else None
     masked = missing is None and not isinstance(footage.mask_source, FullMaskSource)
+    unmasked = footage.unmasked_cameras
     lock, stop = threading.Lock(), threading.Event()
     done = 0
 
@@ -141,7 +143,7 @@ def check_footage(
             advance(1)
             try:
                 image = footage.image(camera, frame)  # also fills the cache for training if the capture fits into it
-                if not masked:
+                if not masked or camera in unmasked:
                     continue
                 mask = footage.mask(camera, frame)
             except StudioError as error:
@@ -155,6 +157,7 @@ def check_footage(
             share = float((mask >= 128).mean())
             if share < _EMPTY:
                 found.empty.append(frame)
+                found.highest = max(found.highest, int(mask.max()))
             elif share > _FULL:
                 found.full.append(frame)
         return found
@@ -174,7 +177,8 @@ def check_footage(
             problems.append(
                 Message(
                     "mask.empty",
-                    f"Camera '{camera}': the mask is empty in {_frames(found.empty)}",
+                    f"Camera '{camera}': the mask is empty in {_frames(found.empty)}"
+                    + (f" (its highest value there is {found.highest} of 255)" if found.highest else ""),
                     fix="Fix the masks, or exclude the camera or the frames.",
                     fields={"camera": camera, "frames": tuple(found.empty)},
                 )

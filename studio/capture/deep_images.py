@@ -39,13 +39,7 @@ def read_deep_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarr
         StudioError: `footage.image_missing` or `footage.image_unreadable`.
     """
     suffix = path.suffix.lower()
-    try:
-        stored = cached_object(path)
-        data = path.read_bytes() if stored is None else stored.read()
-    except FileNotFoundError:
-        raise StudioError("footage.image_missing", "image not found", file=path) from None
-    except OSError as error:
-        _refuse(path, str(error.strerror))
+    data = _data(path)
     values = _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _by_opencv(path, data, transfer)
     if values.ndim == 2:
         values = np.repeat(values[:, :, None], 3, axis=2)
@@ -56,6 +50,28 @@ def read_deep_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarr
             color = color / np.maximum(alpha, 1e-6)
     shown = [eight_bit(color, transfer), eight_bit(alpha, "srgb")] if alpha.size else [eight_bit(color, transfer)]
     return np.ascontiguousarray(np.concatenate(shown, axis=2))
+
+
+def read_deep_values(path: Path) -> np.ndarray:
+    """The numbers in an EXR, DPX, TIFF or PNG file, (H, W) or (H, W, 3 or 4; RGB or RGBA): of DPX files 0 to 1, of
+    others of the type in the file.
+
+    Raises:
+        StudioError: as `read_deep_image`.
+    """
+    suffix = path.suffix.lower()
+    data = _data(path)
+    return _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _opencv_values(path, data)
+
+
+def _data(path: Path) -> bytes:
+    try:
+        stored = cached_object(path)
+        return path.read_bytes() if stored is None else stored.read()
+    except FileNotFoundError:
+        raise StudioError("footage.image_missing", "image not found", file=path) from None
+    except OSError as error:
+        _refuse(path, str(error.strerror))
 
 
 def _decoded(path: Path, data: bytes, name: str) -> np.ndarray:
@@ -100,6 +116,15 @@ def _channels(path: Path, frame: VideoFrame) -> np.ndarray:
 
 def _by_opencv(path: Path, data: bytes, transfer: TransferFunction) -> np.ndarray:
     """(H, W) or (H, W, 3 or 4), float32, 0..1 for integers; uint16 as stored if the values are sRGB."""
+    values = _opencv_values(path, data)
+    if values.dtype == np.uint16 and transfer in ("auto", "srgb"):
+        return values
+    white = {"uint8": 255, "uint16": 65535}.get(values.dtype.name, 1)
+    return np.asarray(values, np.float32) / np.float32(white)
+
+
+def _opencv_values(path: Path, data: bytes) -> np.ndarray:
+    """(H, W) or (H, W, 3 or 4; RGB or RGBA), as stored."""
     import cv2
 
     try:
@@ -110,10 +135,7 @@ def _by_opencv(path: Path, data: bytes, transfer: TransferFunction) -> np.ndarra
         _refuse(path, "not an image, damaged, or of a kind that OpenCV cannot read")
     if values.ndim == 3:
         values = values[:, :, [2, 1, 0, 3][: values.shape[2]]]
-    if values.dtype == np.uint16 and transfer in ("auto", "srgb"):
-        return np.asarray(values)
-    white = {"uint8": 255, "uint16": 65535}.get(values.dtype.name, 1)
-    return np.asarray(values, np.float32) / np.float32(white)
+    return np.asarray(values)
 
 
 def _refuse(path: Path, problem: str) -> NoReturn:

@@ -16,6 +16,7 @@ from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
 from studio.chroma import ChromaSampling
 from studio.errors import Message, StudioError
+from studio.masks.mask_files import FileMaskSource
 from studio.masks.mask_source import GarbageMasks, MaskSource, Recolors
 from studio.masks.plates import PlateMaskSource
 from studio.memory_cache import ImageCache, image_cache
@@ -120,6 +121,19 @@ class Footage:
     def has_evaluation_masks(self) -> bool:
         """Whether the capture has exact masks for evaluation."""
         return self._exact_mask_source is not None
+
+    @property
+    def unmasked_cameras(self) -> tuple[str, ...]:
+        """Held-out cameras that have no mask files although others have."""
+        if not isinstance(self._mask_source, FileMaskSource):
+            return ()
+        return tuple(name for name in self.held_out_cameras if name not in self._mask_source.cameras)
+
+    @property
+    def measured_cameras(self) -> tuple[str, ...]:
+        """The held-out cameras on which quality can be measured: those that have masks."""
+        unmasked = self.unmasked_cameras if self._exact_mask_source is None else ()
+        return tuple(name for name in self.held_out_cameras if name not in unmasked)
 
     @property
     def mask_source(self) -> MaskSource:

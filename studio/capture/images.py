@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studio.capture.deep_images import is_deep, read_deep_image
+from studio.capture.deep_images import is_deep, read_deep_image, read_deep_values
 from studio.capture.transfer import TransferFunction, eight_bit
 from studio.errors import StudioError
 from studio.storage import cached_object
@@ -27,8 +27,8 @@ def image_size(path: Path) -> tuple[int, int]:
     Raises:
         StudioError: `footage.image_missing` or `footage.image_unreadable`.
     """
-    if is_deep(path):
-        height, width = read_deep_image(path).shape[:2]
+    if is_deep(path) or not _pillow_reads(path):
+        height, width = read_deep_values(path).shape[:2]
         return width, height
     with _open(path) as image:
         return (int(image.size[0]), int(image.size[1]))
@@ -40,8 +40,8 @@ def has_alpha(path: Path) -> bool:
     Raises:
         StudioError: as `image_size`.
     """
-    if is_deep(path):
-        return read_deep_image(path).shape[2] == 4
+    if is_deep(path) or not _pillow_reads(path):
+        return read_deep_values(path).shape[2:] == (4,)
     with _open(path) as image:
         return _is_transparent(image)
 
@@ -63,7 +63,7 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
     Raises:
         StudioError: `footage.image_missing`, or `footage.image_unreadable` if it is truncated or not an image.
     """
-    if is_deep(path, transfer):
+    if is_deep(path, transfer) or not _pillow_reads(path):
         found = read_deep_image(path, transfer)
         return _color_of(found) if found.shape[2] == 4 and _has_padding(path) else found
     with _open(path) as image:
@@ -89,6 +89,56 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
     if transfer not in ("auto", "srgb"):
         found[:, :, :3] = eight_bit(found[:, :, :3].astype(np.uint16) * 257, transfer)
     return found
+
+
+def read_values(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """The numbers that an image file stores, for masks: no conversion of colors, bits or transfer functions.
+
+    Returns:
+        (H, W), or (H, W, 3 or 4) RGB or RGBA, of the type in the file, 1 bit as 0 and 255; and the palette, (256, 3)
+        uint8, if the values are its indices.
+
+    Raises:
+        StudioError: as `read_image`.
+    """
+    if is_deep(path) or not _pillow_reads(path):
+        return read_deep_values(path), None
+    with _open(path) as image:
+        deep = _has_deep_color(image)
+    if deep:
+        values = read_deep_values(path)
+        return _color_of(values) if values.ndim == 3 and _has_padding(path) else values, None
+    with _open(path) as image:
+        try:
+            image.load()
+            if _is_transparent(image):
+                with_alpha = np.array(image.convert("RGBA"))
+                if image.mode != "P" or with_alpha[:, :, 3].min() < 255:
+                    return with_alpha, None
+            if image.mode == "P":
+                palette = np.array(image.getpalette("RGB"), np.uint8).reshape(-1, 3)
+                return np.array(image), np.pad(palette, ((0, 256 - len(palette)), (0, 0)))
+            if image.mode in ("L", "I", "F") or image.mode.startswith("I;16"):
+                return np.array(image), None
+            return np.array(image.convert("L" if image.mode == "1" else "RGB")), None
+        except (OSError, ValueError, SyntaxError) as error:
+            raise StudioError(
+                "footage.image_unreadable",
+                f"the image is damaged or truncated ({_reason(error)})",
+                file=path,
+                fix=_FIX,
+            ) from None
+
+
+def _pillow_reads(path: Path) -> bool:
+    """Whether Pillow reads a TIFF file, which it does not if its colors are floats, but OpenCV does."""
+    if path.suffix.lower() not in (".tif", ".tiff"):
+        return True
+    try:
+        with _open(path):
+            return True
+    except StudioError as error:
+        return error.code != "footage.image_unreadable"
 
 
 def _open(path: Path) -> ImageFile:

@@ -19,7 +19,7 @@ from studio.capture.warp import Warp, fit_size
 from studio.counts import counted, plural
 from studio.errors import Message, StudioError, shown
 from studio.masks.garbage_masks import garbage_masks
-from studio.masks.mask_files import exact_masks
+from studio.masks.mask_files import FileMaskSource, exact_masks
 from studio.masks.mask_source import MaskInputs
 from studio.masks.sources import open_mask_source
 from studio.memory import memory_limit
@@ -91,14 +91,18 @@ def open_footage(
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     limit = min(2 << 30, memory_limit() // 8)
     cache = image_cache(limit if most_cached is None else min(limit, most_cached))
-    warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask
     garbage = garbage_masks(spec, tuple(sources), pool)
-    inputs = MaskInputs(spec, sources, masked, pool, cache_folder, device, threads, garbage)
+    inputs = MaskInputs(spec, sources, masked, held_out, pool, cache_folder, device, threads, garbage)
     mask_source, mask_note = open_mask_source(inputs)
-    exact, exact_note = exact_masks(spec, tuple(sources), masked)
-    notes += [mask_note, exact_note]
+    notes.append(mask_note)
+    if isinstance(mask_source, FileMaskSource):
+        unmasked = [name for name in sources if name not in mask_source.cameras]
+        sources = _with_masks(spec, sources, unmasked, held_out, notes)
+    warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
+    exact, exact_note = exact_masks(spec, held_out or tuple(sources), masked)
+    notes.append(exact_note)
     if held_out:
         notes.append(f"Held out: {', '.join(held_out)}.")
     description = "\n".join(note for note in notes if note)
@@ -106,6 +110,28 @@ def open_footage(
         spec, sources, frames, held_out, rate / spec.step, mask_source, exact, warps, pool, cache, description,
         tuple(problems), sound, garbage,
     )  # fmt: skip
+
+
+def _with_masks(
+    spec: CaptureSettings,
+    sources: Mapping[str, FrameSource],
+    unmasked: Sequence[str],
+    held_out: Sequence[str],
+    notes: list[str],
+) -> dict[str, FrameSource]:
+    """Without the cameras that need mask files but have none, which `auto` leaves out if others have."""
+    left_out = [name for name in unmasked if name not in held_out]
+    if spec.masks != "auto" or 2 * len(left_out) > len(sources):
+        left_out = []
+    if left_out:
+        notes.append(
+            f"Without masks, so not used: {_cameras(left_out)}. To use them, add masks, or list them in "
+            "capture.held_out."
+        )
+    unmeasured = [name for name in unmasked if name in held_out]
+    if unmeasured:
+        notes.append(f"Held out without masks, so no quality is measured there: {_cameras(unmeasured)}.")
+    return {name: source for name, source in sources.items() if name not in left_out}
 
 
 def _on_this_machine(spec: CaptureSettings) -> CaptureSettings:
@@ -259,8 +285,7 @@ def _video_notes(sources: Mapping[str, FrameSource]) -> str:
     lines = []
     for note, names in cameras.items():
         every = len(names) == len(sources) and len(names) > 1
-        who = f"All {len(names)} cameras" if every else f"{plural('Camera', len(names))} {_quoted(names)}"
-        lines.append(f"{who}: {note}.")
+        lines.append(f"{f'All {len(names)} cameras' if every else f'C{_cameras(names)[1:]}'}: {note}.")
     return "\n".join(lines)
 
 
@@ -343,8 +368,9 @@ def _only_number(name: str) -> int | None:
     return int(numbers[0]) if len(numbers) == 1 else None
 
 
-def _quoted(names: Sequence[str]) -> str:
-    return ", ".join(f"'{name}'" for name in names)
+def _cameras(names: Sequence[str]) -> str:
+    """`camera 'a'` or `cameras 'a', 'b'`."""
+    return f"{plural('camera', len(names))} " + ", ".join(f"'{name}'" for name in names)
 
 
 def _and_more(noun: str, names: Sequence[str]) -> str:

@@ -67,8 +67,11 @@ class FileSettings(Settings):
     that need masks stop. See docs/guides/masks.md."""
 
     mask_files: str = "auto"
-    """Pattern of the mask files; white is the performer. auto: search folders named mask, masks, matte, mattes or
-    alpha."""
+    """Pattern of the mask files; anything but 0 is the performer, unless the values are soft. auto: search folders
+    with names such as masks, mattes, seg or alpha."""
+
+    mask_labels: tuple[Annotated[int, Field(ge=1, le=65535)], ...] = ()
+    """Masks from files whose values are labels, such as numbers of people: those of the performer. Empty: all but 0."""
 
     clean_plates: str = "auto"
     """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named

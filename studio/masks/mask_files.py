@@ -9,34 +9,78 @@ import numpy as np
 
 from studio.capture.detect import MASK_FOLDERS, detect_beside
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
-from studio.capture.patterns import Match, find_files, number_ranges
+from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, number_ranges
 from studio.capture.settings import CaptureSettings
 from studio.counts import plural
 from studio.errors import StudioError
 from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.mask_values import LOSSY, MaskValues, mask_channel, read_mask_values, values_in
+from studio.yaml_text import inline_yaml
 
-_MOST_LABELS = 24  # more than any labeling of body parts, and invisible as a mask
+_SAMPLED_FRAMES, _SAMPLED_CAMERAS = 3, 8
 
 
 class FileMaskSource:
-    """A `MaskSource` that reads mask images, one per camera and frame, or mask videos; white is foreground.
-
-    In a PNG file whose values are all small, they are labels: 0 is the background, any other the performer.
-    If a file has an alpha channel and all its pixels have the same color, the alpha channel is used. Masks that differ
-    in size from the images are resized if the aspect ratio is the same.
+    """A `MaskSource` that reads mask images, one per camera and frame, or mask videos; see `read_mask_values` and
+    `MaskValues` for what their values mean. Masks that differ in size from the images are resized if the aspect ratio
+    is the same.
 
     Args:
         sources: camera name to its masks.
+        labels: those that are foreground, if the values are labels; empty: all but 0.
     """
 
-    def __init__(self, sources: Mapping[str, FrameSource]) -> None:
+    def __init__(self, sources: Mapping[str, FrameSource], labels: tuple[int, ...] = ()) -> None:
         self._sources = dict(sources)
+        self._labels = labels
+        self._values: dict[str, MaskValues] = {}
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that have masks."""
+        return tuple(self._sources)
+
+    def frames(self, camera: str) -> tuple[int, ...]:
+        """The frames for which `camera` has a mask."""
+        return tuple(self._sources[camera].frames)
 
     def missing(self, camera: str, frames: tuple[int, ...]) -> list[int]:
         """Those of `frames` for which `camera` has no mask."""
         source = self._sources.get(camera)
         have = set(source.frames) if source is not None else set()
         return [frame for frame in frames if frame not in have]
+
+    def values(self, camera: str) -> MaskValues:
+        """What the values of a camera's masks mean, from three of them.
+
+        Raises:
+            StudioError: `mask.missing`, `mask.no_label` if they are not labels although some were chosen, or a file
+                cannot be read.
+        """
+        if camera not in self._values:
+            source = self._source(camera, 0)
+            count = len(source.frames)
+            chosen = sorted({source.frames[index] for index in np.linspace(0, count - 1, _SAMPLED_FRAMES).astype(int)})
+            found = values_in([_read(source, frame) for frame in chosen], _is_exact(source))
+            if self._labels and found.highest and not found.labels:
+                raise StudioError(
+                    "mask.no_label",
+                    f"the masks of camera '{camera}' are not labels, but have {found}",
+                    file=source.files([chosen[0]])[0],
+                    fix="Remove capture.mask_labels.",
+                    camera=camera,
+                    setting="capture.mask_labels",
+                )
+            self._values[camera] = found
+        return self._values[camera]
+
+    def _source(self, camera: str, frame: int) -> FrameSource:
+        source = self._sources.get(camera)
+        if source is None:
+            raise StudioError(
+                "mask.missing", f"Camera '{camera}' has no mask files", camera=camera, frames=(frame,), kind="mask"
+            )
+        return source
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`.
@@ -46,19 +90,11 @@ class FileMaskSource:
         """
         import cv2
 
-        source = self._sources.get(camera)
-        if source is None:
-            raise StudioError(
-                "mask.missing", f"Camera '{camera}' has no mask files", camera=camera, frames=(frame,), kind="mask"
-            )
-        stored = source.read(frame)
-        if stored.shape[2] == 4 and np.ptp(stored[:, :, :3]) == 0:
-            mask = stored[:, :, 3]
-        else:
-            mask = stored[:, :, :3].max(axis=2)
-            # labels of body parts instead of white, as in ZJU-MoCap
-            if 0 < mask.max() <= _MOST_LABELS and all(path.suffix == ".png" for path in source.files([frame])):
-                mask = np.where(mask > 0, 255, 0).astype(np.uint8)
+        source = self._source(camera, frame)
+        values, meaning = _read(source, frame), self.values(camera)
+        if not meaning.highest:  # the sampled frames are empty, so that they tell nothing
+            meaning = values_in([values], _is_exact(source))
+        mask = meaning.mask(values, self._labels)
         height, width = image.shape[:2]
         if mask.shape != (height, width):
             if abs(mask.shape[1] * height - mask.shape[0] * width) > max(height, width):
@@ -83,6 +119,18 @@ class FileMaskSource:
         return [path for source in self._sources.values() for path in source.files()]
 
 
+def _read(source: FrameSource, frame: int) -> np.ndarray:
+    """The values of a mask, (H, W)."""
+    files = source.files([frame])
+    if not files or files[0].suffix.lower() in VIDEO_EXTENSIONS:
+        return mask_channel(source.read(frame))
+    return read_mask_values(files[0])
+
+
+def _is_exact(source: FrameSource) -> bool:
+    return source.files()[0].suffix.lower() not in VIDEO_EXTENSIONS | LOSSY
+
+
 def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
     """Masks from files: see `studio.masks.sources`. Raises StudioError `mask.not_found` or `mask.missing`."""
     found = find_files_of(
@@ -92,8 +140,36 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
     if found is None:
         return None
     pattern, matches = found
-    source = _file_mask_source(matches, inputs.names, inputs.frames, inputs.pool, "mask", inputs.spec.offsets)
-    return source, f"files '{pattern}'"
+    needed = [name for name in inputs.names if name not in inputs.held_out]
+    source = _file_mask_source(
+        matches, inputs.spec, needed, inputs.frames, inputs.pool, "mask", inputs.spec.mask_labels, not required
+    )
+    names = source.cameras[:: -(-len(source.cameras) // _SAMPLED_CAMERAS)]
+    values = {name: source.values(name) for name in names}
+    wanted, known = inputs.spec.mask_labels, sorted({label for found in values.values() for label in found.labels})
+    if wanted and known and not set(wanted) & set(known):
+        raise StudioError(
+            "mask.no_label",
+            f"capture.mask_labels is {inline_yaml(list(wanted))}, but the masks have {', '.join(map(str, known))}",
+            file=inputs.spec.root,
+            value=wanted,
+            fix="Choose from these.",
+            setting="capture.mask_labels",
+        )
+    return source, f"files '{pattern}'{_described(values)}"
+
+
+def _described(values: Mapping[str, MaskValues]) -> str:
+    """What the masks of some cameras contain, in parentheses, and a warning if it is not what masks look like."""
+    kinds = {str(found): name for name, found in values.items() if found.highest}
+    words = f" ({'; '.join(f'camera {name}: {kind}' if len(kinds) > 1 else kind for kind, name in kinds.items())})"
+    weak = [name for name, found in values.items() if found.is_weak]
+    inverted = [name for name, found in values.items() if found.looks_inverted]
+    if weak:
+        words += f". Warning: the masks of camera '{weak[0]}' never reach half of full scale, so that they are empty"
+    if 2 * len(inverted) > len(values):
+        words += ". Warning: the masks look inverted: in most cameras, the border of the image is foreground"
+    return words if kinds else " (all that were looked at are empty)"
 
 
 def find_files_of(
@@ -148,20 +224,43 @@ def find_beside(
 
 def _file_mask_source(
     matches: list[Match],
-    names: tuple[str, ...],
+    spec: CaptureSettings,
+    names: Sequence[str],
     frames: tuple[int, ...],
     pool: DecoderPool,
     what: str,
-    offsets: Mapping[str, int],
+    labels: tuple[int, ...] = (),
+    lenient: bool = False,
 ) -> FileMaskSource:
-    mask_source = FileMaskSource(make_sources(matches, pool, offsets=offsets, transfer="srgb"))
+    """Masks of the cameras `names`, which must have one for each of `frames`; if `lenient`, half of the cameras may
+    have none at all.
+
+    Raises:
+        StudioError: `mask.missing`.
+    """
+    mask_source = FileMaskSource(make_sources(matches, pool, offsets=spec.offsets, transfer="srgb"), labels)
+    without = [name for name in names if name not in mask_source.cameras] if frames else []
+    if without and not (lenient and 2 * len(without) <= len(names)):
+        others = [name for name in names if name not in without]
+        leave_out = f", or leave out these cameras: set capture.cameras to {inline_yaml(others)}" if others else ""
+        raise StudioError(
+            "mask.missing",
+            f"{plural('Camera', len(without))} {', '.join(map(repr, without))} without {what}s",
+            fix=f"Add the missing files{leave_out}.",
+            cameras=tuple(without),
+            camera=without[0],
+            frames=frames,
+            kind=what,
+            setting="capture.cameras",
+        )
     for name in names:
-        missing = mask_source.missing(name, frames)
+        missing = mask_source.missing(name, frames) if name not in without else []
         if missing:
             raise StudioError(
                 "mask.missing",
-                f"Camera '{name}' has no {what} for {plural('frame', len(missing))} {number_ranges(missing)}",
-                fix="Add the missing files, or exclude the camera or the frames.",
+                f"Camera '{name}' has no {what} for {plural('frame', len(missing))} {number_ranges(missing)}, but for "
+                f"{number_ranges(list(mask_source.frames(name)))}",
+                fix="Add the missing files, or rename them to the numbers of the images.",
                 camera=name,
                 frames=tuple(missing),
                 kind=what,
@@ -198,5 +297,5 @@ def exact_masks(
             fix="Check capture.evaluation_masks.",
             setting="capture.evaluation_masks",
         )
-    mask_source = _file_mask_source(matches, names, frames, DecoderPool(len(names)), "evaluation mask", spec.offsets)
+    mask_source = _file_mask_source(matches, spec, names, frames, DecoderPool(len(names)), "evaluation mask")
     return mask_source, f"Evaluation within the exact masks '{pattern}'."

@@ -72,6 +72,7 @@ class MaskInputs:
         spec: the capture's settings.
         sources: frames of each camera.
         frames: frame numbers that must have a mask file.
+        held_out: cameras that need none.
         pool: bounds the number of open decoders.
         cache_folder: for estimated backgrounds and masks of a model; None caches in memory only.
         device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
@@ -81,6 +82,7 @@ class MaskInputs:
     spec: CaptureSettings
     sources: Mapping[str, FrameSource]
     frames: tuple[int, ...]
+    held_out: tuple[str, ...]
     pool: DecoderPool
     cache_folder: Path | None = None
     device: str = "auto"

@@ -127,7 +127,7 @@ def test_missing_mask_and_wrong_mask_shape(image_folders: Path, make: SimpleName
         open_footage(CaptureSettings(root=image_folders))
     make.image(mask, np.full((64, 64), 255, np.uint8))
     (problem,) = check_footage(open_footage(CaptureSettings(root=image_folders)))
-    assert (problem.code, problem.file, problem.value) == ("footage.size_changed", mask, (64, 64))
+    assert (problem.code, problem.file, problem.value) == ("mask.aspect_ratio", mask, (64, 64))
     assert problem.fields == {"camera": "left", "frame": 6, "expected": (96, 64)}
 
 

@@ -37,6 +37,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "images": ("other_images/{camera}/{frame}.png", {"masks": "none"}),
     "masks": ("none", {}),
     "mask_files": ("other_masks/{camera}.png", {"masks": "files", "stop": 1}),
+    "mask_labels": ((7,), {"mask_files": "labels/{camera}.png", "masks": "files", "stop": 1}),
     "clean_plates": ("other_plates/{camera}.png", PLATES),
     "evaluation_masks": ("other_masks/{camera}.png", {"stop": 1}),
     "audio": ("a.wav", {}),
@@ -84,6 +85,9 @@ def captures(tmp_path_factory: pytest.TempPathFactory, make: SimpleNamespace) ->
         make.image(root / "clean_plates" / f"{camera}.png", plate)
         make.image(root / "other_plates" / f"{camera}.png", np.full_like(plate, 230))
         make.image(root / "other_masks" / f"{camera}.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
+        labels = np.zeros((HEIGHT, WIDTH), np.uint8)
+        labels[10:44, 30:50], labels[20:30, 70:80] = 7, 8
+        make.image(root / "labels" / f"{camera}.png", labels)
         for frame in range(4):
             image = plate.copy()
             image[44:56, 10:60] = plate[44:56, 10:60] * 0.6

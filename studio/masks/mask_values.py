@@ -1,0 +1,131 @@
+"""What the values of mask files mean: soft masks, or labels of people and parts.
+
+Programs write the same mask as 0 and 255, 0 and 1, 0 and 65535, as a float from 0 to 1, as the alpha channel, as the
+number of a palette's color, or as the number of a person or a part of the body. Whether small numbers are labels or the
+edge of a soft mask cannot be seen in one image, so `MaskValues` is found from several images of a camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from studio.capture.images import read_values
+
+LOSSY = frozenset({".jpg", ".jpeg", ".webp"})
+"""Extensions of images whose values are not exact, so that they cannot be labels."""
+
+_MOST_LABELS = 24  # more than people in a capture or parts of a body; soft masks have more values
+_FLAT = 0.3  # share of the pixels between black and white whose neighbors are the same, if they are labels
+_SCALES = {True: (255.0, 65535.0), False: (1.0, 255.0, 65535.0)}
+"""Values of full scale, by whether all values are integers."""
+
+
+@dataclass(frozen=True)
+class MaskValues:
+    """What the values of a camera's masks mean.
+
+    Attributes:
+        labels: the numbers that were found, without 0, if they are labels; empty for soft masks.
+        full: the value of a soft mask that is entirely foreground.
+        highest: the highest value found; 0 if all masks are empty.
+        is_soft: whether there are other values than 0 and `full`.
+        border: the share of the images' borders that is foreground.
+    """
+
+    labels: tuple[int, ...] = ()
+    full: float = 255.0
+    highest: float = 0.0
+    is_soft: bool = False
+    border: float = 0.0
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether no soft mask reaches half of full scale, so that nothing would be foreground."""
+        return not self.labels and 0 < self.highest < self.full / 2
+
+    @property
+    def looks_inverted(self) -> bool:
+        """Whether most of the border is foreground: a performer is in the middle of most images."""
+        return self.border > 0.5
+
+    def mask(self, values: np.ndarray, chosen: Sequence[int] = ()) -> np.ndarray:
+        """(H, W) uint8, 255 = foreground.
+
+        Args:
+            values: (H, W) as from `mask_values_of`.
+            chosen: the labels that are foreground; empty: all but 0.
+        """
+        if chosen:
+            return np.where(np.isin(values, chosen), 255, 0).astype(np.uint8)
+        if self.labels:
+            return np.where(values != 0, 255, 0).astype(np.uint8)
+        return np.clip(np.rint(values.astype(np.float64) * (255.0 / self.full)), 0, 255).astype(np.uint8)
+
+    def __str__(self) -> str:
+        if self.labels:
+            numbers = ", ".join(map(str, self.labels[:6])) + (", ..." if len(self.labels) > 6 else "")
+            return f"labels {numbers}" if len(self.labels) > 1 else f"0 and {numbers}"
+        return f"soft values from 0 to {self.full:g}" if self.is_soft else f"0 and {self.full:g}"
+
+
+def read_mask_values(path: Path) -> np.ndarray:
+    """The values of a mask image, (H, W), as `mask_channel`; of a palette, the index. A palette of grays with black and
+    white is that of a gray image, so that its colors count.
+
+    Raises:
+        StudioError: as `read_values`.
+    """
+    values, palette = read_values(path)
+    if palette is not None:
+        used = palette[np.unique(values)]
+        return palette[values, 0] if (used == used[:, :1]).all() and {0, 255} <= set(used[:, 0].tolist()) else values
+    return mask_channel(values)
+
+
+def mask_channel(values: np.ndarray) -> np.ndarray:
+    """Of an image, (H, W) or (H, W, 3 or 4; RGB or RGBA), the (H, W) that is the mask: alpha if any pixel is
+    transparent, else the largest channel."""
+    if values.ndim == 2:
+        return values
+    if values.shape[2] == 4:
+        alpha = values[:, :, 3]
+        if (alpha < (1 if alpha.dtype.kind == "f" else np.iinfo(alpha.dtype).max)).any():
+            return alpha
+    return values[:, :, :3].max(axis=2)
+
+
+def values_in(images: Sequence[np.ndarray], exact: bool) -> MaskValues:
+    """What the values of several masks mean.
+
+    Few different numbers are labels if those between black and white fill areas. Those of smooth edges do not.
+
+    Args:
+        images: (H, W) each, as from `read_mask_values`.
+        exact: whether they were stored without loss; if not, they cannot be labels.
+    """
+    found: set[float] = set().union(*(np.unique(values).tolist() for values in images))
+    integral = all(float(number).is_integer() for number in found)
+    highest = max(found, default=0)
+    full = next((scale for scale in _SCALES[integral] if highest <= 1.001 * scale), _SCALES[integral][-1])
+    seen = found - {0}
+    labels: tuple[int, ...] = ()
+    if exact and integral and len(seen) <= _MOST_LABELS and _has_areas(images, full):
+        labels = tuple(sorted(int(number) for number in seen))
+    meaning = MaskValues(labels, full, float(highest), bool(seen - {full}))
+    borders = [meaning.mask(values) > 127 for values in images]
+    around = [np.concatenate([edge[0], edge[-1], edge[:, 0], edge[:, -1]]) for edge in borders]
+    return replace(meaning, border=float(np.concatenate(around).mean()))
+
+
+def _has_areas(images: Sequence[np.ndarray], full: float) -> bool:
+    between = flat = 0
+    for values in images:
+        inside = ((values != 0) & (values != full))[:-1, :-1]
+        same = (values[:-1, :-1] == values[1:, :-1]) & (values[:-1, :-1] == values[:-1, 1:])
+        between += int(inside.sum())
+        flat += int((inside & same).sum())
+    return flat > _FLAT * between

@@ -1,0 +1,239 @@
+"""Masks as other programs write them: the same mask in many encodings, and captures in which some are missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from studio.capture import CaptureSettings, open_footage
+from studio.capture.checks import check_footage
+from studio.masks.mask_values import values_in
+from studio.yaml_text import parse_yaml
+from tests.support.errors import refuses
+
+WIDTH, HEIGHT = 96, 64
+INSIDE = np.zeros((HEIGHT, WIDTH), bool)
+INSIDE[16:48, 30:60] = True
+SECOND = INSIDE & (np.arange(WIDTH) >= 45)  # another person
+LABELS = INSIDE.astype(np.uint8) + SECOND
+SOFT = cv2.GaussianBlur(np.where(INSIDE, 255, 0).astype(np.uint8), (0, 0), 2.5)
+
+Write = Callable[[Path], None]
+
+
+def pillow(values: np.ndarray, mode: str | None = None, **options: object) -> Write:
+    return lambda path: Image.fromarray(values, mode).save(path, **options)
+
+
+def opencv(values: np.ndarray) -> Write:
+    return lambda path: path.write_bytes(cv2.imencode(path.suffix, values)[1].tobytes())
+
+
+def palette(indices: np.ndarray, colors: list[int], **options: object) -> Write:
+    def write(path: Path) -> None:
+        image = Image.fromarray(indices, "P")
+        image.putpalette(colors)
+        image.save(path, **options)
+
+    return write
+
+
+def exr(values: np.ndarray) -> Write:
+    """Half floats, as FFmpeg writes them: gray, or RGBA."""
+
+    def write(path: Path) -> None:
+        import av
+
+        encoder = av.CodecContext.create("exr", "w")
+        encoder.width, encoder.height = WIDTH, HEIGHT
+        encoder.pix_fmt = "grayf32le" if values.ndim == 2 else "gbrapf32le"
+        encoder.time_base = Fraction(1, 25)
+        frame = av.VideoFrame(WIDTH, HEIGHT, encoder.pix_fmt)
+        planes = [values] if values.ndim == 2 else [values[:, :, index] for index in (1, 2, 0, 3)]
+        for plane, channel in zip(frame.planes, planes, strict=True):
+            rows = np.zeros((HEIGHT, plane.line_size // 4), np.float32)
+            rows[:, :WIDTH] = channel
+            plane.update(rows)
+        frame.pts = 0
+        path.write_bytes(b"".join(bytes(packet) for packet in [*encoder.encode(frame), *encoder.encode(None)]))
+
+    return write
+
+
+GRAYS = [value for index in range(256) for value in (index, index, index)]
+ONE = INSIDE.astype(np.uint8)
+RED = np.where(INSIDE[..., None], (128, 0, 0), 0).astype(np.uint8)
+
+ENCODINGS: dict[str, tuple[str, Write]] = {
+    "0 and 255": (".png", pillow(ONE * 255)),
+    "0 and 255, capitals": (".PNG", pillow(ONE * 255)),
+    "0 and 1": (".png", pillow(ONE)),
+    "0 and 1, capitals": (".PNG", pillow(ONE)),
+    "0 and 1, TIFF": (".tif", pillow(ONE)),
+    "0 and 1, capitals, TIFF": (".TIFF", pillow(ONE)),
+    "0 and 1, BMP": (".bmp", pillow(ONE)),
+    "one bit": (".png", pillow(INSIDE)),
+    "one bit, TIFF": (".tif", pillow(INSIDE)),
+    "16 bits, 0 and 1": (".png", pillow(ONE.astype(np.uint16))),
+    "16 bits, 0 and 255": (".png", pillow(ONE.astype(np.uint16) * 255)),
+    "16 bits, 0 and 65535": (".png", pillow(ONE.astype(np.uint16) * 65535)),
+    "16 bits, 0 and 65535, TIFF": (".tif", pillow(ONE.astype(np.uint16) * 65535)),
+    "16 bits, instances as in Cityscapes": (".png", pillow((LABELS.astype(np.uint16) + 24000) * INSIDE)),
+    "16 bits of color, 0 and 1": (".png", opencv(np.dstack([ONE.astype(np.uint16)] * 3))),
+    "32 bits": (".tif", pillow(ONE.astype(np.int32))),
+    "floats, TIFF": (".tif", pillow(ONE.astype(np.float32))),
+    "floats to 255, TIFF": (".tif", pillow(ONE.astype(np.float32) * 255)),
+    "floats of color, TIFF": (".tiff", opencv(np.dstack([ONE.astype(np.float32)] * 3))),
+    "floats, EXR": (".exr", exr(ONE.astype(np.float32))),
+    "object index, EXR": (".exr", exr(LABELS.astype(np.float32))),
+    "alpha, EXR": (".exr", exr(np.dstack([ONE * 0.2] * 3 + [ONE]).astype(np.float32))),
+    "instance 30": (".png", pillow(ONE * 30)),
+    "two people": (".png", pillow(LABELS)),
+    "two people of 127 and 255": (".png", pillow(np.array([0, 127, 255], np.uint8)[LABELS])),
+    "a person and its outline as 255, as in VOC": (
+        ".png",
+        pillow(np.where(cv2.erode(ONE, np.ones((3, 3), np.uint8)) > 0, 1, ONE * 255).astype(np.uint8)),
+    ),
+    "palette, dark red": (".png", palette(ONE, [0, 0, 0, 128, 0, 0])),
+    "palette, two colors": (".png", palette(LABELS, [0, 0, 0, 128, 0, 0, 0, 128, 0])),
+    "palette, white": (".png", palette(ONE, [0, 0, 0, 255, 255, 255])),
+    "palette, white is first": (".png", palette(1 - ONE, [255, 255, 255, 0, 0, 0])),
+    "palette of grays": (".png", palette(ONE, GRAYS)),
+    "palette, black performer": (".png", palette(ONE, [200, 200, 200, 0, 0, 0])),
+    "palette, transparent background": (".png", palette(ONE, [255, 0, 255, 9, 9, 9], transparency=0)),
+    "palette, TIFF": (".tif", palette(ONE, [0, 0, 0, 128, 0, 0])),
+    "dark red": (".png", pillow(RED)),
+    "white with alpha": (".png", pillow(np.dstack([np.full((HEIGHT, WIDTH, 3), 255, np.uint8), ONE * 255]))),
+    "cut out": (".png", pillow(np.dstack([RED, ONE * 255]))),
+    "gray and alpha": (".png", pillow(np.dstack([ONE * 90, ONE * 255]), "LA")),
+    "opaque": (".png", pillow(np.dstack([ONE * 255] * 3 + [np.full_like(ONE, 255)]))),
+    "WebP": (".webp", pillow(ONE * 255, lossless=True)),
+    "JPEG": (".jpg", pillow(ONE * 255, quality=95)),
+}
+
+
+def capture(root: Path, make: SimpleNamespace, extension: str, write: Write, cameras: str = "ab") -> Path:
+    for camera in cameras:
+        for frame in range(2):
+            make.image(root / "images" / camera / f"{frame}.png", make.numbered(frame))
+            mask = root / "masks" / camera / f"{frame}{extension}"
+            mask.parent.mkdir(parents=True, exist_ok=True)
+            write(mask)
+    return root
+
+
+@pytest.mark.parametrize("name", ENCODINGS)
+def test_encodings(tmp_path: Path, make: SimpleNamespace, name: str) -> None:
+    footage = open_footage(CaptureSettings(root=capture(tmp_path, make, *ENCODINGS[name])))
+    mask = footage.mask("a", 1)
+    if name == "JPEG":
+        mask = np.where(mask > 127, 255, 0)
+    assert np.array_equal(mask, np.where(INSIDE, 255, 0))
+    assert "Warning" not in footage.description
+    assert check_footage(footage) == []
+
+
+@pytest.mark.parametrize(
+    ("extension", "write"),
+    [
+        (".png", pillow(SOFT)),
+        (".png", pillow(SOFT.astype(np.uint16) * 257)),
+        (".png", pillow(SOFT.astype(np.uint16))),
+        (".tif", pillow(SOFT.astype(np.float32) / 255)),
+        (".tif", pillow(SOFT.astype(np.float32))),
+        (".exr", exr(SOFT.astype(np.float32) / 255)),
+        (".png", pillow(np.dstack([SOFT * 0, SOFT]), "LA")),
+        (".png", palette(255 - SOFT, GRAYS[::-1])),
+    ],
+)
+def test_soft_masks_stay_soft(tmp_path: Path, make: SimpleNamespace, extension: str, write: Write) -> None:
+    footage = open_footage(CaptureSettings(root=capture(tmp_path, make, extension, write)))
+    assert np.abs(footage.mask("a", 0).astype(int) - SOFT).max() <= 1
+    assert "soft" in footage.description
+
+
+def test_smooth_edges_of_few_levels_are_not_labels() -> None:
+    small = cv2.resize(np.where(INSIDE, 255, 0).astype(np.uint8), (31, 21), interpolation=cv2.INTER_AREA)
+    assert len(np.unique(small)) < 12
+    found = values_in([small], exact=True)
+    assert not found.labels
+    assert np.array_equal(found.mask(small), small)
+
+
+@given(
+    labels=st.sets(st.integers(1, 255), min_size=1, max_size=6),
+    white=st.booleans(),
+    deep=st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_whatever_the_numbers_all_but_zero_is_the_performer(labels: set[int], white: bool, deep: bool) -> None:
+    numbers = [*sorted(labels), *([65535 if deep else 255] if white else [])]
+    values = np.zeros((8, 7 * len(numbers)), np.uint16 if deep else np.uint8)
+    for index, number in enumerate(numbers):
+        values[1:7, 7 * index : 7 * index + 6] = number
+    mask = values_in([values], exact=True).mask(values)
+    assert np.array_equal(mask, np.where(values > 0, 255, 0))
+
+
+def test_chosen_labels(tmp_path: Path, make: SimpleNamespace) -> None:
+    root = capture(tmp_path, make, ".png", palette(LABELS, [0, 0, 0, 128, 0, 0, 0, 128, 0]))
+    footage = open_footage(CaptureSettings(root=root, mask_labels=(2,)))
+    assert np.array_equal(footage.mask("a", 0) > 0, SECOND)
+    with refuses("mask.no_label", setting="capture.mask_labels"):
+        open_footage(CaptureSettings(root=root, mask_labels=(3,)))
+    soft = capture(tmp_path / "soft", make, ".png", pillow(SOFT))
+    with refuses("mask.no_label", setting="capture.mask_labels"):
+        open_footage(CaptureSettings(root=soft, mask_labels=(1,)))
+
+
+@pytest.mark.parametrize(
+    ("write", "words"),
+    [(pillow(255 - ONE * 255), "inverted"), (pillow((SOFT * 0.3).astype(np.uint8)), "half of full scale")],
+)
+def test_masks_that_look_wrong(tmp_path: Path, make: SimpleNamespace, write: Write, words: str) -> None:
+    footage = open_footage(CaptureSettings(root=capture(tmp_path, make, ".png", write)))
+    assert "Warning: the masks" in footage.description
+    assert words in footage.description
+
+
+def test_cameras_without_masks_are_named_with_a_setting_that_works(tmp_path: Path, make: SimpleNamespace) -> None:
+    root = capture(tmp_path, make, ".png", pillow(ONE), "abcdef")
+    for camera in "be":
+        for file in (root / "masks" / camera).iterdir():
+            file.unlink()
+    with refuses("mask.missing", cameras=("b", "e"), setting="capture.cameras") as caught:
+        open_footage(CaptureSettings(root=root, masks="files"))
+    advice = str(caught.value).split("capture.cameras to ")[1].rstrip(".")
+    assert open_footage(CaptureSettings(root=root, cameras=parse_yaml(advice))).camera_names == tuple("acdf")
+    footage = open_footage(CaptureSettings(root=root))
+    assert footage.camera_names == tuple("acdf")
+    assert "'b', 'e'" in footage.description
+
+
+def test_held_out_cameras_need_no_masks(tmp_path: Path, make: SimpleNamespace) -> None:
+    root = capture(tmp_path, make, ".png", pillow(ONE), "abc")
+    for file in (root / "masks" / "b").iterdir():
+        file.unlink()
+    footage = open_footage(CaptureSettings(root=root, masks="files", held_out=("b", "c")))
+    assert footage.camera_names == tuple("abc")
+    assert footage.measured_cameras == ("c",)
+    assert check_footage(footage) == []
+    assert "'b'" in footage.description
+
+
+def test_a_few_cameras_with_masks_are_not_the_capture(tmp_path: Path, make: SimpleNamespace) -> None:
+    root = capture(tmp_path, make, ".png", pillow(ONE), "abcd")
+    for camera in "abc":
+        for file in (root / "masks" / camera).iterdir():
+            file.unlink()
+    with refuses("mask.missing", cameras=("a", "b", "c")):
+        open_footage(CaptureSettings(root=root))
