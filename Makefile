@@ -54,7 +54,7 @@ web: v3studio/player/index.html ## build the browser player (web/) into v3studio
 
 # Three workers for two cores: windows, browsers and servers wait for much of their time.
 test: setup-tests web web-test ## install missing requirements and run all tests (PYTEST_ARGS="-k name")
-	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 --dist loadfile $(PYTEST_ARGS)
+	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 attack: setup-tests ## kill, fill the disk, mutate files, slow down peers (ATTACK_ARGS="--parts kills --share 0.1")
 	@OMP_NUM_THREADS=1 nice -n 19 $(PY) benchmarks/attack $(ATTACK_ARGS)

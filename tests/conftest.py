@@ -15,6 +15,7 @@ passive_openmp()  # before torch is imported
 
 import torch  # noqa: E402
 
+from tests.support.shared import made_once  # noqa: E402
 from tests.support.tiny_capture import v3studio, write_project  # noqa: E402
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
     hypothesis.settings.load_profile("any machine")
     for line in (
         "gpu: needs a CUDA device; skipped if there is none",
+        "long: one of its tests takes longer than most files; these files start first, so that none is left at the end",
         "slow: takes more than a few seconds: runs of the pipeline, training, windows, COLMAP",
         "window: drives the real window on a private X server",
         "colmap: runs structure from motion with COLMAP",
@@ -51,7 +53,7 @@ WINDOW_TIMEOUT = 600
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark tests by their fixtures and folder."""
+    """Mark tests by their fixtures and folder, and put the files that take long first."""
     for item in items:
         fixtures = set(getattr(item, "fixturenames", ()))
         if fixtures & WINDOW_FIXTURES:
@@ -66,6 +68,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("slow")
         if item.get_closest_marker("gpu") and not torch.cuda.is_available():
             item.add_marker(pytest.mark.skip(reason="no CUDA device"))
+    longest = {item.path for item in items if item.get_closest_marker("long")}
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: (item.path not in longest, item.path not in slow))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -81,11 +86,13 @@ def pytest_runtest_makereport(item: pytest.Item) -> object:
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project with the finished take `take/`, made without interruption. Copy it before changing it."""
-    folder = tmp_path_factory.mktemp("finished")
-    write_project(folder)
-    done = v3studio("run", folder / "ball.yaml", "--take", folder / "take")
-    assert done.returncode == 0, done.stderr
-    return folder
+
+    def make(folder: Path) -> None:
+        write_project(folder)
+        done = v3studio("run", folder / "ball.yaml", "--take", folder / "take")
+        assert done.returncode == 0, done.stderr
+
+    return made_once(tmp_path_factory, "finished", make)
 
 
 @pytest.fixture(scope="session")

@@ -48,6 +48,8 @@ class SoundFile:
                         setting="capture.audio",
                     )
                 stream = container.streams.audio[0]
+                if stream.codec_context is None:
+                    raise ValueError("FFmpeg does not know its codec")
                 self.channels = 1 if stream.channels == 1 else 2
                 video = video_stream(container)
                 self._zero = start_of(video) if video is not None else 0.0

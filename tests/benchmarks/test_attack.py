@@ -11,6 +11,8 @@ import pytest
 
 from tests.support.warm_python import warm_python
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[2]
 LEAST = {"servers": 7}
 

@@ -20,6 +20,7 @@ import torch
 from gui.actions.menus import MENUS
 from studio.gaussians import SH_C0, Gaussians
 from studio.stream import BakeSettings, bake_group, write_manifest
+from tests.support.shared import made_once
 from tests.support.tiny_capture import write_project
 from tests.support.waiting import POLL, wait_until
 from tests.support.warm_python import warm_python
@@ -50,22 +51,22 @@ def body(frame: int, splats: int = 600) -> Gaussians:
 @pytest.fixture(scope="session")
 def stream_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A baked stream of 12 frames in two groups."""
-    folder = tmp_path_factory.mktemp("gui") / "walking stream"
-    settings = BakeSettings(quality=10, preset="ultrafast")
-    groups = [
-        bake_group([body(frame) for frame in range(first, first + count)], folder, index, first, settings)
-        for index, (first, count) in enumerate(GROUPS)
-    ]
-    write_manifest(folder, groups, FPS, settings, {})
-    return folder
+
+    def make(folder: Path) -> None:
+        settings = BakeSettings(quality=10, preset="ultrafast")
+        groups = [
+            bake_group([body(frame) for frame in range(first, first + count)], folder, index, first, settings)
+            for index, (first, count) in enumerate(GROUPS)
+        ]
+        write_manifest(folder, groups, FPS, settings, {})
+
+    return made_once(tmp_path_factory, "walking stream", make)
 
 
 @pytest.fixture(scope="session")
 def footage_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `capture/` and `ball.yaml`. Read-only."""
-    folder = tmp_path_factory.mktemp("footage")
-    write_project(folder)
-    return folder
+    return made_once(tmp_path_factory, "footage", write_project)
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.support.shared import made_once
 from tests.support.tiny_capture import SETTINGS, environment, v3studio, write_capture, write_project
 from tests.support.warm_python import WarmProcess, warm_python
 
@@ -23,10 +24,12 @@ def project(tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def long_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Settings of footage that is long enough to estimate time offsets."""
-    folder = tmp_path_factory.mktemp("long")
-    write_capture(folder / "capture", frames=12)
-    (folder / "ball.yaml").write_text(SETTINGS)
-    return folder / "ball.yaml"
+
+    def make(folder: Path) -> None:
+        write_capture(folder / "capture", frames=12)
+        (folder / "ball.yaml").write_text(SETTINGS)
+
+    return made_once(tmp_path_factory, "long_footage", make) / "ball.yaml"
 
 
 @pytest.fixture

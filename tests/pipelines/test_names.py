@@ -17,17 +17,19 @@ from pipelines.events import RunFinished, RunStarted, parse_event
 from studio.yaml_text import dump_yaml, parse_yaml
 from tests.support.warm_python import warm_python
 
+pytestmark = pytest.mark.long
+
 NAMES = {"cam0": "cam 0", "cam1": "caméra 1", "cam2": "影2", "cam4": "Kamera ñ #4"}
 TAKE = "prise é 影 #1 50%"
 
 
 @pytest.fixture(scope="module")
 def run_in() -> Callable[..., subprocess.CompletedProcess[bytes]]:
-    """The command line with a given locale."""
+    """The command line with a given locale, or with that of the tests."""
     root = Path(__file__).parents[2]
 
-    def run(locale: str, *arguments: object, cwd: Path = root) -> subprocess.CompletedProcess[bytes]:
-        environment = {**os.environ, "LC_ALL": locale, "LANG": locale, "COLUMNS": "200"}
+    def run(locale: str | None, *arguments: object, cwd: Path = root) -> subprocess.CompletedProcess[bytes]:
+        environment = {**os.environ, "COLUMNS": "200", **({"LC_ALL": locale, "LANG": locale} if locale else {})}
         return warm_python(locale).run(("-m", "pipelines.cli", *arguments), cwd=cwd, env=environment)
 
     return run
@@ -73,7 +75,7 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory, run_in: Call
 
 
 def test_the_take_is_up_to_date_in_every_locale(place: Path, run_in: Callable) -> None:
-    for locale in ("C", "C.UTF-8"):
+    for locale in ("C", None):
         status = json.loads(run_in(locale, "status", place / TAKE, "--json").stdout)
         assert status["take"] == str(place / TAKE)
         assert {stage["state"] for stage in status["stages"].values()} == {"done"}

@@ -7,6 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from tests.support.warm_python import warm_python
+
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -17,11 +23,10 @@ def test_it_passes_and_reports_a_missing_package_and_library(tmp_path: Path) -> 
         (tmp_path / package).symlink_to(ROOT / package)
     declared = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
-    def run() -> subprocess.CompletedProcess[str]:
-        return subprocess.run([sys.executable, tmp_path / "scripts" / "self_test.py"], capture_output=True, text=True)
+    script = tmp_path / "scripts" / "self_test.py"
 
     (tmp_path / "pyproject.toml").write_text(declared)
-    passed = run()
+    passed = subprocess.run([sys.executable, script], capture_output=True, text=True)
     assert passed.returncode == 0, passed.stderr
     assert "checks passed" in passed.stdout
 
@@ -30,7 +35,7 @@ def test_it_passes_and_reports_a_missing_package_and_library(tmp_path: Path) -> 
     (tmp_path / "broken.py").write_text(
         'raise ImportError("libnowhere.so.7: cannot open shared object file: No such file or directory")'
     )
-    failed = run()
+    failed = warm_python().run((script,), text=True)
     assert failed.returncode == 1
     first, second = failed.stderr.splitlines()
     assert "not_here" in first

@@ -13,6 +13,8 @@ import pytest
 import v3studio
 from tests.support.warm_python import warm_python
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 

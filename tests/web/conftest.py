@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import threading
@@ -14,6 +15,8 @@ import psutil
 import pytest
 import support
 from driver import Page, Site
+
+from tests.support.shared import made_once
 
 ROOT = Path(__file__).parents[2]
 PLAYER = ROOT / "v3studio" / "player"
@@ -165,13 +168,11 @@ def open_page(browser: Any, site: Site) -> Iterator[Callable[..., Page]]:
 @pytest.fixture(scope="session")
 def baked(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """`baked(...)`: a stream of the test figure, baked once per kind; copy it to change it."""
-    done: dict[tuple[tuple[str, Any], ...], Path] = {}
 
     def get(**options: Any) -> Path:
-        key = tuple(sorted(options.items()))
-        if key not in done:
-            done[key] = support.bake(tmp_path_factory.mktemp("stream") / "stream", **options)
-        return done[key]
+        kind = hashlib.sha256(repr(sorted(options.items())).encode()).hexdigest()[:12]
+        make = lambda folder: support.bake(folder / "stream", **options)  # noqa: E731
+        return made_once(tmp_path_factory, f"figure {kind}", make) / "stream"
 
     return get
 

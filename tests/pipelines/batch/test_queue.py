@@ -27,6 +27,8 @@ from tests.support.errors import refuses
 from tests.support.tiny_capture import ROOT
 from tests.support.warm_python import WarmProcess
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def queue(tmp_path: Path) -> QueueFile:

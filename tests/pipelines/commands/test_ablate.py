@@ -14,6 +14,8 @@ from pipelines.ablation.variants import chosen
 from pipelines.takes.frame_files import read_about
 from tests.support.errors import refuses
 
+pytestmark = pytest.mark.long
+
 
 def curve(factor: float, shift: float) -> list[RatePoint]:
     """PSNR linear in the logarithm of the rate."""

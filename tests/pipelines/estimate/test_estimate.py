@@ -13,6 +13,8 @@ from pipelines.config import presets
 from pipelines.estimate import Measured, Work, estimate, rehearsal
 from studio.training import TrainSettings, keyframe_steps
 
+pytestmark = pytest.mark.long
+
 SETTINGS = TrainSettings.model_validate(
     {
         "keyframe_iterations": 1000,

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from pipelines.events import Metrics, RunFinished
 from pipelines.runs.launch import Launched
 from tests.support.events import events_in
+
+pytestmark = pytest.mark.long
 
 
 def test_a_detached_run_is_shown_and_cancelled_and_continues(project, cli, here):

@@ -14,6 +14,8 @@ from pipelines.events import Metrics, StageFinished, StageStarted
 from pipelines.runs.print_commands import ranges
 from tests.support.events import events_in
 
+pytestmark = pytest.mark.long
+
 
 def results(take: Path) -> dict[str, bytes]:
     """Trained frames, initial points, the stream and the evaluation; not the reports, which contain times."""

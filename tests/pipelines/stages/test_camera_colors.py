@@ -23,6 +23,8 @@ from pipelines.takes.take import Take
 from tests.support.color_charts import matrices, view_of_chart
 from tests.support.errors import refuses
 
+pytestmark = pytest.mark.long
+
 OPTIONS = ("train.camera_colors=true",)
 
 

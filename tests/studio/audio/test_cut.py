@@ -55,6 +55,11 @@ def test_files_without_sound(tmp_path):
         SoundFile(tmp_path / "a.wav")
     with refuses("audio.unreadable"):
         SoundFile(tmp_path / "none.wav")
+    unknown = write_wav(tmp_path / "unknown.wav", clicks(0.2, [0.1]))
+    data = unknown.read_bytes()
+    unknown.write_bytes(data[:20] + b"\x33\x33" + data[22:])  # the codec's number
+    with refuses("audio.unreadable", file=unknown):
+        SoundFile(unknown)
 
 
 def test_encoding_is_exact_in_time_and_reproducible(tmp_path):

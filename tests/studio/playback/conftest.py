@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from studio.stream import FolderSource, StreamReader
+from tests.support.shared import made_once
 from tests.support.streams import bake_numbered
 from tests.support.waiting import wait_until
 
@@ -57,10 +58,12 @@ class GatedSource(FolderSource):
 @pytest.fixture(scope="session")
 def baked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two streams to copy."""
-    folder = tmp_path_factory.mktemp("playback")
-    bake_numbered(folder / "stream", (5, 4, 1, 6), FPS, distinct=True)
-    bake_numbered(folder / "long", (14,) * 6, FPS, distinct=True)
-    return folder
+
+    def make(folder: Path) -> None:
+        bake_numbered(folder / "stream", (5, 4, 1, 6), FPS, distinct=True)
+        bake_numbered(folder / "long", (14,) * 6, FPS, distinct=True)
+
+    return made_once(tmp_path_factory, "playback", make)
 
 
 @pytest.fixture

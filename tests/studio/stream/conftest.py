@@ -14,6 +14,7 @@ from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
 from studio.stream.encode import write_manifest as manifest_writer
 from tests.support import sounds, streams
+from tests.support.shared import made_once
 
 MakeFrames = Callable[..., list[Gaussians]]
 LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
@@ -46,12 +47,12 @@ def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
 @pytest.fixture(scope="session")
 def intact(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """`intact(kind)`: one of `KINDS`, not to be changed."""
-    made: dict[str, Path] = {}
 
     def find(kind: str) -> Path:
-        if kind not in made:
-            made[kind] = write_stream(tmp_path_factory.mktemp(kind) / "stream", splats=80, **KINDS[kind])
-        return made[kind]
+        def make(folder: Path) -> None:
+            write_stream(folder / "stream", splats=80, **KINDS[kind])
+
+        return made_once(tmp_path_factory, f"stream of {kind}", make) / "stream"
 
     return find
 

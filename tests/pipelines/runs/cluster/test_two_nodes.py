@@ -12,6 +12,8 @@ from pipelines.events import GroupState, Metrics, StageFinished, Warned
 from tests.support.tiny_capture import environment, v3studio
 from tests.support.two_nodes import SETTINGS, two_nodes
 
+pytestmark = pytest.mark.long
+
 pytest.importorskip("ray", reason="Ray is not installed (extra cluster)")
 
 

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.support.triton import needs_triton, run_interpreted
+
+pytestmark = pytest.mark.long
 
 
 @needs_triton
