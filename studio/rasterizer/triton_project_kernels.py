@@ -190,6 +190,23 @@ def _harmonic(x, y, z, NUMBER: tl.constexpr):
 
 
 @triton.jit
+def _color(sh, splat, mask, x, y, z, COEFFICIENTS: tl.constexpr):
+    """The color in a direction, and whether it and its coefficients are finite."""
+    red = tl.full([_BLOCK], 0.5, tl.float32)
+    green = tl.full([_BLOCK], 0.5, tl.float32)
+    blue = tl.full([_BLOCK], 0.5, tl.float32)
+    finite = mask
+    for number in tl.static_range(COEFFICIENTS):
+        basis, _, _, _ = _harmonic(x, y, z, number)
+        of_red, of_green, of_blue = _triple(sh, splat * COEFFICIENTS + number, mask)
+        finite &= _finite(of_red) & _finite(of_green) & _finite(of_blue)
+        red += basis * of_red
+        green += basis * of_green
+        blue += basis * of_blue
+    return red, green, blue, finite & _finite(red) & _finite(green) & _finite(blue)
+
+
+@triton.jit
 def project_splats(
     means, quats, log_scales, logits, sh, offsets, cameras, frames, table, half, boxes, keys,
     count, near, dilation,
@@ -252,17 +269,8 @@ def project_splats(
     shown &= (at_x + half_x > 0.0) & (at_y + half_y > 0.0) & (at_x - half_x < width) & (at_y - half_y < height)
 
     to_x, to_y, to_z, _ = _direction(camera, x, y, z)
-    red = tl.full([_BLOCK], 0.5, tl.float32)
-    green = tl.full([_BLOCK], 0.5, tl.float32)
-    blue = tl.full([_BLOCK], 0.5, tl.float32)
-    for number in tl.static_range(COEFFICIENTS):
-        basis, _, _, _ = _harmonic(to_x, to_y, to_z, number)
-        of_red, of_green, of_blue = _triple(sh, splat * COEFFICIENTS + number, inside)
-        shown &= _finite(of_red) & _finite(of_green) & _finite(of_blue)
-        red += basis * of_red
-        green += basis * of_green
-        blue += basis * of_blue
-    shown &= _finite(red) & _finite(green) & _finite(blue)
+    red, green, blue, finite = _color(sh, splat, inside, to_x, to_y, to_z, COEFFICIENTS)
+    shown &= finite
 
     place = view.to(tl.int64) * count + splat
     row = table + place * _COLUMNS
@@ -449,15 +457,7 @@ def project_splats_backward(
         d_z = tl.load(camera + 2) * d_local_x + tl.load(camera + 5) * d_local_y + w8 * d_local_z
 
         to_x, to_y, to_z, distance = _direction(camera, x, y, z)
-        red = tl.full([_BLOCK], 0.5, tl.float32)
-        green = tl.full([_BLOCK], 0.5, tl.float32)
-        blue = tl.full([_BLOCK], 0.5, tl.float32)
-        for number in tl.static_range(COEFFICIENTS):
-            basis, _, _, _ = _harmonic(to_x, to_y, to_z, number)
-            of_red, of_green, of_blue = _triple(sh, splat * COEFFICIENTS + number, drawn)
-            red += basis * of_red
-            green += basis * of_green
-            blue += basis * of_blue
+        red, green, blue, _ = _color(sh, splat, drawn, to_x, to_y, to_z, COEFFICIENTS)
         d_red = tl.where(red >= 0.0, d_red, 0.0)
         d_green = tl.where(green >= 0.0, d_green, 0.0)
         d_blue = tl.where(blue >= 0.0, d_blue, 0.0)

@@ -182,13 +182,19 @@ def _spread(kernels: Any, corners: Corners, d_encoding: Tensor, d_table: Tensor)
     for number, (begins, ends) in enumerate(passes.pieces):
         last = number + 1 == len(passes.pieces)
         sums = d_table if last else values.new_empty((len(begins), features))
-        grid = (math.ceil(len(begins) / kernels.PIECES),)
-        sizes = (len(begins), features, 1 << (features - 1).bit_length())
-        if number == 0:
-            arguments = (values, passes.readers, passes.weights, begins, ends, sums, *sizes)
-            kernels.sum_entries[grid](*arguments, num_warps=WARPS)
-        else:
-            kernels.sum_pieces[grid](values, begins, ends, sums, *sizes, num_warps=WARPS)
+        kernels.sum_pieces[(math.ceil(len(begins) / kernels.PIECES),)](
+            values,
+            passes.readers,
+            passes.weights,
+            begins,
+            ends,
+            sums,
+            len(begins),
+            features,
+            FEATURES=1 << (features - 1).bit_length(),
+            FIRST=number == 0,
+            num_warps=WARPS,
+        )
         values = sums
 
 

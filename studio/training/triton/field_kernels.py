@@ -41,7 +41,7 @@ SHORT = 32
 """Positions, and columns of their encodings, of a program of `encode`."""
 
 PIECES = 16
-"""Sums that a program of `sum_entries` and `sum_pieces` computes."""
+"""Sums that a program of `sum_pieces` computes."""
 
 _CHUNK = tl.constexpr(CHUNK)
 _TILE = tl.constexpr(TILE)
@@ -207,65 +207,42 @@ def parameter_gradient(inputs, slopes, tiles, shares, count, input_columns, slop
 
 
 @triton.jit
-def _pieces(begins, ends, pieces):
-    """This program's pieces, which of them there are, their bounds, and the length of the longest."""
+def sum_pieces(
+    values, readers, weights, begins, ends, sums, pieces, features,
+    FEATURES: tl.constexpr, FIRST: tl.constexpr,
+):  # fmt: skip
+    """Sums over pieces: in the first pass, of what reads one row of the table; then of adjacent rows of such sums.
+
+    Args:
+        values: (V, F) float32: in the first pass `d_encoding`, then the sums of the pass before.
+        readers, weights: (8 N L,) int32 and float32: row of `values`, and its weight, ordered by row of the table; only
+            read in the first pass.
+        begins, ends: (pieces,) int64, bounds of each piece in `readers`, later in `values`.
+        sums: (pieces, F) float32, output.
+        pieces, features: number of pieces, and F.
+        FEATURES: F, padded to a power of two.
+        FIRST: it is the first pass.
+    """
     piece = tl.program_id(0) * _PIECES + tl.arange(0, _PIECES)
     there = piece < pieces
     begin = tl.load(begins + piece, mask=there, other=0)
     end = tl.load(ends + piece, mask=there, other=0)
-    return piece.to(tl.int64), there, begin, end, tl.max(end - begin, axis=0)
-
-
-@triton.jit
-def sum_entries(d_encoding, readers, weights, begins, ends, sums, pieces, features, FEATURES: tl.constexpr):
-    """Sums over pieces of what reads one row of the table.
-
-    Args:
-        d_encoding: (N L, F) float32.
-        readers, weights: (8 N L,) int32 and float32: row of `d_encoding`, and its weight, ordered by row of the table.
-        begins, ends: (pieces,) int64, bounds of each piece in them.
-        sums: (pieces, F) float32, output.
-        pieces, features: number of pieces, and F.
-        FEATURES: F, padded to a power of two.
-    """
-    piece, there, begin, end, longest = _pieces(begins, ends, pieces)
     feature = tl.arange(0, FEATURES)
     real = feature < features
     total = tl.zeros([_PIECES, FEATURES], tl.float32)
-    for first in tl.range(0, longest, _STEP, num_stages=1):
+    for first in tl.range(0, tl.max(end - begin, axis=0), _STEP, num_stages=1):
         entry = begin[:, None] + first + tl.arange(0, _STEP)[None, :]
         mask = entry < end[:, None]
-        reader = tl.load(readers + entry, mask=mask, other=0).to(tl.int64)
-        weight = tl.load(weights + entry, mask=mask, other=0.0)
-        value = tl.load(
-            d_encoding + reader[:, :, None] * features + feature[None, None, :],
-            mask=mask[:, :, None] & real[None, None, :],
-            other=0.0,
-        )
-        total += tl.sum(weight[:, :, None] * value, axis=1)
-    tl.store(sums + piece[:, None] * features + feature[None, :], total, mask=there[:, None] & real[None, :])
-
-
-@triton.jit
-def sum_pieces(values, begins, ends, sums, pieces, features, FEATURES: tl.constexpr):
-    """Sums over pieces of adjacent rows.
-
-    Args:
-        values: (V, F) float32.
-        begins, ends: (pieces,) int64, bounds of each piece in them.
-        sums, pieces, features, FEATURES: as in `sum_entries`.
-    """
-    piece, there, begin, end, longest = _pieces(begins, ends, pieces)
-    feature = tl.arange(0, FEATURES)
-    real = feature < features
-    total = tl.zeros([_PIECES, FEATURES], tl.float32)
-    for first in tl.range(0, longest, _STEP, num_stages=1):
-        row = begin[:, None] + first + tl.arange(0, _STEP)[None, :]
-        mask = row < end[:, None]
+        row = entry
+        if FIRST:
+            row = tl.load(readers + entry, mask=mask, other=0).to(tl.int64)
         value = tl.load(
             values + row[:, :, None] * features + feature[None, None, :],
             mask=mask[:, :, None] & real[None, None, :],
             other=0.0,
         )
+        if FIRST:
+            value *= tl.load(weights + entry, mask=mask, other=0.0)[:, :, None]
         total += tl.sum(value, axis=1)
-    tl.store(sums + piece[:, None] * features + feature[None, :], total, mask=there[:, None] & real[None, :])
+    place = sums + piece.to(tl.int64)[:, None] * features + feature[None, :]
+    tl.store(place, total, mask=there[:, None] & real[None, :])

@@ -26,15 +26,13 @@ def test_the_kernels_compile_for_a_gpu(tmp_path: Path, monkeypatch: pytest.Monke
         **dict.fromkeys(("rows", "tiles", "readers"), "*i32"),
         **dict.fromkeys(("begins", "ends"), "*i64"),
     }
-    names = ("encode", "layer_forward", "layer_backward", "parameter_gradient", "sum_entries", "sum_pieces")
+    names = ("encode", "layer_forward", "layer_backward", "parameter_gradient", "sum_pieces")
     widths = sorted({_columns(width) for width in range(1, 1025)})
     assert widths == [16, 32, 64]
-    features = [{"FEATURES": 4}]
     variants = {
         "layer_forward": [{"OUTPUTS": width, "LAST": last} for width, last in ((16, True), (64, False))],
         "layer_backward": [{"INPUTS": width, "FIRST": first} for width, first in ((16, True), (64, False))],
-        "sum_entries": features,
-        "sum_pieces": features,
+        "sum_pieces": [{"FEATURES": 4, "FIRST": first} for first in (True, False)],
     }
     compile_kernels(triton_field_kernels, types, dict.fromkeys(names, WARPS), 80, variants)
 
