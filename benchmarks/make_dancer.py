@@ -111,55 +111,78 @@ def texture(kind: np.ndarray, local: np.ndarray) -> np.ndarray:
     return np.asarray(np.clip((base[kind] * (1 - share) + other[kind] * share) * shade, 0, 1))
 
 
-def cameras() -> Rig:
-    """Two rings around the dancer, at 0.9 m and 1.9 m."""
+def two_rings(count: int, first: float, high_low: tuple[float, float], target: tuple[float, float, float]) -> Rig:
+    """`count` cameras at a distance of 3.4 m around a target, every other one lower.
+
+    Args:
+        first: direction of the first one, in steps from one camera to the next.
+        high_low: heights in meters of the even and of the odd ones.
+        target: where they look, in meters.
+    """
     found = []
-    for number in range(CAMERAS):
-        angle = 2 * math.pi * number / CAMERAS
-        height = 0.9 if number % 2 else 1.9
-        center = np.array([3.4 * math.cos(angle), 3.4 * math.sin(angle) - 0.2, height])
-        forward = np.array([0, -0.2, 0.95]) - center
+    for number in range(count):
+        angle = 2 * math.pi * (number + first) / count
+        center = np.array([3.4 * math.cos(angle), 3.4 * math.sin(angle) + target[1], high_low[number % 2]])
+        forward = np.array(target) - center
         forward /= np.linalg.norm(forward)
         right = np.cross(forward, [0, 0, 1.0])
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
         matrix = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
-        pose = np.hstack([rotation, -(rotation @ center)[:, None]])
-        found.append(Camera(f"cam{number:02d}", WIDTH, HEIGHT, matrix, pose))
+        found.append(Camera(f"cam{number:02d}", WIDTH, HEIGHT, matrix, np.c_[rotation, -rotation @ center]))
     return Rig(tuple(found))
 
 
-def render(parts: list[Part], camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, 3) mean color of the dancer in each pixel, 0 to 1, and (H, W) the share of the pixel that they cover."""
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    for part in parts:
-        sphere = o3d.geometry.TriangleMesh.create_sphere(1.0, 48)
-        points = (np.asarray(sphere.vertices) * part.size) @ part.axes.T + part.center
-        mesh = o3d.t.geometry.TriangleMesh.from_legacy(sphere)
-        mesh.vertex.positions = o3d.core.Tensor(points.astype(np.float32))
-        scene.add_triangles(mesh)
-    centers = np.array([part.center for part in parts])
-    axes, sizes = np.array([part.axes for part in parts]), np.array([part.size for part in parts])
-    kinds = np.array([part.kind for part in parts])
-    rotation, shift = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
-    origin = -rotation.T @ shift
+def pixel_rays(camera: Camera, dx: float, dy: float) -> np.ndarray:
+    """(H, W, 3) directions from a camera in the world, through the same place of each pixel, in fractions of it."""
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
-    light = np.array([0.4, -0.5, 0.77])
-    total, covered = np.zeros((HEIGHT, WIDTH, 3)), np.zeros((HEIGHT, WIDTH))
-    for dx, dy in SAMPLES:
-        pixel = np.stack([columns + dx, rows + dy, np.ones_like(rows, float)], -1)
-        direction = pixel @ np.linalg.inv(camera.K).T @ rotation
-        rays = np.concatenate([np.broadcast_to(origin, direction.shape), direction], -1).astype(np.float32)
-        found = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
+    pixel = np.stack([columns + dx, rows + dy, np.ones_like(rows, float)], -1)
+    return np.asarray(pixel @ np.linalg.inv(camera.K).T @ camera.rotation)
+
+
+class Body:
+    """A performer in one frame, as a thing to cast rays at."""
+
+    def __init__(self, parts: list[Part]) -> None:
+        self.centers = np.array([part.center for part in parts])
+        self.axes = np.array([part.axes for part in parts])
+        self.sizes = np.array([part.size for part in parts])
+        self.kinds = np.array([part.kind for part in parts])
+        self.scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        for part in parts:
+            sphere = o3d.geometry.TriangleMesh.create_sphere(1.0, 48 if part.size.min() > 0.015 else 12)
+            mesh = o3d.t.geometry.TriangleMesh.from_legacy(sphere)
+            points = (np.asarray(sphere.vertices) * part.size) @ part.axes.T + part.center
+            mesh.vertex.positions = o3d.core.Tensor(points.astype(np.float32))
+            self.scene.add_triangles(mesh)
+
+    def hit(self, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What rays (..., 3) from an origin (3,) meet: (...,) bool, whether they do, and of those M that do, (M, 3)
+        points, (M, 3) RGB of the texture there in 0 to 1, and (M, 3) unit normals."""
+        packed = np.concatenate([np.broadcast_to(origin, rays.shape), rays], -1).astype(np.float32)
+        found = self.scene.cast_rays(o3d.core.Tensor(packed), nthreads=1)
         distance = found["t_hit"].numpy()
         hit = np.isfinite(distance)
         which = found["geometry_ids"].numpy()[hit]
-        point = origin + direction[hit] * distance[hit][:, None]
-        local = np.einsum("rij,ri->rj", axes[which], point - centers[which])
-        normal = np.einsum("rij,rj->ri", axes[which], local / sizes[which] ** 2)
+        points = origin + rays[hit] * distance[hit][:, None]
+        local = np.einsum("rij,ri->rj", self.axes[which], points - self.centers[which])
+        normal = np.einsum("rij,rj->ri", self.axes[which], local / self.sizes[which] ** 2)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        shade = 0.55 + 0.45 * np.maximum(normal @ light, 0)
-        total[hit] += texture(kinds[which], local) * shade[:, None]
+        return hit, points, texture(self.kinds[which], local), normal
+
+    def blocks(self, points: np.ndarray, toward: np.ndarray) -> np.ndarray:
+        """(N,) bool: something lies between the points (N, 3) and the places (N, 3)."""
+        packed = np.concatenate([points, toward - points], -1).astype(np.float32)
+        return np.asarray(self.scene.test_occlusions(o3d.core.Tensor(packed), 1e-3, 1.0, nthreads=1).numpy())
+
+
+def render(body: Body, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, 3) mean color of the dancer in each pixel, 0 to 1, and (H, W) the share of the pixel that they cover."""
+    light = np.array([0.4, -0.5, 0.77])
+    total, covered = np.zeros((HEIGHT, WIDTH, 3)), np.zeros((HEIGHT, WIDTH))
+    for dx, dy in SAMPLES:
+        hit, _, color, normal = body.hit(camera.center, pixel_rays(camera, dx, dy))
+        total[hit] += color * (0.55 + 0.45 * np.maximum(normal @ light, 0))[:, None]
         covered[hit] += 1
     return total / np.maximum(covered, 1)[..., None], covered / len(SAMPLES)
 
@@ -170,14 +193,14 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=16)
     parser.add_argument("--seed", type=int, default=0, help="of the sensor noise")
     arguments = parser.parse_args()
-    rig, folder = cameras(), arguments.folder
+    rig, folder = two_rings(CAMERAS, 0, (1.9, 0.9), (0, -0.2, 0.95)), arguments.folder
     folder.mkdir(parents=True, exist_ok=True)
     write_rig_json(rig, folder / "cameras.json")
     generator = np.random.default_rng(arguments.seed)
     for frame in range(arguments.frames):
-        parts = dancer(frame / FPS)
+        body = Body(dancer(frame / FPS))
         for camera in rig.cameras:
-            color, alpha = render(parts, camera)
+            color, alpha = render(body, camera)
             noisy = np.clip(color + NOISE * generator.standard_normal(color.shape), 0, 1) * (alpha > 0)[..., None]
             image = np.concatenate([noisy[..., ::-1], alpha[..., None]], -1)
             path = folder / "images" / camera.name / f"{frame:06d}.png"

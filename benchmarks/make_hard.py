@@ -28,8 +28,7 @@ from typing import Any
 import av
 import cv2
 import numpy as np
-import open3d as o3d
-from make_dancer import FOCAL, HEIGHT, WIDTH, Part, limb, texture, turn
+from make_dancer import HEIGHT, WIDTH, Body, Part, limb, pixel_rays, turn, two_rings
 
 from studio.camera_files.rig_json import write_rig_json
 from studio.cameras import Camera, Rig
@@ -146,18 +145,7 @@ def performer(time: float, thin: bool) -> list[Part]:
 
 def cameras() -> Rig:
     """Two rings around the performer, at 1 m and 1.9 m."""
-    found = []
-    for number in range(CAMERAS):
-        angle = 2 * math.pi * (number + 0.5) / CAMERAS
-        center = np.array([3.4 * math.cos(angle), 3.4 * math.sin(angle), 1.0 if number % 2 else 1.9])
-        forward = np.array([0, 0, 0.95]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        matrix = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
-        found.append(Camera(f"cam{number:02d}", WIDTH, HEIGHT, matrix, np.c_[rotation, -rotation @ center]))
-    return Rig(tuple(found))
+    return two_rings(CAMERAS, 0.5, (1.9, 1.0), (0, 0, 0.95))
 
 
 def wall_picture(contrast: float) -> np.ndarray:
@@ -178,9 +166,7 @@ class Room:
     """The room as one camera sees it: what does not change from frame to frame."""
 
     def __init__(self, scene: Scene, camera: Camera, picture: np.ndarray) -> None:
-        rotation, shift = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
-        self.scene, self.origin = scene, -rotation.T @ shift
-        rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+        self.scene, self.origin = scene, camera.center
         self.rays: list[np.ndarray] = []
         self.albedo: list[np.ndarray] = []
         self.points: list[np.ndarray] = []
@@ -188,8 +174,7 @@ class Room:
         high = np.array([ROOM, ROOM, CEILING])
         low = np.array([-ROOM, -ROOM, 0.0])
         for dx, dy in SAMPLES:
-            pixel = np.stack([columns + dx, rows + dy, np.ones_like(rows, float)], -1)
-            ray = pixel @ np.linalg.inv(camera.K).T @ rotation
+            ray = pixel_rays(camera, dx, dy)
             distance = np.where(ray > 0, high - self.origin, low - self.origin) / ray
             axis = distance.argmin(-1)
             point = self.origin + ray * distance.min(-1)[..., None]
@@ -221,34 +206,6 @@ def _facing(light: Light, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return np.maximum((toward * normal).sum(-1), 0)
 
 
-class Body:
-    """The performer in one frame, as a thing to cast rays at."""
-
-    def __init__(self, parts: list[Part]) -> None:
-        self.centers = np.array([part.center for part in parts])
-        self.axes = np.array([part.axes for part in parts])
-        self.sizes = np.array([part.size for part in parts])
-        self.kinds = np.array([part.kind for part in parts])
-        self.scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        for part in parts:
-            sphere = o3d.geometry.TriangleMesh.create_sphere(1.0, 40 if part.size.min() > 0.015 else 12)
-            mesh = o3d.t.geometry.TriangleMesh.from_legacy(sphere)
-            points = (np.asarray(sphere.vertices) * part.size) @ part.axes.T + part.center
-            mesh.vertex.positions = o3d.core.Tensor(points.astype(np.float32))
-            self.scene.add_triangles(mesh)
-
-    def hit(self, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) distances along rays (N, 3) in units of their length, infinite where they miss, and (N,) parts."""
-        packed = np.concatenate([np.broadcast_to(origin, rays.shape), rays], -1).astype(np.float32)
-        found = self.scene.cast_rays(o3d.core.Tensor(packed), nthreads=1)
-        return found["t_hit"].numpy(), found["geometry_ids"].numpy()
-
-    def blocks(self, points: np.ndarray, toward: np.ndarray) -> np.ndarray:
-        """(N,) bool: something lies between the points (N, 3) and the places (N, 3)."""
-        packed = np.concatenate([points, toward - points], -1).astype(np.float32)
-        return np.asarray(self.scene.test_occlusions(o3d.core.Tensor(packed), 1e-3, 1.0, nthreads=1).numpy())
-
-
 def draw(room: Room, body: Body, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """(H, W, 3) image in 0..1 and (H, W) the share of each pixel that the performer covers."""
     low, high = body.centers.min(0) - 0.25, body.centers.max(0) + 0.25
@@ -267,18 +224,12 @@ def draw(room: Room, body: Body, random: np.random.Generator) -> tuple[np.ndarra
             arrives[may] = ~body.blocks(points[may], places[may])
             lit.append(arrives)
         color = room.color(sample, lit)
-        distance, part = body.hit(room.origin, room.rays[sample][near])
-        hit = np.isfinite(distance)
-        which = part[hit]
-        point = room.origin + room.rays[sample][near][hit] * distance[hit][:, None]
-        local = np.einsum("rij,ri->rj", body.axes[which], point - body.centers[which])
-        normal = np.einsum("rij,rj->ri", body.axes[which], local / body.sizes[which] ** 2)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        hit, point, colors, normal = body.hit(room.origin, room.rays[sample][near])
         light_sum = np.full((len(point), 3), room.scene.ambient)
         for light in room.scene.lights:
             light_sum += _facing(light, point, normal)[:, None] * light.color
         drawn = color[near]
-        drawn[hit] = np.clip(texture(body.kinds[which], local) * light_sum, 0, 1)
+        drawn[hit] = np.clip(colors * light_sum, 0, 1)
         color[near] = drawn
         inside = covered[near]
         inside[hit] += 1

@@ -1,12 +1,11 @@
-"""Speed of the rasterizer, compared with its goals and with other implementations.
+"""Speed of the rasterizer, compared with its goals and with the reference.
 
     python benchmarks/rasterizer.py            # about two minutes on two cores
     python benchmarks/rasterizer.py --quick    # only a few repetitions
     python benchmarks/rasterizer.py --json results.json
-    python benchmarks/rasterizer.py --opensplat DIR   # a checkout of OpenSplat, whose CPU rasterizer is timed, too
 
 Times are medians over repetitions and wall-clock times unless labeled as CPU time. Ratios compare times of the same
-run; OpenSplat and ours take turns, each with one thread.
+run. `benchmarks/gpu_check.py` measures GPUs.
 
 The scene is a person-like surface: an ellipsoid of 0.6 x 1.7 x 0.4 m, seen so that 2 m fill 90% of the image height.
 Its splats have a radius of 2 to 4 pixels (at which alpha falls to 1/255) and SH degree 3.
@@ -39,14 +38,9 @@ from rich.table import Table
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
-from studio.rasterizer import available_backends, preferred_device, rasterize
+from studio.rasterizer import available_backends, rasterize
 from studio.rasterizer.cpu import load_kernels
-from studio.rasterizer.reference import project, visible_radii
-from studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole
 from studio.training.photometric import photometric_loss
-
-FORWARD_FLOPS, BACKWARD_FLOPS = 35, 55
-"""Floating-point operations per blended (pixel, splat) pair, counted in csrc/blend.h and csrc/backward.h."""
 
 console = Console(width=112)
 
@@ -119,18 +113,6 @@ def mark(value: float, goal: float) -> str:
     return f"[green]yes[/] (< {goal:g})" if value < goal else f"[red]no[/] (< {goal:g})"
 
 
-def in_turn(ours: Callable[[], Any], theirs: Callable[[], Any], turns: int) -> tuple[float, float]:
-    """Medians of the CPU time of this thread in milliseconds, each side once per turn."""
-    times: tuple[list[float], list[float]] = ([], [])
-    for turn in range(turns + 1):
-        for function, found in zip((ours, theirs), times, strict=True):
-            start = time.thread_time()
-            function()
-            if turn:  # the first one warms up
-                found.append(1e3 * (time.thread_time() - start))
-    return statistics.median(times[0]), statistics.median(times[1])
-
-
 def speed_table(repeat: int, results: JsonObject) -> None:
     table = Table(title="CPU kernels, person-like surface, milliseconds (median)")
     for name in ("image", "splats", "threads", "forward", "fwd + bwd", "CPU, 1 thread", "2 threads"):
@@ -183,39 +165,32 @@ def goals_table(repeat: int, results: JsonObject) -> None:
     console.print(table)
 
 
-def iteration_table(repeat: int, results: JsonObject, device: str, count: int, width: int, height: int) -> None:
-    table = Table(title=f"Training iteration on {device}: {count} splats, SH degree 3, {width}x{height} (median ms)")
+def iteration_table(repeat: int, results: JsonObject) -> None:
+    table = Table(title="Training iteration: 30,000 splats, SH degree 3, 480x270 (median ms)")
     for name in ("threads", "render", "L1 + D-SSIM", "backward", "Adam", "total", "per second", "slowest part"):
         table.add_column(name, justify="right")
-    results[f"iteration_{device}"] = []
-    for threads in (1, 2) if device == "cpu" else (torch.get_num_threads(),):
+    results["iteration"] = []
+    for threads in (1, 2):
         torch.set_num_threads(threads)
-        splats, camera = person(count, width, height, device)
+        splats, camera = person(30_000, 480, 270)
         with torch.no_grad():
-            target = rasterize(person(count, width, height, device, seed=1)[0], camera).image.clamp(0, 1)
+            target = rasterize(person(30_000, 480, 270, seed=1)[0], camera).image.clamp(0, 1)
         trained = leaves(splats)
         groups = [{"params": [tensor]} for _, tensor in trained.items()]
         adam = torch.optim.Adam(groups, lr=1e-4, eps=1e-15, fused=True)
-        wait = torch.cuda.synchronize if device == "cuda" else lambda: None
         parts: dict[str, list[float]] = {"render": [], "loss": [], "backward": [], "Adam": []}
         whole = []
         for step in range(repeat + 3):
-            wait()
             marks = [time.perf_counter()]
-
-            def lap(marks: list[float] = marks, wait: Callable[[], Any] = wait) -> None:
-                wait()
-                marks.append(time.perf_counter())
-
             image = rasterize(trained, camera).image
-            lap()
+            marks.append(time.perf_counter())
             loss = photometric_loss(image, target)
-            lap()
+            marks.append(time.perf_counter())
             loss.backward()
-            lap()
+            marks.append(time.perf_counter())
             adam.step()
             adam.zero_grad(set_to_none=True)
-            lap()
+            marks.append(time.perf_counter())
             if step >= 3:
                 for name, start, end in zip(parts, marks, marks[1:], strict=False):
                     parts[name].append(1e3 * (end - start))
@@ -227,66 +202,8 @@ def iteration_table(repeat: int, results: JsonObject, device: str, count: int, w
         good = f"[green]{rate:.0f}[/]" if rate >= 20 else f"[red]{rate:.0f}[/]"
         share = f"{most} ({100 * medians[most] / total:.0f}%)"
         table.add_row(f"{threads}", *(f"{value:.1f}" for value in medians.values()), f"{total:.1f}", good, share)
-        results[f"iteration_{device}"].append({"threads": threads, "whole_ms": total, **medians})
+        results["iteration"].append({"threads": threads, "whole_ms": total, **medians})
     console.print(table)
-
-
-def blended_pairs(splats: Gaussians, camera: Camera) -> int:
-    """Number of (pixel, splat) pairs that contribute to the image, counted with the formulas of the reference."""
-    pinhole = Pinhole.of(camera)
-    half, depths, _ = visible_radii(splats, pinhole, None, 0.01)
-    index = torch.nonzero(half[:, 0] > 0)[:, 0]
-    index = index[torch.argsort(depths[index], stable=True)]
-    half = half[index]
-    means2d, cov2d, det, _, _ = project(splats[index], pinhole)
-    opacities = splats.opacities[index]
-    low, high = means2d - half, means2d + half
-    pairs, side = 0, 16
-    for top in range(0, camera.height, side):
-        in_row = (high[:, 1] > top) & (low[:, 1] < top + side)
-        for left in range(0, camera.width, side):
-            here = torch.nonzero(in_row & (high[:, 0] > left) & (low[:, 0] < left + side))[:, 0]
-            ys, xs = torch.meshgrid(torch.arange(side) + top + 0.5, torch.arange(side) + left + 0.5, indexing="ij")
-            inside = ((xs < camera.width) & (ys < camera.height)).reshape(-1, 1)
-            dx, dy = xs.reshape(-1, 1) - means2d[here, 0], ys.reshape(-1, 1) - means2d[here, 1]
-            c = cov2d[here]
-            sigma = (c[:, 2] * dx * dx - 2 * c[:, 1] * dx * dy + c[:, 0] * dy * dy) / (2 * det[here])
-            alpha = (opacities[here] * torch.exp(-sigma)).clamp_max(ALPHA_MAX)
-            alpha = torch.where((alpha >= ALPHA_MIN) & inside, alpha, 0.0)
-            through = torch.cumprod(1 - alpha, dim=1)
-            pairs += int(((alpha > 0) & (through > TRANSMITTANCE_MIN)).sum())
-    return pairs
-
-
-def limits_table(repeat: int, results: JsonObject) -> None:
-    torch.set_num_threads(1)
-    size = 1536
-    a, b = torch.randn(size, size), torch.randn(size, size)
-    _, cpu = time_it(lambda: a @ b, max(5, repeat // 3))
-    peak = 2 * size**3 / (cpu * 1e-3)
-    table = Table(title=f"Fraction of the machine's peak: one thread, sgemm reaches {peak / 1e9:.0f} GFLOP/s")
-    for name in ("pass", "blended pairs", "CPU ms", "pairs per second", "GFLOP/s in pairs", "of the peak"):
-        table.add_column(name, justify="right")
-    splats, camera = person(30_000, 480, 270)
-    pairs = blended_pairs(splats, camera)
-    _, forward = time_it(forward_function(splats, camera), repeat)
-    _, both = time_it(both_function(splats, camera), repeat)
-    results["limit"] = {"sgemm_flops": peak, "pairs": pairs}
-    for name, milliseconds, flops in (
-        ("forward", forward, FORWARD_FLOPS),
-        ("forward and backward", both, FORWARD_FLOPS + BACKWARD_FLOPS),
-    ):
-        rate = pairs / (milliseconds * 1e-3)
-        table.add_row(
-            name, f"{pairs}", f"{milliseconds:.1f}", f"{rate / 1e6:.0f} M", f"{rate * flops / 1e9:.1f}",
-            f"{100 * rate * flops / peak:.0f}%",
-        )  # fmt: skip
-        results["limit"][name] = {"pairs_a_second": rate, "share_of_peak": rate * flops / peak}
-    console.print(table)
-    console.print(
-        "Only pairs that contribute to the image are counted. The time also includes projection, spherical harmonics, "
-        "sorting, and pairs that turn out to be too transparent or occluded."
-    )
 
 
 def reference_table(repeat: int, results: JsonObject) -> None:
@@ -336,30 +253,6 @@ def memory_table(results: JsonObject) -> None:
     results["memory_mib"] = {"before": before, "peak": after}
 
 
-def gpu_tables(repeat: int, results: JsonObject) -> None:
-    """100k splats at 1920x1080: keyframe iterations per second, and seconds for a frame after the keyframe."""
-    from studio.training import TrainingView, TrainSettings, train_interframe
-
-    iteration_table(repeat, results, "cuda", 100_000, 1920, 1080)
-    splats, camera = person(100_000, 1920, 1080, "cuda")
-    moved = splats.clone()
-    moved.means[:, 0] += 0.01 * torch.sin(4 * moved.means[:, 1])
-    with torch.no_grad():
-        render = rasterize(moved, camera)
-    view = TrainingView(camera, render.image.clamp(0, 1), render.alpha, (camera.width, camera.height))
-    settings = TrainSettings()
-    torch.cuda.synchronize()
-    start = time.perf_counter()
-    train_interframe(splats, [view], settings, seed=0)
-    torch.cuda.synchronize()
-    seconds = time.perf_counter() - start
-    console.print(
-        f"Inter-frame training with default settings ({settings.motion_iterations} iterations of motion, "
-        f"{settings.finetune_iterations} of fine-tuning): {seconds:.1f} s per frame"
-    )
-    results["interframe_seconds"] = seconds
-
-
 def processor() -> str:
     if Path("/proc/cpuinfo").exists():
         for line in Path("/proc/cpuinfo").read_text().splitlines():
@@ -391,14 +284,9 @@ def main() -> None:
     results: JsonObject = {"processor": processor(), "load": load, "instruction_set": kernels.instruction_set()}
     speed_table(repeat, results)
     goals_table(repeat, results)
-    iteration_table(repeat, results, "cpu", 30_000, 480, 270)
-    limits_table(repeat, results)
+    iteration_table(repeat, results)
     reference_table(repeat, results)
     memory_table(results)
-    if preferred_device().type == "cuda":
-        gpu_tables(repeat, results)
-    else:
-        console.print("CUDA was not measured: there is no GPU, or neither gsplat nor Triton is installed.")
     if options.json is not None:
         options.json.write_text(json.dumps(results, indent=2))
 

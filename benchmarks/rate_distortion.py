@@ -1,9 +1,8 @@
 """Rate and distortion of a stream: our two profiles compared with the paper's released bake, on a trained take.
 
     python benchmarks/rate_distortion.py TAKE                          # all groups, several minutes on two cores
-    python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/measurements/stream.md --title quickstart
+    python benchmarks/rate_distortion.py TAKE --groups 0,2             # some groups
     python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
-    python benchmarks/rate_distortion.py TAKE --variants               # settings against plain coding
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at up to 300,000 splats
 
 Frames are rendered from the take's held-out cameras (or from its training cameras if none is held out) and compared,
@@ -20,18 +19,15 @@ with the better BD-rate is used.
 from __future__ import annotations
 
 import argparse
-import functools
 import math
 import os
-import re
 import shutil
 import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
@@ -41,31 +37,19 @@ from rich.console import Console
 from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
-from pipelines.reports.images import render
-from pipelines.stages.baking.measures import rendered_contribution
+from pipelines.stages.compared_view import ComparedView, compared_cameras, compared_view
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
-from studio.atomic_files import write_text
-from studio.comparison import padded_box
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, ContributionFn, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.layout import plane_side
 
 RELEASED_QPS = (10, 16, 22, 28, 34, 40)
 PLANES_QPS = (10, 16, 22, 28, 34, 40)
 MOTION_QPS = (12, 16, 20, 24, 28, 32)
 CODEC_QPS = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
-VARIANT_QPS = (16, 20, 24, 28)
-VARIANTS: dict[str, dict[str, Any]] = {
-    "plain": {"smooth_paths": False, "b_frames": 0},
-    "without smoothing": {"smooth_paths": False},
-    "without B-frames": {"b_frames": 0},
-    "default": {},
-}
-"""Settings of `bake`."""
-BRIEF = ("plain", "default")
 
 console = Console(width=120)
 
@@ -81,75 +65,46 @@ class Point:
     own_psnr: float
     encode_ms: float  # per frame
     decode_ms: float
-    lowest_psnr: float = math.nan  # of a frame, to footage
 
 
-@dataclass
 class Views:
-    """Held-out images of some frames: footage and renders of the trained splats."""
+    """The views of the evaluation of some frames: footage, and renders of the trained splats."""
 
-    inputs: Inputs
-    cameras: tuple[str, ...]
-    held_out: bool
-    truth: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
-    trained: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
-    boxes: dict[tuple[int, str], tuple[slice, slice]] = field(default_factory=dict)
-    contributions: dict[int, ContributionFn] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, inputs: Inputs) -> Views:
-        footage = inputs.footage.calibrated
-        return cls(inputs, footage.held_out_cameras or footage.train_cameras, bool(footage.held_out_cameras))
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs, self.cameras = inputs, compared_cameras(inputs)
+        self.trained: list[tuple[int, ComparedView, np.ndarray]] = []
+        """Index of the frame in the take, view, and (h, w, 3) what it shows of the trained splats."""
+        self._trained_errors: list[float] = []
 
     def add(self, index: int, gaussians: Gaussians) -> None:
         """Add frame `index` of the take."""
-        footage, settings = self.inputs.footage.calibrated, self.inputs.config
         for camera in self.cameras:
-            mask = footage.evaluation_mask(camera, footage.frames[index])
-            box = padded_box(mask, settings.evaluate.crop_padding)
-            if box is None:
-                continue
-            image = footage.view(camera, footage.frames[index]).image[box].astype(np.float32) / 255
-            alpha = mask[box][..., None].astype(np.float32) / 255
-            background = np.array(settings.capture.background, dtype=np.float32)
-            self.boxes[index, camera] = box
-            self.footage[index, camera] = image * alpha + background * (1 - alpha)
-            self.trained[index, camera] = self._render(index, camera, gaussians)
-
-    def _render(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
-        inputs = self.inputs
-        view = inputs.footage.calibrated.view(camera, inputs.footage.calibrated.frames[index]).camera
-        return render(gaussians, view, inputs.config.capture.background, inputs.device)[self.boxes[index, camera]]
+            view = compared_view(self.inputs, camera, self.inputs.footage.calibrated.frames[index])
+            if view is not None:
+                pair = view.pair(gaussians)
+                self.trained.append((index, view, pair.rendered))
+                self._trained_errors.append(_error(pair.rendered, pair.footage))
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
         """PSNR in dB relative to the footage and to the trained splats, over all views of `frames`."""
-        return self.measure_all(frames)[:2]
-
-    def measure_all(self, frames: dict[int, Gaussians]) -> tuple[float, float, float]:
-        """As `measure`, and the lowest PSNR of a frame relative to the footage."""
-        errors: dict[int, list[tuple[float, float]]] = {}
-        for key in self.boxes:
-            if key[0] in frames:
-                image = self._render(*key, frames[key[0]])
-                found = [float(np.square(image - wanted[key]).mean()) for wanted in (self.footage, self.trained)]
-                errors.setdefault(key[0], []).append((found[0], found[1]))
-        footage, own = np.mean([one for found in errors.values() for one in found], axis=0)
-        worst = max(float(np.mean(found, axis=0)[0]) for found in errors.values())
-        return -10 * math.log10(footage), -10 * math.log10(max(own, 1e-12)), -10 * math.log10(worst)
-
-    def contribution(self, group: int) -> ContributionFn:
-        """What each splat of a group adds to the training cameras' images; rendered when first asked for."""
-        if group not in self.contributions:
-            indices = self.inputs.groups[group].indices
-            self.contributions[group] = functools.cache(
-                functools.partial(rendered_contribution, group, indices, self.inputs.device, lambda: None)
-            )
-        return self.contributions[group]
+        errors = []
+        for index, view, trained in self.trained:
+            if index in frames:
+                pair = view.pair(frames[index])
+                errors.append((_error(pair.rendered, pair.footage), _error(pair.rendered, trained)))
+        footage, own = np.mean(errors, axis=0)
+        return _psnr(footage), _psnr(own)
 
     def trained_psnr(self) -> float:
-        return -10 * math.log10(
-            float(np.mean([np.square(self.trained[key] - self.footage[key]).mean() for key in self.boxes]))
-        )
+        return _psnr(np.mean(self._trained_errors))
+
+
+def _error(image: np.ndarray, wanted: np.ndarray) -> float:
+    return float(np.square(image - wanted).mean())
+
+
+def _psnr(error: float) -> float:
+    return -10 * math.log10(max(error, 1e-12))
 
 
 @dataclass
@@ -283,8 +238,7 @@ def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, 
     began = time.perf_counter()
     first, entries = 0, []
     for number, group in enumerate(groups):
-        contribution = views.contribution(group.index)
-        entries.append(bake_group(group.frames, folder, number, first, settings, contribution=contribution))
+        entries.append(bake_group(group.frames, folder, number, first, settings))
         first += len(group.frames)
     baked = time.perf_counter()
     write_manifest(folder, entries, 30, settings)
@@ -293,41 +247,11 @@ def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, 
         decoded = list(reader.iterate())
     done = time.perf_counter()
     indices = [index for group in groups for index in group.indices]
-    drawn = dict(zip(indices, decoded, strict=True))
-    footage, own, lowest = views.measure_all(drawn)
+    footage, own = views.measure(dict(zip(indices, decoded, strict=True)))
     size = sum(file.bytes for entry in entries for file in entry.files)
     frames = len(indices)
-    return Point(name, settings.qp, size / frames / 1000, footage, own, 1e3 * (baked - began) / frames,
-                 1e3 * (done - opened) / frames, lowest)  # fmt: skip
-
-
-def variant_rows(groups: list[TakeGroup], views: Views, work: Path, names: Sequence[str]) -> list[str]:
-    """Markdown: some of `VARIANTS` at each of `VARIANT_QPS`, and their BD-rate against the first."""
-    curves: dict[str, list[Point]] = {}
-    for name in names:
-        values = VARIANTS[name]
-        curves[name] = []
-        for qp in VARIANT_QPS:
-            settings = BakeSettings(quality=qp, **values)
-            curves[name].append(measure_ours(groups, views, settings, name, work))
-            console.print(curves[name][-1])
-    lines = [
-        "| bake | QP | KB per frame | PSNR to footage | lowest frame | PSNR to trained | decode per frame |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| {p.name} | {p.qp} | {p.kilobytes:.1f} | {p.footage_psnr:.2f} dB | {p.lowest_psnr:.2f} dB | "
-        f"{p.own_psnr:.2f} dB | {p.decode_ms:.1f} ms |"
-        for points in curves.values()
-        for p in points
-    ]
-    lines += ["", "| BD-rate against plain | PSNR to footage | PSNR to trained |", "|---|---|---|"]
-    base = curves["plain"]
-    for name, points in list(curves.items())[1:]:
-        values = [bd_rate(base, points, measure) for measure in ("footage_psnr", "own_psnr")]
-        cells = ["no common range" if value is None else f"{value:+.0f}%" for value in values]
-        lines.append(f"| {name} | {cells[0]} | {cells[1]} |")
-    return lines
+    times = 1e3 * (baked - began) / frames, 1e3 * (done - opened) / frames
+    return Point(name, settings.qp, size / frames / 1000, footage, own, *times)
 
 
 def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: bool, work: Path) -> Point:
@@ -496,7 +420,7 @@ def comparison(curves: dict[str, list[Point]]) -> list[str]:
 def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGroup]]:
     take = Take.open(path)
     inputs = Inputs(take, load_config(take.config))
-    views = Views.of(inputs)
+    views = Views(inputs)
     groups = []
     for group in inputs.groups:
         if wanted is not None and group.index not in wanted:
@@ -515,34 +439,22 @@ def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGro
     return views, groups
 
 
-def write_between(path: Path, marker: str, text: str) -> None:
-    """Replace the text between <!-- marker --> and <!-- /marker --> in a file."""
-    document = path.read_text(encoding="utf-8")
-    pattern = re.compile(rf"(<!-- {re.escape(marker)} -->\n).*?(<!-- /{re.escape(marker)} -->)", re.DOTALL)
-    if not pattern.search(document):
-        problem = f"the markers <!-- {marker} --> and <!-- /{marker} --> were not found"
-        raise StudioError("benchmark.no_markers", problem, file=path)
-    write_text(path, pattern.sub(lambda match: match[1] + text + "\n" + match[2], document))
-
-
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
+    """Measure and print the tables; returns the exit status."""
     parser = argparse.ArgumentParser(description="Rate and distortion of baked streams.")
     parser.add_argument("take", type=Path, help="folder of a trained take")
     parser.add_argument("--groups", help="indices of the groups, for example 0,2 (default: all)")
     parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
-    parser.add_argument("--variants", action="store_true", help="compare settings of the profile motion instead")
-    parser.add_argument("--brief", action="store_true", help="with --variants: only the default")
     parser.add_argument("--speed", action="store_true", help="measure times at 60,000 to 300,000 splats instead")
-    parser.add_argument("--write", type=Path, metavar="FILE", help="write the tables between the markers in this file")
-    parser.add_argument("--title", default="", help="description of the take for the first line")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     wanted = [int(number) for number in arguments.groups.split(",")] if arguments.groups else None
     views, groups = load_take(arguments.take, wanted)
     frames, splats = sum(len(g.frames) for g in groups), [len(g.frames[0]) for g in groups]
+    kind = "held-out" if views.inputs.footage.calibrated.held_out_cameras else "training"
     about = (
-        f"{arguments.title + ': ' if arguments.title else ''}{len(groups)} groups, {frames} frames, "
+        f"groups: {len(groups)}, frames: {frames}; "
         f"{min(splats):,} to {max(splats):,} splats, SH degree {groups[0].frames[0].sh_degree}; "
-        f"{'held-out' if views.held_out else 'training'} cameras {', '.join(views.cameras)}, where the trained "
+        f"{kind} cameras {', '.join(views.cameras)}, where the trained "
         f"splats have {views.trained_psnr():.2f} dB to the footage. {os.cpu_count()} cores, "
         f"load {os.getloadavg()[0]:.1f} while measuring."
     )
@@ -551,13 +463,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         if arguments.speed:
-            marker = "speed"
             lines += speed_rows(groups[0], work)
-        elif arguments.variants:
-            marker = "variants"
-            lines += variant_rows(groups, views, work, BRIEF if arguments.brief else tuple(VARIANTS))
         elif arguments.codecs:
-            marker = "codecs"
             points = []
             for codec, qps in CODEC_QPS.items():
                 for qp in qps:
@@ -573,7 +480,6 @@ def main() -> int:
                     f"BD-rate of {codec} against h264: " + ("no common range." if value is None else f"{value:+.0f}%.")
                 )
         else:
-            marker = "rate-distortion"
             curves: dict[str, list[Point]] = {}
             both = {b: [measure_released(groups, views, qp, b, work) for qp in RELEASED_QPS] for b in (False, True)}
             against = bd_rate(both[False], both[True], "own_psnr")
@@ -589,10 +495,7 @@ def main() -> int:
                     console.print(curves[profile][-1])
             lines += table([point for points in curves.values() for point in points])
             lines += comparison(curves)
-    text = "\n".join(lines)
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
-    if arguments.write:
-        write_between(arguments.write, marker, text)
+    console.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
     return 0
 
 

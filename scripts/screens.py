@@ -11,15 +11,12 @@ from __future__ import annotations
 import argparse
 import ctypes
 import ctypes.util
-import os
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +28,7 @@ sys.path.insert(0, str(ROOT))
 from gui.actions.menus import MENUS  # noqa: E402
 from gui.widgets.command_list import Command  # noqa: E402
 from tests.gui.conftest import RunningWindow  # noqa: E402
+from tests.support.x_server import x_server  # noqa: E402
 
 SECONDS = 600.0
 """Longest wait for a state; generous, because another program may be using the CPU."""
@@ -168,27 +166,6 @@ def set_dpi(display: str, dpi: int) -> None:
     x11.XCloseDisplay(handle)
 
 
-@contextmanager
-def x_server(size: str, scale: float = 1.0) -> Iterator[str]:
-    """A private X server with a screen of that size, and texts `scale` times as large; yields its display."""
-    read_end, write_end = os.pipe()
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{size}x24", "-nolisten", "tcp", "-r", "-noreset"],
-        pass_fds=[write_end],
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(write_end)
-    try:
-        with os.fdopen(read_end) as pipe:
-            display = f":{pipe.readline().strip()}"
-        if scale != 1:
-            set_dpi(display, round(96 * scale))
-        yield display
-    finally:
-        server.terminate()
-        server.wait(10)
-
-
 def take_picture(window: RunningWindow, path: Path) -> None:
     """Write the screen once it stays the same.
 
@@ -243,7 +220,9 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # ends the window and its X server
-    with tempfile.TemporaryDirectory() as folder, x_server(options.size, options.scale) as display:
+    with tempfile.TemporaryDirectory() as folder, x_server(options.size) as display:
+        if options.scale != 1:
+            set_dpi(display, round(96 * options.scale))
         take = Path(shutil.copytree(options.take, Path(folder) / "take"))
         width, height = (int(part) for part in options.size.split("x"))
         size = f"{round(width / options.scale)}x{round(height / options.scale)}"

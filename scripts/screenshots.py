@@ -20,8 +20,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from scripts.screens import x_server  # noqa: E402
 from tests.gui.conftest import RunningWindow  # noqa: E402
+from tests.support.x_server import x_server  # noqa: E402
 
 SIZE = "1280x800"
 CAMERA, FRAME = "cam12", 14  # held out; the axe points at this camera

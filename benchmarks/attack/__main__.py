@@ -18,7 +18,6 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent), str(HERE)]
 
-import bombs  # noqa: E402
 import clients  # noqa: E402
 import servers  # noqa: E402
 import takes  # noqa: E402
@@ -87,7 +86,6 @@ PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
         "a sentence; the same bytes without the limit",
         lambda folder, share, outcome: takes.small_files(project_in(folder), outcome),
     ),
-    "bombs": ("a sentence within two minutes and 2 GiB", bombs.attack),
     "servers": ("a sentence within the deadlines", servers.attack),
     "clients": ("another client is answered; connections and log are bounded", clients.attack),
 }

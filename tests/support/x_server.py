@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def x_server() -> Iterator[str]:
-    """Name of its display, for example ":101"."""
+def x_server(size: str = "1400x900") -> Iterator[str]:
+    """Name of its display, for example ":101"; `size` in pixels."""
     read_end, write_end = os.pipe()
     server = subprocess.Popen(
         [
@@ -19,11 +19,11 @@ def x_server() -> Iterator[str]:
             str(write_end),
             "-screen",
             "0",
-            "1400x900x24",
+            f"{size}x24",
             "-nolisten",
             "tcp",
             "-r",  # no key repeat
-            "-noreset",  # else it starts anew when the window closes, and refuses xdotool meanwhile
+            "-noreset",  # else it starts again when the window closes, and refuses xdotool meanwhile
         ],
         pass_fds=[write_end],
         stdout=subprocess.DEVNULL,
