@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from gui.models.evaluation import Evaluation, EvaluationFile
-from gui.models.playback.timeline_plots import Waveform, plots_of
+from gui.models.playback.timeline_plots import PLOTTED, Waveform, plots_of
 from gui.shell import Shell
-
-QUALITY = ("psnr_trained", "psnr_decoded", "bytes", "flicker")
-"""What the timeline shows of every frame."""
 
 
 class QualityFigures:
@@ -39,9 +36,9 @@ class QualityFigures:
     def _plot(self, frames: int) -> None:
         window, camera = self._window, self.camera
         evaluation, other = window.evaluation, window.player.other
-        others = {name: other.series(name, camera) for name in QUALITY} if other is not None else None
+        others = {name: other.series(name, camera) for name in PLOTTED} if other is not None else None
         camera = camera if camera in evaluation.cameras else ""
-        series = {name: evaluation.series(name, frames, camera) for name in QUALITY}
+        series = {name: evaluation.series(name, frames, camera) for name in PLOTTED}
         whose = evaluation.whose(camera), evaluation.whose_briefly(camera)
         window.timeline.plots = plots_of(series, whose[0], others, whose[1])
         self._waveform = None

@@ -8,12 +8,18 @@ from open3d.visualization import gui
 
 from gui.actions.commands import Actions
 from gui.actions.search import opens_list
+from gui.drawing.canvas import shortened
 from gui.drawing.palette import TEXT
 from gui.models.take.workspace import Workspace
 from gui.shell import Shell
 from gui.widgets.picture import color
 
 PROGRAM = "V3 Studio"
+
+MESSAGE_LINES, MESSAGE_WIDTH = 10, 0.8
+"""Most lines of the message over the view, and their width as a share of the view's."""
+
+MORE = "... (the log has the rest, J)"
 
 
 class Overlays:
@@ -27,6 +33,8 @@ class Overlays:
 
     def __init__(self, window: Shell, actions: Actions, changed: Callable[[], None]) -> None:
         self._window, self._actions, self._changed = window, actions, changed
+        self._message_of: object = None
+        self._message = self._noted = ""
 
     @property
     def title(self) -> str:
@@ -44,13 +52,33 @@ class Overlays:
     def update(self) -> bool:
         """Show the state; returns whether anything changed. Call before the window is drawn."""
         window = self._window
-        changed = window.start.update(window.notices.line) | self._tell_in_fullscreen()
+        changed = window.start.update(window.notices.line) | self._show_in_fullscreen() | self._show_message()
         layout = window.notice_bar.update(window.layout.view[2], bool(window.camera_menu.camera))
         if layout:
             window.laid_out()
         return changed or layout
 
-    def _tell_in_fullscreen(self) -> bool:
+    def _show_message(self) -> bool:
+        """Show the message over the view, of a long one the beginning: the log has all of it. Returns whether anything
+        changed."""
+        window = self._window
+        message, room = window.workspace.message or window.views.message, MESSAGE_WIDTH * window.layout.view[2]
+        if self._message_of != (message, room):
+            self._message_of = (message, room)
+            lines = shortened(message, round(window.em), room, MESSAGE_LINES, MORE)
+            self._message = "\n".join(lines) if MORE in lines else message
+            if MORE in lines and self._noted != message:
+                self._noted = message
+                window.workspace.note(message, failed=True)
+        label = window.message
+        label.visible = bool(message) and not window.start.shown  # even an empty label blocks the mouse
+        if label.text == self._message:
+            return False
+        label.text = self._message
+        window.laid_out()  # otherwise a label keeps the width of its first text
+        return True
+
+    def _show_in_fullscreen(self) -> bool:
         """Show the remark over the view while there is no status line; returns whether anything changed."""
         window, status = self._window, self._window.status
         if not window.layout.fullscreen or window.start.shown:

@@ -49,7 +49,7 @@ class WindowState:
         handed_over: images per second.
         notice: the newest notice; "" if there is none.
         start: whether the start page is on screen.
-        cards: what the start page shows of recent takes: name, state, PSNR in dB.
+        cards: what the start page shows of recent takes: name, state, quality.
         start_places: the middle of what can be chosen there, 0 to 1 across and down, by name.
         focus: what has the keyboard focus there.
         numbers: the frame that the image, the figures and the timeline show; None for what shows none.
@@ -163,7 +163,7 @@ class WindowState:
             handed_over=round(player.rate),
             notice=window.notices.text,
             start=window.start.shown,
-            cards=[[card.name, card.state, card.psnr] for card in window.start.cards],
+            cards=[[card.name, card.state, card.quality] for card in window.start.cards],
             start_places=window.start.places if window.start.shown else {},
             focus=window.start.focus if window.start.shown else "",
             numbers=window.numbers,

@@ -190,7 +190,7 @@ class MainWindow:
     def _connect(self) -> None:
         workspace, exports = self.workspace, self.exports
         workspace.changed.connect(self.changed)
-        workspace.run_ended.connect(partial(self.notices.tell, topic="run"))
+        workspace.run_ended.connect(partial(self.notices.show, topic="run"))
         workspace.new_results.connect(self.player.refresh)
         exports.changed.connect(self.changed)
         exports.finished.connect(self._exported)
@@ -203,7 +203,7 @@ class MainWindow:
         if not exports.failed:
             self.notices.clear("export")
         stays = exports.request is not None and exports.request.stays
-        self.notices.tell(exports.result, exports.failed, exports.written, topic="export", stays=stays)
+        self.notices.show(exports.result, exports.failed, exports.written, topic="export", stays=stays)
         self.workspace.note(" ".join(exports.result.split()), exports.failed)
         self.changed()
 
@@ -258,7 +258,7 @@ class MainWindow:
         """Report what a callback raised; an open dialog stays."""
         message = as_message(error)
         bug = "\nThis is a bug in V3 Studio; the terminal shows the details." if message.code == "program.bug" else ""
-        self.notices.tell(f"{message}{bug}", bad=True)
+        self.notices.show(f"{message}{bug}", bad=True)
         self.changed()
 
     def closed(self) -> None:
@@ -366,9 +366,6 @@ class MainWindow:
             changed |= self.actions.search.update()
         if self.window.title != self.title:
             self.window.title = self.title
-        message = self.workspace.message or self.views.message
-        changed |= self._set_text(self.message, message)
-        self.message.visible = bool(message) and not self.start.shown  # even an empty label blocks the mouse
         if changed:
             self.changed()
         self._log.write(self)

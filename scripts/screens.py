@@ -196,7 +196,7 @@ def photograph(window: RunningWindow, name: str, go: Screen, out: Path) -> None:
     print(out / f"{name}.png", flush=True)
     for _ in range(5):
         state = window.states()[-1]
-        edits = name.startswith("edit") and not {"truth", "trained", "decoded"} & set(state["mode"])
+        edits = name.startswith("edit") and not {"footage", "trained", "decoded"} & set(state["mode"])
         if not (state["dialog"] or state["fullscreen"] or state["span"] or edits):
             break
         window.key("Escape")

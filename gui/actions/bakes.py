@@ -53,7 +53,7 @@ class BakeActions:
         ask_path(dialogs, "Compare with take or stream", start, "take", lambda path: self._open(Path(path)), self.show)
 
     def _open(self, place: Path, label: str = "", evaluation: Path | None = None) -> None:
-        self._window.notices.tell(f"Opening {label or place} ...", topic="compare")
+        self._window.notices.show(f"Opening {label or place} ...", topic="compare")
         opened = self._window.player.opened
         self._opener.ask((place, label, evaluation, opened is not None and opened.take is not None))
 
@@ -82,7 +82,7 @@ class BakeActions:
         window = self._window
         if not self.bakes.failed:
             window.notices.clear("bakes")
-        window.notices.tell(self.bakes.message, bad=self.bakes.failed, topic="bakes")
+        window.notices.show(self.bakes.message, bad=self.bakes.failed, topic="bakes")
         self.bakes.look(window.workspace.take)
         window.player.refresh()
         if window.dialogs.name == NAME:
@@ -93,7 +93,7 @@ class BakeActions:
         if done.result is None:
             known = isinstance(done.error, StudioError)
             words = str(done.error) if known else f"It cannot be opened: {done.error!r}"
-            window.notices.tell(words, bad=True, topic="compare")
+            window.notices.show(words, bad=True, topic="compare")
         else:
             window.select("review")
             window.notices.clear("compare")

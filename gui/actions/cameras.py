@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from statistics import fmean
 
 from gui.models.loop import later
-from gui.models.take.cameras import CameraUses, camera_facts, change_uses, known
+from gui.models.take.cameras import CameraUses, camera_facts, change_uses, quality
 from gui.shell import Shell
 from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
+from studio.comparison.metrics import MAIN
 from studio.errors import StudioError
 
 
@@ -26,7 +26,7 @@ class CameraActions:
         views.clicked.connect(self._close_menu)
         views.camera_clicked.connect(self._clicked)
         views.camera_menu.connect(later(self._open_menu))
-        garbage.refused.connect(partial(notices.tell, bad=True, topic="garbage"))
+        garbage.refused.connect(partial(notices.show, bad=True, topic="garbage"))
         garbage.written.connect(partial(notices.clear, "garbage"))
 
     def _close_menu(self) -> None:
@@ -76,8 +76,8 @@ class CameraActions:
         ]
         if take.rig.is_file():
             items.append(("errors", "Show its reprojection errors", lambda: self._errors(camera)))
-        if known(window.evaluation, "psnr_decoded", camera) or known(window.evaluation, "psnr_trained", camera):
-            items.append(("psnr", "Show its PSNR", lambda: self.look_through(camera)))
+        if any(quality(window.evaluation, camera, what) is not None for what in ("trained", "decoded")):
+            items.append(("quality", f"Show its {MAIN.title}", lambda: self.look_through(camera)))
         for other, label in (
             ("training", "Use for training"),
             ("held out", "Hold out"),
@@ -98,7 +98,7 @@ class CameraActions:
         try:
             uses = CameraUses.of(context.footage.capture)
         except StudioError as error:
-            self._window.notices.tell(str(error), bad=True, topic="cameras")
+            self._window.notices.show(str(error), bad=True, topic="cameras")
             return None
         self._window.notices.clear("cameras")
         return uses
@@ -115,10 +115,10 @@ class CameraActions:
         refused = change_uses(self._window.workspace, uses.with_use(camera, use), words)
         notices = self._window.notices
         if refused:
-            notices.tell(refused, bad=True, topic="camera use")
+            notices.show(refused, bad=True, topic="camera use")
             return
         notices.clear("camera use")
-        notices.tell(f"{words[0].upper()}{words[1:]}: Ctrl+Z undoes it.")
+        notices.show(f"{words[0].upper()}{words[1:]}: Ctrl+Z undoes it.")
 
     def ask(self) -> None:
         """Ask for the use of every camera."""
@@ -126,15 +126,14 @@ class CameraActions:
         uses = self._uses()
         if uses is None:
             if window.workspace.config is None:
-                window.notices.tell("Open a take first. A stream has no cameras to choose from.")
+                window.notices.show("Open a take first. A stream has no cameras to choose from.")
             return
 
         def save(chosen: CameraUses) -> str:
             return change_uses(window.workspace, chosen, "the uses of cameras")
 
+        measured = {name: quality(window.evaluation, name) for name in uses.uses}
         figures = {
-            name: f"{fmean(values):.2f}\u00a0dB"
-            for name in uses.uses
-            if (values := known(window.evaluation, "psnr_decoded", name))
+            name: MAIN.text(value).replace(" ", "\u00a0") for name, value in measured.items() if value is not None
         }
         ask_cameras(window.dialogs, uses, figures, save)

@@ -125,7 +125,7 @@ class Actions:
     def _uncovered(self, action: Action) -> None:
         """Act on the open take or stream, without the start page over it."""
         if self._window.start.shown and not self.start.hide():
-            self._window.notices.tell("Open a take or a stream first.")
+            self._window.notices.show("Open a take or a stream first.")
         else:
             action()
 
@@ -163,7 +163,7 @@ class Actions:
             key.END: lambda: transport.seek(transport.last),
             key.LEFT_BRACKET: lambda: transport.jump_group(-1),
             key.RIGHT_BRACKET: lambda: transport.jump_group(1),
-            key.ONE: lambda: self._review("truth"),
+            key.ONE: lambda: self._review("footage"),
             key.TWO: lambda: self._review("trained"),
             key.THREE: lambda: self._review("decoded"),
             key.FOUR: lambda: self._review("other"),
@@ -202,13 +202,13 @@ class Actions:
             words = step()
         except StudioError as error:
             words = str(error)
-        self._window.notices.tell(words)
+        self._window.notices.show(words)
         self._window.marks_changed()
         self.edits.changed()
 
     def _toggle_sound(self) -> None:
         if self._window.player.audio is None:
-            self._window.notices.tell("This take or stream has no sound.")
+            self._window.notices.show("This take or stream has no sound.")
         else:
             self._window.player.toggle_sound()
 
@@ -235,7 +235,7 @@ class Actions:
     def _step_span(self) -> None:
         window = self._window
         if window.player.opened is not None:
-            window.notices.tell(window.player.transport.step_span())
+            window.notices.show(window.player.transport.step_span())
 
     # Runs
 
@@ -328,7 +328,7 @@ class Actions:
             window.notices.clear("preferences")
         else:
             words = "Preferences could not be saved; they apply until the window is closed."
-            window.notices.tell(words, bad=True, topic="preferences")
+            window.notices.show(words, bad=True, topic="preferences")
 
     def _about(self) -> None:
         text = (

@@ -43,7 +43,7 @@ class EditActions:
         views, notices = window.views, window.notices
         views.edit_dialog.connect(later(self._show_dialog))
         views.editor.two_points.connect(later(self._ask_distance))
-        views.editor.refusal.connect(partial(notices.tell, bad=True, topic="edits"))
+        views.editor.refusal.connect(partial(notices.show, bad=True, topic="edits"))
         window.workspace.changed.connect(self._follow_edits)
 
     def show(self) -> None:

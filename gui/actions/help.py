@@ -102,17 +102,17 @@ class HelpActions:
         if fix.sets and not fix.done:
             refusal = window.workspace.change_settings({fix.setting: fix.value})
             if refusal is not None:
-                window.notices.tell(str(refusal), bad=True, topic="setting")
+                window.notices.show(str(refusal), bad=True, topic="setting")
                 return
             window.notices.clear("setting")
-            window.notices.tell(f"{fix.setting} changed. Run again to use it; Ctrl+Z changes it back.")
+            window.notices.show(f"{fix.setting} changed. Run again to use it; Ctrl+Z changes it back.")
         self._show(fix.setting)
 
     def _show(self, setting: str) -> None:
         window = self._window
         if window.workspace.config is None:
             words = "Only a take has settings. Open one, or create one from footage."
-            window.notices.tell(words, bad=True, topic="settings")
+            window.notices.show(words, bad=True, topic="settings")
             return
         window.notices.clear("settings")
         window.stages.show_setting(setting)

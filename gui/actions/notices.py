@@ -24,7 +24,7 @@ class NoticeKeys:
         if card is not None and card.path is not None:
             failure = show_folder(card.path)
             if failure:
-                self._window.notices.tell(failure, bad=True, topic="folder")
+                self._window.notices.show(failure, bad=True, topic="folder")
             else:
                 self._window.notices.clear("folder")
 
@@ -38,7 +38,7 @@ class NoticeKeys:
             return
         if not card.bad:
             notices.dismiss()
-        notices.tell("Copied the path." if card.path is not None else "Copied the message.")
+        notices.show("Copied the path." if card.path is not None else "Copied the message.")
 
     def copy_table(self) -> bool:
         """Copy the table in the view; returns whether there is one."""
@@ -46,7 +46,7 @@ class NoticeKeys:
         if view is None or not view.table_text:
             return False
         if self._copied(view.table_text):
-            self._window.notices.tell("Copied the table.")
+            self._window.notices.show("Copied the table.")
         return True
 
     def _copied(self, text: str) -> bool:
@@ -54,7 +54,7 @@ class NoticeKeys:
         if self._clipboard.copy(text):
             self._window.notices.clear("copy")
             return True
-        self._window.notices.tell("There is no clipboard to copy to.", bad=True, topic="copy")
+        self._window.notices.show("There is no clipboard to copy to.", bad=True, topic="copy")
         return False
 
     def dismiss(self) -> bool:

@@ -36,14 +36,14 @@ class Opening:
         if window.player.opened is None:
             window.player.message = f"Opening {place} ..."
         else:
-            window.notices.tell(f"Opening {place} ...", topic="open")
+            window.notices.show(f"Opening {place} ...", topic="open")
         self._worker.ask(place)
 
     def _loaded(self, done: Done[str, Loaded]) -> None:
         window, found = self._window, done.result
         self.place = window.workspace.opening = ""
         if found is None or isinstance(found, str):
-            window.notices.tell(found or str(done.error), bad=True, topic="open")
+            window.notices.show(found or str(done.error), bad=True, topic="open")
             self._ended(False)
             return
         window.notices.clear("open")

@@ -30,7 +30,7 @@ class OutputActions:
         window = self._window
         picture = window.player.picture
         if picture is None:
-            window.notices.tell("No picture to save yet.")
+            window.notices.show("No picture to save yet.")
             return
         name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
         opened = window.player.opened
@@ -44,10 +44,10 @@ class OutputActions:
                 write_image(path, picture.image)
             except OSError as error:
                 words = f"{path}: cannot be written ({error.strerror}). Choose another folder."
-                window.notices.tell(words, bad=True, topic="screenshot")
+                window.notices.show(words, bad=True, topic="screenshot")
             else:
                 window.notices.clear("screenshot")
-                window.notices.tell(f"Written: {path}", path=path)
+                window.notices.show(f"Written: {path}", path=path)
 
         window.dialogs.line(
             "screenshot", "Save screenshot", "PNG file of the viewport's picture:", str(folder / name),
@@ -63,7 +63,7 @@ class OutputActions:
         window = self._window
         opened = window.player.opened
         if opened is None or not opened.sources:
-            window.notices.tell("Nothing to export yet.")
+            window.notices.show("Nothing to export yet.")
             return
         # the default first, if it exists
         own = [name for name in opened.sources if name != OTHER]
@@ -84,7 +84,7 @@ class OutputActions:
         window = self._window
         take: Take | None = window.workspace.take
         if take is None:
-            window.notices.tell("A report can only be written for a take, not for a stream.")
+            window.notices.show("A report can only be written for a take, not for a stream.")
         elif take.report.is_file() and window.workspace.row("review").state == "done":
             self._update_report(take)
         else:
@@ -98,8 +98,8 @@ class OutputActions:
         try:
             changed = update_marks(context.take, context.groups)
         except (StudioError, OSError) as error:
-            notices.tell(f"Cannot update the marks in the report: {error}", bad=True, topic="report")
+            notices.show(f"Cannot update the marks in the report: {error}", bad=True, topic="report")
             return
         words = "Updated the marks in the report" if changed else "The report is up to date"
         notices.clear("report")
-        notices.tell(f"{words}: {take.report}", path=take.report)
+        notices.show(f"{words}: {take.report}", path=take.report)

@@ -68,7 +68,7 @@ class PathActions:
     def clear(self) -> None:
         """Remove all views."""
         if self.editor.keys and self._done(self.editor.clear):
-            self._window.notices.tell("The camera path is empty now. Ctrl+Z brings it back.")
+            self._window.notices.show("The camera path is empty now. Ctrl+Z brings it back.")
 
     def act(self, what: str, row: int) -> None:
         """Do what was clicked in the panel (`drawing.path_list.HINTS`)."""
@@ -103,7 +103,7 @@ class PathActions:
         try:
             action()
         except (StudioError, OSError) as error:
-            self._window.notices.tell(str(error), bad=True, topic="path")
+            self._window.notices.show(str(error), bad=True, topic="path")
             return False
         self._window.notices.clear("path")
         return True
@@ -127,7 +127,7 @@ class PathActions:
                 seconds = float(text)
             except ValueError:
                 words = f"'{text}' is not a number of seconds; example: 2.5"
-                window.notices.tell(words, bad=True, topic="path")
+                window.notices.show(words, bad=True, topic="path")
                 return
             self._done(lambda: self.editor.set_time(row, seconds))
 

@@ -25,7 +25,7 @@ class ShareActions:
         self._request: ShareRequest | None = None
         window.workspace.changed.connect(self._show_stale)
         window.serving.started.connect(later(self._started))
-        window.serving.failed.connect(partial(window.notices.tell, bad=True, topic="serve"))
+        window.serving.failed.connect(partial(window.notices.show, bad=True, topic="serve"))
 
     def ask(self, form: str) -> None:
         """Ask for the options, then share. `form` is a key of `FORMS`."""
@@ -35,7 +35,7 @@ class ShareActions:
             return
         words = share_words(size, form)
         if form == "single-file" and not size.single_file_possible:
-            window.notices.tell(words, bad=True, topic=form)
+            window.notices.show(words, bad=True, topic=form)
             return
         window.notices.clear(form)
         opened = window.player.opened
@@ -69,7 +69,7 @@ class ShareActions:
         try:
             self._window.serving.start(source, https)
         except OSError as error:
-            self._window.notices.tell(str(error), bad=True, topic="serve")
+            self._window.notices.show(str(error), bad=True, topic="serve")
 
     def stop(self) -> None:
         """Stop serving."""
@@ -102,12 +102,12 @@ class ShareActions:
         window = self._window
         opened = window.player.opened
         if opened is None or not isinstance(opened.path, Path):
-            window.notices.tell("Open a take or a stream of this machine first.")
+            window.notices.show("Open a take or a stream of this machine first.")
             return None
         try:
             size = share_size(str(opened.path))
         except (StudioError, OSError) as error:
-            window.notices.tell(str(error), bad=True, topic="share")
+            window.notices.show(str(error), bad=True, topic="share")
             return None
         window.notices.clear("share")
         return size

@@ -107,7 +107,7 @@ class StartActions:
         card = self.page.card(number)
         if card is not None and card.kind == "missing":
             words = f"{card.place}: no such folder. It was moved, deleted, or is on a disk that is not connected."
-            self._window.notices.tell(words, bad=True, topic="open")
+            self._window.notices.show(words, bad=True, topic="open")
         elif number < len(self.page.places):
             self.open(self.page.places[number])
 
@@ -121,29 +121,29 @@ class StartActions:
         try:
             take, new = make_sample_take()
         except StudioError as error:
-            window.notices.tell(str(error), bad=True, topic="open")
+            window.notices.show(str(error), bad=True, topic="open")
             return
         self.open(str(take))
         if new:
-            window.notices.tell(f"Created a take of the sample capture: {take}", path=take, topic="sample")
+            window.notices.show(f"Created a take of the sample capture: {take}", path=take, topic="sample")
 
     def paste(self) -> None:
         """Open the path on the clipboard, once it is known."""
         if self._clipboard.ask():
             self._pasting = True
         else:
-            self._window.notices.tell("There is no clipboard to paste from.", bad=True, topic="open")
+            self._window.notices.show("There is no clipboard to paste from.", bad=True, topic="open")
 
     def pasted(self, text: str) -> None:
         """Open a path or URL; a folder that is neither a take nor a stream becomes the footage of a new take."""
         words = path_in(text)
         if not words:
-            self._window.notices.tell(
+            self._window.notices.show(
                 "The clipboard has no text. Copy the path of a folder first.", bad=True, topic="open"
             )
         elif "\n" in words or len(words) > 4096:
             first = words.splitlines()[0][:60]
-            self._window.notices.tell(
+            self._window.notices.show(
                 f"The clipboard has no path: '{first} ...'. Copy the path of one folder.", bad=True, topic="open"
             )
         elif is_address(words):
@@ -152,7 +152,7 @@ class StartActions:
             try:
                 path = Path(words).expanduser()
             except RuntimeError:
-                self._window.notices.tell(
+                self._window.notices.show(
                     f"{words}: this machine has no such user. Copy the whole path, which starts with /.",
                     bad=True,
                     topic="open",

@@ -98,6 +98,13 @@ def wrapped(text: str, size: int, width: float) -> list[str]:
     return lines
 
 
+def shortened(text: str, size: int, width: float, most: int, rest: str) -> list[str]:
+    """The lines of `wrapped`, at most `most`; `rest`, which says where the others are, is the last one if there are
+    more."""
+    lines = wrapped(text, size, width)
+    return lines if len(lines) <= most else [*lines[: most - 1], rest]
+
+
 class Canvas:
     """An image to draw into. Coordinates are pixels from the upper left corner.
 

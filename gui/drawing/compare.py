@@ -14,8 +14,7 @@ MODES = ("single", "side by side", "wipe", "difference", "scene")
 ALONE = ("single", "scene")
 """Modes that compare nothing."""
 
-WHATS = ("truth", "trained", "decoded", "other")
-LABELS = {"truth": "footage", "trained": "trained", "decoded": "decoded"}
+WHATS = ("footage", "trained", "decoded", "other")
 
 HEAT_TOP = 48
 """Difference in 8-bit levels at the top of the heat map's scale."""

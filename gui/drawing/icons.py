@@ -27,7 +27,7 @@ ICONS: Mapping[str, str] = {
     "bytes": "chart-column",
     "try other QPs": "chart-spline",
     # Review and the scene
-    "truth": "film",
+    "footage": "film",
     "trained": "sparkles",
     "decoded": "binary",
     "other": "layers-2",

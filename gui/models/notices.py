@@ -56,7 +56,7 @@ class Notices:
         self._covered = False  # a failure came after what was written
         self._newest: Notice | None = None
 
-    def tell(
+    def show(
         self, text: str, bad: bool = False, path: Path | None = None, topic: str = "", stays: bool = False
     ) -> None:
         """Show a notice; see `Notice`. A remark replaces an earlier remark, and what was written what was written

@@ -5,7 +5,7 @@ from __future__ import annotations
 Choice = tuple[str, str, str]
 
 REVIEW_CHOICES: tuple[Choice, ...] = (
-    ("truth", "Footage", "Footage of a capture camera, masked (1)"),
+    ("footage", "Footage", "Footage of a capture camera, masked (1)"),
     ("trained", "Trained", "Trained Gaussians (2)"),
     ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
     ("other", "Other bake", "Another bake or take to compare with; View > Bakes chooses it (4)"),

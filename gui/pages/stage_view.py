@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, wrapped
+from gui.drawing.canvas import Canvas, line_height, shortened
 from gui.drawing.palette import DIM, GROUND, TEXT
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.inspector import Block
@@ -212,8 +212,9 @@ def sentence(size: Size, words: str, em: float) -> np.ndarray:
     """Draw an image with centered text."""
     canvas = Canvas(*size, GROUND)
     text_size = round(em)
-    lines = wrapped(words[:1].upper() + words[1:], text_size, 0.8 * size[0])
     step = line_height(text_size)
+    room = max(int(size[1] // step) - 1, 1)
+    lines = shortened(words[:1].upper() + words[1:], text_size, 0.8 * size[0], room, "...")
     top = (size[1] - step * len(lines)) / 2
     for number, line in enumerate(lines):
         canvas.text(size[0] / 2, top + number * step, line, text_size, DIM, align="middle")

@@ -171,8 +171,8 @@ class StageViews:
             self.edit()
         elif key == "other" and player.why_not(key):
             self.bake_wanted.emit()
-        elif key in ("truth", "trained", "decoded", "other"):
-            if key == "truth" and player.mode != "single":
+        elif key in ("footage", "trained", "decoded", "other"):
+            if key == "footage" and player.mode != "single":
                 player.choose_mode("single")
             player.choose(key)
         else:

@@ -12,7 +12,7 @@ from gui.drawing.compare import label
 from gui.drawing.lanes import draw_lanes
 from gui.drawing.palette import DIM, GROUND, RAISED, SECOND
 from gui.drawing.plots import curve, legend
-from gui.models.playback.frame_renderer import RenderRequest, ground_truth
+from gui.models.playback.frame_renderer import RenderRequest, footage_image
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw
@@ -114,7 +114,7 @@ class TrainView(StageView):
         height = canvas.height - top - 1.2 * em - line_height(small)
         whole = canvas.width - left
         try:
-            words, render, truth = self._newest()
+            words, render, footage = self._newest()
         except StudioError as error:
             canvas.text(left + em, top + em, str(error), small, DIM, width=whole - 2 * em)
             return
@@ -128,7 +128,7 @@ class TrainView(StageView):
         beside_each_other = (width, height) == beside
         height = min(height, width * render.shape[0] / render.shape[1])  # the images are right below their caption
         across, down = (width + em, 0.0) if beside_each_other else (0.0, height + 0.5 * em)
-        for number, (name, picture) in enumerate((("footage", truth), ("trained", render))):
+        for number, (name, picture) in enumerate((("footage", footage), ("trained", render))):
             x, y = left + em + number * across, y + number * down
             if picture is None:
                 canvas.rect(x, y, width, height, RAISED)
@@ -161,7 +161,7 @@ class TrainView(StageView):
                 step = f", step {preview.iteration}" if preview.iteration is not None else ""
                 render = np.ascontiguousarray(pixels[..., ::-1])
                 words = f"{_kind(preview.camera, held_out)}, frame {preview.frame}{step}"
-                return words, render, self._truth(preview.camera, index, render.shape[1::-1])
+                return words, render, self._footage(preview.camera, index, render.shape[1::-1])
         files, _ = take.trained_files()
         if not files:
             raise StudioError(
@@ -174,17 +174,17 @@ class TrainView(StageView):
         background = context.config.capture.background
         render = draw(read_frame(files[index]), view, background)
         words = f"{_kind(camera, held_out)}, frame {footage.frames[index]}"
-        return words, render, self._truth(camera, index, (view.width, view.height))
+        return words, render, self._footage(camera, index, (view.width, view.height))
 
-    def _truth(self, camera: str, index: int, size: tuple[int, int]) -> np.ndarray | None:
+    def _footage(self, camera: str, index: int, size: tuple[int, int]) -> np.ndarray | None:
         context = self.workspace.context
         assert context is not None
         request = RenderRequest(
-            {}, index, "single", "truth", "truth", OrbitCamera(), camera, ImageZoom(), size,
+            {}, index, "single", "footage", "footage", OrbitCamera(), camera, ImageZoom(), size,
             context.config.capture.background, 0.5, context, None,
         )  # fmt: skip
         try:
-            return ground_truth(request, *size)
+            return footage_image(request, *size)
         except StudioError:
             return None
 

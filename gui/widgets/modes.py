@@ -17,7 +17,7 @@ from gui.widgets.picture import PictureWidget, color, holds
 Choice = tuple[str, str, str]
 """Key, label, tooltip. An empty key is a gap."""
 
-NAMED = frozenset(("truth", "trained", "decoded", "other", "scene", "edit", "done"))
+NAMED = frozenset(("footage", "trained", "decoded", "other", "scene", "edit", "done"))
 """Buttons that keep their words, and lose their icons, where there is no room for both of all."""
 
 UNLIKE = (

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.drawing.canvas import wrapped
+from gui.drawing.canvas import shortened
 from gui.drawing.palette import ACCENT_DARK, BAD, LINE, RAISED, TEXT
 from gui.models.notices import Notice, Notices
 from gui.platform.desktop import PageOpener
@@ -67,7 +67,7 @@ class NoticeBar:
             room: width of the view, pixels.
             hidden: whether something else needs the place; a failure is shown nevertheless.
         """
-        self._tell(self._actions.pages.failure())
+        self._show_failure(self._actions.pages.failure())
         card = self._notices.card
         if card is not None and hidden and not card.bad:
             card = None
@@ -84,9 +84,8 @@ class NoticeBar:
     def _filled(self, card: Notice, width: float) -> gui.Widget:
         em = self._em
         column = gui.Vert(round(0.5 * em))
-        lines = wrapped(card.text, round(em), width - 1.6 * em)
-        if len(lines) > MOST_LINES:
-            lines = [*lines[: MOST_LINES - 1], "... (Copy message has the rest)"]
+        rest = "... (Copy message has the rest)"
+        lines = shortened(card.text, round(em), width - 1.6 * em, MOST_LINES, rest)
         label = gui.Label("\n".join(lines))
         label.text_color = color(BAD if card.bad else TEXT)
         column.add_child(label)
@@ -107,11 +106,11 @@ class NoticeBar:
     def _open(self, page: Path) -> None:
         """Open a page in the browser."""
         self._notices.clear("browser")
-        self._tell(self._actions.pages.open(page))
+        self._show_failure(self._actions.pages.open(page))
 
-    def _tell(self, failure: str) -> None:
+    def _show_failure(self, failure: str) -> None:
         if failure:
-            self._notices.tell(failure, bad=True, topic="browser")
+            self._notices.show(failure, bad=True, topic="browser")
 
     def _button(self, row: gui.Horiz, key: str, label: str, action: Callable[[], object], accent: bool = False) -> None:
         button = gui.Button(label)

@@ -98,6 +98,9 @@ METRICS = (
 """Of a view, in the order in which they are shown. PSNR as filmed; after the best 3x4 color matrix of the view, since
 the colors of a camera that was not trained on are not known; SSIM; LPIPS, if it is asked for."""
 
+MAIN = METRICS[0]
+"""Stands for quality where there is room for one: above the timeline, on the start page, in lists."""
+
 EVALUATED = tuple(metric for metric in METRICS if metric.evaluated)
 
 FLICKER = Metric("flicker", "flicker", "levels of 255", 2, False, None)

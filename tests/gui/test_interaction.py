@@ -85,7 +85,7 @@ def test_input_that_is_faster_than_the_window(
     before = window.states()[-1]
     assert "remove" in before["widgets"]
     window.xdotool("mousemove", *window.point("done"), *CLICK, *CLICK)
-    window.wait_for("the take", lambda s: "truth" in s["widgets"])
+    window.wait_for("the take", lambda s: "footage" in s["widgets"])
     window.ticks(60)
     assert window.states()[-1]["what"] == state["what"], "Footage, which came to the place of Done, was not chosen"
     assert window.close() == 0, window.stderr.read_text()[-2000:]

@@ -43,11 +43,11 @@ def image(player: PlayerPresenter) -> np.ndarray:
     return player.picture.image
 
 
-def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(player: PlayerPresenter) -> None:
+def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(player: PlayerPresenter) -> None:
     player.background = "black"
-    assert player.choose("truth")
+    assert player.choose("footage")
     assert player.camera == "cam4", "the held-out camera"
-    truth = image(player)
+    shown = image(player)
     assert player.context is not None
     assert player.opened is not None
     assert player.opened.take is not None
@@ -55,7 +55,7 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     filmed = footage.image("cam4", footage.frames[0]).astype(float) * (
         footage.mask("cam4", footage.frames[0])[..., None] / 255
     )
-    shrunk = truth.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown enlarged four times
+    shrunk = shown.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown enlarged four times
     assert np.abs(shrunk - filmed).mean() < 3.0
     assert player.choose("trained")
     trained = image(player)
@@ -64,7 +64,7 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     rendered = render(read_frame(player.opened.take.trained_files()[0][0]), camera, (0, 0, 0))
     assert np.abs(trained.astype(float) - rendered * 255).mean() < 1.0
     player.choose_mode("difference")
-    assert player.reference == "truth"
+    assert player.reference == "footage"
     assert image(player).max() > 0
     player.choose_mode("wipe")
     player.move_wipe(128 if player.picture is None else player.picture.box.x + 64)

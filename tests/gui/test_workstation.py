@@ -99,7 +99,7 @@ def test_nothing_overlaps_in_a_small_window(open_window: Callable, finished_proj
     state = window.wait_for("an image", lambda s: s["shown"] is not None and done(s) and s["camera"] == "")
     assert not state["figures"]
     _check_frames(window, 820, 640)
-    for key in ("truth", "trained", "decoded", "side by side", "wipe", "difference", "background", "reset view"):
+    for key in ("footage", "trained", "decoded", "side by side", "wipe", "difference", "background", "reset view"):
         assert key in state["widgets"], key
     window.key("i")
     window.wait_for("the right panel", lambda s: s["figures"] and "inspector" in s["widgets"] and s["settled"])

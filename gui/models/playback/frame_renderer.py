@@ -41,7 +41,7 @@ class RenderRequest:
         sources: Gaussians by name ("trained", "decoded", "other").
         frame: counted from 0.
         mode: one of `compare.MODES`.
-        what: "truth", "trained", "decoded" or "other"; a comparison compares it with `reference`.
+        what: "footage", "trained", "decoded" or "other"; a comparison compares it with `reference`.
         orbit: the free view.
         camera: name of the capture camera; "" for the free view.
         image_zoom: visible part of its image.
@@ -84,10 +84,10 @@ class RenderRequest:
         if self.mode in compare.ALONE:
             return (self.what,)
         if self.mode == "side by side":
-            order = (*(["truth"] if self.camera else []), "trained", "decoded", OTHER)
+            order = (*(["footage"] if self.camera else []), "trained", "decoded", OTHER)
             if OTHER in self.sources and not self.camera:
                 order = ("decoded", OTHER) if "decoded" in self.sources else ("trained", OTHER)
-            return tuple(name for name in order if name in self.sources or name == "truth")
+            return tuple(name for name in order if name in self.sources or name == "footage")
         return (self.reference, self.what)
 
     @property
@@ -98,7 +98,7 @@ class RenderRequest:
     def shown(self, name: str) -> str:
         """What an image is called on screen."""
         source = self.sources.get(name)
-        return source.label if isinstance(source, OtherSource) else compare.LABELS[name]
+        return source.label if isinstance(source, OtherSource) else name
 
     def same_as(self, other: RenderRequest) -> bool:
         """Whether it results in the same image."""
@@ -121,7 +121,7 @@ class Picture:
     Attributes:
         image: (H, W, 3) uint8 RGB.
         frame: counted from 0.
-        source: "decoded", "trained" or "truth".
+        source: "decoded", "trained" or "footage".
         splats: number of Gaussians drawn; 0 for footage.
         load_seconds, draw_seconds: total time to load and to render the Gaussians of all parts.
         mode: one of `compare.MODES`.
@@ -229,14 +229,14 @@ class FrameRenderer:
     def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
         source = request.sources.get(name)
         seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
-        holder = request.context if name == "truth" else source
+        holder = request.context if name == "footage" else source
         key = (name, id(holder), request.frame, seen_by, request.background, box.width, box.height)
         pictures = self._kept  # `forget` replaces them, on another thread
         kept = pictures.get(key)
         if kept is None:
             start = time.perf_counter()
-            if name == "truth":
-                image = ground_truth(request, box.width, box.height)
+            if name == "footage":
+                image = footage_image(request, box.width, box.height)
                 kept = _Part(image, 0, time.perf_counter() - start, 0.0, holder)
             elif source is None:
                 raise StudioError("playback.no_source", f"no {name} frames yet", value=name)
@@ -318,7 +318,7 @@ def faded(
     return canvas.pixels
 
 
-def ground_truth(request: RenderRequest, width: int, height: int) -> np.ndarray:
+def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray:
     """(height, width, 3) uint8: the performer as filmed, over the background, as in evaluation.
 
     Raises:

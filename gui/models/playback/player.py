@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.compare import ALONE, LABELS, MODES, WHATS
+from gui.drawing.compare import ALONE, MODES, WHATS
 from gui.models.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.loading import first_whole, load
@@ -143,7 +143,7 @@ class PlayerPresenter(Viewpoint):
         opened.sources = sources
         self._renderer.forget()
         self._asked = None
-        if self.what not in (*sources, "truth"):
+        if self.what not in (*sources, "footage"):
             self.what = self._wanted = opened.default.name
         if other is None and self.mode not in ALONE and len(sources) < 2 and not self.camera:
             self.mode = "single"
@@ -178,9 +178,9 @@ class PlayerPresenter(Viewpoint):
         self._load_sound()
         self._renderer.forget()
         self._asked = None
-        if self._wanted in (*opened.sources, "truth"):
+        if self._wanted in (*opened.sources, "footage"):
             self.what = self._wanted
-        elif self.what not in (*opened.sources, "truth") and opened.default is not None:
+        elif self.what not in (*opened.sources, "footage") and opened.default is not None:
             self.what = opened.default.name
         self._fit_transport()
         if was_empty and first is not None:
@@ -241,7 +241,7 @@ class PlayerPresenter(Viewpoint):
         if why:
             self.message = why
             return False
-        if what == "truth" and not self.camera:
+        if what == "footage" and not self.camera:
             self.look_through(self._first_camera())
         self.what = self._wanted = what
         self.message = ""
@@ -259,12 +259,12 @@ class PlayerPresenter(Viewpoint):
             self.message = NOTHING_TO_SHOW
             return False
         if mode != "scene" and len(self.opened.sources) < 2 and not self.camera:
-            why = self.why_not("truth")
+            why = self.why_not("footage")
             if why:
                 self.message = f"Nothing to compare with. {why}"
                 return False
             self.look_through(self._first_camera())
-        if self.what == "truth" and self.opened.default is not None:
+        if self.what == "footage" and self.opened.default is not None:
             self.what = self._wanted = self.opened.default.name
         self.mode = mode
         self._zoom_follows |= mode != "scene" and self.camera != "" and self.image_zoom == ImageZoom()
@@ -453,7 +453,7 @@ class PlayerPresenter(Viewpoint):
 
     def _shown_label(self) -> str:
         other = self.other
-        return other.label if self.what == OTHER and other is not None else LABELS[self.what]
+        return other.label if self.what == OTHER and other is not None else self.what
 
     def close(self) -> bool:
         """End the thread and close files. Returns whether the thread ended in time."""

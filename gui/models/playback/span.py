@@ -2,66 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from statistics import fmean
 
-Values = Sequence[float | None]
+from studio.comparison.metrics import FLICKER, MAIN
 
+Series = Mapping[str, Sequence[float | None]]
 
-@dataclass(frozen=True)
-class SpanFigures:
-    """See the module; None where nothing was measured.
-
-    Attributes:
-        psnr: mean over the frames, dB.
-        lowest: the lowest of them, dB.
-        lowest_frame: the frame that has it.
-        bytes: sum over the frames.
-        flicker: mean over the frames, levels of 255.
-    """
-
-    psnr: float | None
-    lowest: float | None
-    lowest_frame: int | None
-    bytes: float | None
-    flicker: float | None
+QUALITY = f"{MAIN.name}_decoded"
+SPANNED = (QUALITY, "bytes", FLICKER.name)
+"""What the figures are made of."""
 
 
-def span_figures(series: Mapping[str, Values], first: int, last: int, psnr: str = "psnr_decoded") -> SpanFigures:
-    """Figures of the frames from `first` to `last`.
+def span_rows(series: Series, first: int, last: int, other: Series | None = None) -> list[tuple[str, str]]:
+    """(name, value) of each figure of the frames from `first` to `last` that is known.
 
     Args:
-        series: values of every frame by metric: PSNR, "bytes" and "flicker".
+        series: values of every frame by name of `SPANNED`; None where nothing was measured.
         first, last: frames, both inclusive.
-        psnr: name of the PSNR.
+        other: the same of what it is compared with, whose figures follow a slash.
     """
-    inside = slice(first, last + 1)
-    quality = {first + at: one for at, one in enumerate(series.get(psnr, ())[inside]) if one is not None}
-    lowest = min(quality, key=lambda frame: quality[frame], default=None)
-    sizes = [one for one in series.get("bytes", ())[inside] if one is not None]
-    flicker = [one for one in series.get("flicker", ())[inside] if one is not None]
-    return SpanFigures(
-        sum(quality.values()) / len(quality) if quality else None,
-        quality[lowest] if lowest is not None else None,
-        lowest,
-        sum(sizes) if sizes else None,
-        sum(flicker) / len(flicker) if flicker else None,
+    frames = slice(first, last + 1)
+    measured = [(value, first + at) for at, value in enumerate(series.get(QUALITY, ())[frames]) if value is not None]
+    where = f", frame {min(measured)[1]}" if measured else ""
+    quality, flicker = f".{MAIN.digits}f", f".{FLICKER.digits}f"
+    figures: tuple[tuple[str, str, Callable[[list[float]], float], str, str], ...] = (
+        (f"{MAIN.title}, mean", QUALITY, fmean, quality, MAIN.unit),
+        (f"lowest{where}", QUALITY, min, quality, MAIN.unit),
+        ("size", "bytes", lambda sizes: sum(sizes) / 1000, ",.1f", "KB"),
+        (FLICKER.title, FLICKER.name, fmean, flicker, "/255"),
     )
-
-
-def span_rows(figures: SpanFigures, other: SpanFigures | None = None) -> list[tuple[str, str]]:
-    """(name, value) of each figure that is known; the other bake's after a slash."""
-    against = other or SpanFigures(None, None, None, None, None)
-
-    def words(form: str, unit: str, one: float | None, two: float | None, scale: float = 1.0) -> str:
-        parts = ["-" if value is None else form.format(value * scale) for value in (one, two)]
-        return f"{' / '.join(parts if other is not None else parts[:1])} {unit}"
-
-    at = "" if figures.lowest_frame is None else f", frame {figures.lowest_frame}"
-    found = (
-        ("PSNR, mean", figures.psnr, against.psnr, words("{:.2f}", "dB", figures.psnr, against.psnr)),
-        (f"lowest{at}", figures.lowest, against.lowest, words("{:.2f}", "dB", figures.lowest, against.lowest)),
-        ("size", figures.bytes, against.bytes, words("{:,.1f}", "KB", figures.bytes, against.bytes, 1e-3)),
-        ("flicker", figures.flicker, against.flicker, words("{:.2f}", "/255", figures.flicker, against.flicker)),
-    )
-    return [(name, text) for name, one, two, text in found if one is not None or two is not None]
+    rows = []
+    for title, name, figure, form, unit in figures:
+        known = [
+            [value for value in one.get(name, ())[frames] if value is not None]
+            for one in (series, other)
+            if one is not None
+        ]
+        if any(known):
+            words = (format(figure(values), form) if values else "-" for values in known)
+            rows.append((title, f"{' / '.join(words)} {unit}"))
+    return rows

@@ -1,8 +1,8 @@
-"""The plots above the timeline: PSNR trained, PSNR decoded, KB per frame, flicker, and the waveform of the sound."""
+"""The plots above the timeline: quality, KB per frame, flicker, and the waveform of the sound."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, text_width
 from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from gui.models.playback.timeline import Timeline
+from studio.comparison.metrics import FLICKER, MAIN
 from studio.edits.edit_list import Trim
 
 _STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]
@@ -86,50 +87,38 @@ class Waveform(Plot):
         return np.column_stack([low, high])
 
 
-Series = dict[str, list[float | None]]
+Values = Sequence[float | None]
+Series = Mapping[str, Values]
+
+PLOTTED = (f"{MAIN.name}_trained", f"{MAIN.name}_decoded", "bytes", FLICKER.name)
+"""What is shown of every frame."""
 
 
-def plots_of(
-    evaluation_series: Series, whose: str = "mean", other: Series | None = None, short: str = ""
-) -> tuple[Plot, ...]:
+def plots_of(series: Series, whose: str = "mean", other: Series | None = None, short: str = "") -> tuple[Plot, ...]:
     """The three plots of a take, and flicker if it was measured; plots without values stay empty, so that the layout
     does not change.
 
     Args:
-        evaluation_series: values by metric.
-        whose: the camera of PSNR, or the cameras that it is the mean of, for the title.
+        series: values by name of `PLOTTED`.
+        whose: the camera of the quality, or the cameras that it is the mean of, for the title.
         other: values of the bake or take that it is compared with.
         short: `whose` in fewer words, where the other does not fit.
     """
-    short = short or whose
-    other = other or {}
-    kilobytes, others = (
-        [None if value is None else value / 1000 for value in found.get("bytes", [])]
-        for found in (evaluation_series, other)
-    )
-    flicker = Plot(
-        "flicker", evaluation_series.get("flicker", []), ACCENT, "/255", bars=True, other=other.get("flicker", [])
-    )
-    return (
-        Plot(
-            f"PSNR trained, {whose}",
-            evaluation_series.get("psnr_trained", []),
-            SECOND,
-            "dB",
-            other=other.get("psnr_trained", []),
-            short=f"PSNR trained, {short}",
-        ),
-        Plot(
-            f"PSNR decoded, {whose}",
-            evaluation_series.get("psnr_decoded", []),
-            ACCENT,
-            "dB",
-            other=other.get("psnr_decoded", []),
-            short=f"PSNR decoded, {short}",
-        ),
+    trained, decoded, size, flicker = ((series.get(name, ()), (other or {}).get(name, ())) for name in PLOTTED)
+    kilobytes, others = ([None if one is None else one / 1000 for one in values] for values in size)
+
+    def quality(what: str, color: RGB, values: tuple[Values, Values]) -> Plot:
+        title = f"{MAIN.title} {what}"
+        own, other = values
+        return Plot(f"{title}, {whose}", own, color, MAIN.unit, other=other, short=f"{title}, {short or whose}")
+
+    plots = (
+        quality("trained", SECOND, trained),
+        quality("decoded", ACCENT, decoded),
         Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True, other=others),
-        *([flicker] if flicker.range is not None else []),
+        Plot(FLICKER.title, flicker[0], ACCENT, "/255", bars=True, other=flicker[1]),
     )
+    return plots if plots[-1].range is not None else plots[:-1]
 
 
 def clock_words(seconds: float) -> str:

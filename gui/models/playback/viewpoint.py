@@ -27,7 +27,7 @@ class Viewpoint:
     Attributes:
         opened: the take or stream; None if none is open.
         context: the take with its footage; None for a bare stream.
-        what: "truth", "trained", "decoded" or "other".
+        what: "footage", "trained", "decoded" or "other".
         mode: one of `compare.MODES`.
         camera: the capture camera; "" for the free view.
         image_zoom: the visible part of its image.
@@ -81,7 +81,7 @@ class Viewpoint:
         """Why a source cannot be shown; "" if it can."""
         if self.opened is None:
             return NOTHING_OPEN
-        if what == "truth":
+        if what == "footage":
             if self.context is None:
                 return "A stream has no footage; open its take instead."
             return "" if self.camera_names else "Footage needs cameras. Run Calibrate."
@@ -98,8 +98,8 @@ class Viewpoint:
         if self.opened is not None and OTHER in self.opened.sources:
             default = self.opened.default
             return OTHER if self.what != OTHER or default is None else default.name
-        if self.camera and not self.why_not("truth"):
-            return "truth"
+        if self.camera and not self.why_not("footage"):
+            return "footage"
         return "trained" if self.what == "decoded" else "decoded"
 
     @property
@@ -143,7 +143,7 @@ class Viewpoint:
         self.message = ""
         if camera and self.opened is not None and self.opened.rig is not None:
             self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
-        if not camera and self.what == "truth" and self.opened is not None and self.opened.default is not None:
+        if not camera and self.what == "footage" and self.opened is not None and self.opened.default is not None:
             self.what = self.opened.default.name
         self.camera, self.image_zoom = camera, ImageZoom()
         self._zoom_follows = camera != "" and self.mode not in ALONE

@@ -13,6 +13,7 @@ from pipelines.takes.stage_files import read_cameras_report
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.capture import CaptureSettings, find_cameras, held_out_cameras
+from studio.comparison.metrics import MAIN
 from studio.errors import StudioError
 
 USES = ("training", "held out", "not used")
@@ -75,7 +76,7 @@ class CameraUses:
 
 
 def camera_facts(take: Take, evaluation: Evaluation, camera: str) -> list[tuple[str, str]]:
-    """(name, value) of what is known about a camera: its reprojection errors and its PSNR, mean over the frames."""
+    """(name, value) of what is known about a camera: its reprojection errors and its quality, mean over the frames."""
     rows: list[tuple[str, str]] = []
     report = read_cameras_report(take) if take.rig.is_file() else None
     figures = report.cameras.get(camera) if isinstance(report, CalibrationReport) else None
@@ -84,19 +85,23 @@ def camera_facts(take: Take, evaluation: Evaluation, camera: str) -> list[tuple[
         rows.append(("points", f"{figures.observations}, on {100 * figures.coverage:.0f}% of the image"))
     elif take.rig.is_file():
         rows.append(("reprojection error", "not known: cameras from a file"))
-    psnr = [
-        f"{fmean(values):.2f} dB {what}"
-        for what in ("trained", "decoded")
-        if (values := known(evaluation, f"psnr_{what}", camera))
-    ]
-    rows.append(("PSNR", ", ".join(psnr) or "not evaluated"))
+    measured = {what: quality(evaluation, camera, what) for what in ("trained", "decoded")}
+    words = ", ".join(f"{MAIN.text(value)} {what}" for what, value in measured.items() if value is not None)
+    rows.append((MAIN.title, words or "not evaluated"))
     return rows
 
 
-def known(evaluation: Evaluation, measure: str, camera: str) -> list[float]:
-    """A camera's values of a measure in the frames where it was measured."""
-    found = [frame.cameras.get(camera, {}).get(measure) for frame in evaluation.frames.values()]
-    return [value for value in found if value is not None]
+def quality(evaluation: Evaluation, camera: str, what: str = "decoded") -> float | None:
+    """A camera's mean over the frames where it was measured; None if it was not.
+
+    Args:
+        evaluation: of the take.
+        camera: its name.
+        what: "trained" or "decoded".
+    """
+    found = [frame.cameras.get(camera, {}).get(f"{MAIN.name}_{what}") for frame in evaluation.frames.values()]
+    values = [value for value in found if value is not None]
+    return fmean(values) if values else None
 
 
 def change_uses(workspace: Workspace, uses: CameraUses, words: str) -> str:

@@ -12,7 +12,7 @@ from gui.drawing.palette import DIM, LINE, PANEL, TEXT
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.span import span_figures, span_rows
+from gui.models.playback.span import SPANNED, span_rows
 from gui.models.take.workspace import Workspace
 from pipelines.reports.terminal import duration
 from studio.comparison.metrics import EVALUATED
@@ -83,7 +83,7 @@ def review_blocks(
         if picture.splats:
             rows.append(("splats", f"{picture.splats:,}"))
         source = player.source
-        load = source.load_ms(picture.frame) if source is not None and picture.source != "truth" else None
+        load = source.load_ms(picture.frame) if source is not None and picture.source != "footage" else None
         if load is not None:
             rows.append(("decode" if picture.source == "decoded" else "read", f"{load:.1f} ms"))
         if picture.draw_seconds:
@@ -110,12 +110,9 @@ def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, fir
     """Figures of the selected span, of both bakes if another one is open."""
     frames, other = player.transport.frame_count, player.other
     own_camera = camera if camera in evaluation.cameras else ""
-    names = ("psnr_decoded", "bytes", "flicker")
-    own = span_figures({name: evaluation.series(name, frames, own_camera) for name in names}, first, last)
-    against = None
-    if other is not None:
-        against = span_figures({name: other.series(name, camera) for name in names}, first, last)
-    rows = span_rows(own, against)
+    own = {name: evaluation.series(name, frames, own_camera) for name in SPANNED}
+    against = None if other is None else {name: other.series(name, camera) for name in SPANNED}
+    rows = span_rows(own, first, last, against)
     count = last - first + 1
     note = "" if other is None else f"After the slash: {other.label}."
     return Block(

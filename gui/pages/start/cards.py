@@ -17,6 +17,7 @@ from pipelines.runs.staleness import StageStatus
 from pipelines.runs.status import progress_words
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
+from studio.comparison.metrics import MAIN
 from studio.errors import StudioError
 from studio.stream import is_address
 
@@ -38,8 +39,7 @@ class Card:
         state: how far it is, or what is wrong with it, in words.
         tone: "done", "stale", "failed", "running" or "missing": a key of `drawing.palette.STATE_COLORS`.
         changed: when its results or settings last changed, seconds since 1970; None if unknown.
-        psnr: mean PSNR of the decoded stream, dB; None if it was not measured.
-        psnr_of: "held out" or "training": the cameras that `psnr` is of.
+        quality: of the decoded stream, in the unit of `MAIN`; None if it was not measured.
         stream_bytes: size of the stream; None if there is none, or if it is on another machine.
         total_bytes: size of the folder; None as above.
     """
@@ -49,8 +49,7 @@ class Card:
     state: str = ""
     tone: str = "missing"
     changed: float | None = None
-    psnr: float | None = None
-    psnr_of: str = ""
+    quality: float | None = None
     stream_bytes: int | None = None
     total_bytes: int | None = None
 
@@ -66,10 +65,6 @@ class Card:
             return self.place
         parent, home = str(Path(self.place).parent), str(Path.home())
         return "~" + parent[len(home) :] if parent == home or parent.startswith(home + "/") else parent
-
-    def quality(self) -> str:
-        """ "30.65 dB"; "" if it was not measured."""
-        return "" if self.psnr is None else f"{self.psnr:.2f} dB"
 
     def sizes(self) -> tuple[str, ...]:
         """The same in words, the longest first: "930.0 KB stream, 214 MB in all", "stream 930.0 KB of 214 MB"; () if
@@ -130,7 +125,7 @@ def describe(place: str, sizes: Sizes | None = None) -> Card:
             return Card(place, "damaged", str(error.message.problem), "failed", _newest([path]))
     if (path / "manifest.json").is_file() or path.suffix.lower() == ".v3s":
         size = folder_bytes(path)
-        return Card(place, "stream", "stream", "done", _newest([path, path / "manifest.json"]), None, "", size, size)
+        return Card(place, "stream", "stream", "done", _newest([path, path / "manifest.json"]), None, size, size)
     return Card(place, "damaged", "neither a take nor a stream any more", "failed", _newest([path]))
 
 
@@ -140,20 +135,19 @@ def _take(take: Take, sizes: Sizes | None) -> Card:
     if not running or sizes is None or sizes[1] is None:
         stream = folder_bytes(take.stream) if (take.stream / "manifest.json").is_file() else None
         sizes = (stream, folder_bytes(take.root))
-    psnr, psnr_of = None, ""
+    quality = None
     with contextlib.suppress(StudioError):
         if take.evaluation.is_file():
-            found = read_evaluation(take.evaluation)
-            psnr, psnr_of = found.summary.psnr_decoded, "held out" if found.protocol.held_out else "training"
+            quality = read_evaluation(take.evaluation).summary.measures.get(f"{MAIN.name}_decoded")
     if running:
-        return Card(str(take.root), "take", progress_words(take), "running", changed, psnr, psnr_of, *sizes)
+        return Card(str(take.root), "take", progress_words(take), "running", changed, quality, *sizes)
     from pipelines.runs.runner import status
 
     try:
         state, tone = state_words(status(take, load_config(take.config)))
     except StudioError as error:
         state, tone = error.message.problem, "failed"
-    return Card(str(take.root), "take", state, tone, changed, psnr, psnr_of, *sizes)
+    return Card(str(take.root), "take", state, tone, changed, quality, *sizes)
 
 
 def state_words(stages: dict[str, StageStatus]) -> tuple[str, str]:

@@ -25,6 +25,7 @@ from gui.drawing.palette import (
 from gui.models.take.take_queue import QueueRow
 from gui.pages.start.cards import Card, date_words
 from gui.pages.start.page import Box, StartPage
+from studio.comparison.metrics import MAIN
 
 BUTTONS = (
     ("new", "New take from footage", "From a folder of videos or images"),
@@ -211,7 +212,8 @@ class StartPicture:
         )
         top += 1.35 * em
         current = card.tone == "done"  # otherwise it may be of earlier settings
-        across = canvas.text(x + pad, top, card.quality(), small, GOOD if current else DIM)
+        quality = "" if card.quality is None else MAIN.text(card.quality)
+        across = canvas.text(x + pad, top, quality, small, GOOD if current else DIM)
         gap = 0.8 * em if across else 0.0
         left = room - across - gap
         sizes = card.sizes() or ("",)

@@ -10,6 +10,7 @@ from gui.models.take.cameras import CameraUses
 from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.dialogs.options import refusal
 from gui.widgets.picture import lowered
+from studio.comparison.metrics import MAIN
 
 ROWS, COLUMNS = 18, 2
 """Of a page of cameras."""
@@ -28,7 +29,7 @@ def ask_cameras(
     Args:
         dialogs: shows it.
         uses: the present uses.
-        figures: PSNR beside a camera's name; empty before any was measured.
+        figures: the quality beside a camera's name; empty before any was measured.
         save: called with the new uses; returns why they are refused, "" if they are not.
         error: why they were refused.
         page: the first is 0.
@@ -48,7 +49,7 @@ def ask_cameras(
     here = names[page * ROWS * COLUMNS :][: ROWS * COLUMNS]
     count = -(-len(here) // ROWS)
     # columns, since a grid of the toolkit asks for almost twice its height and breaks titles
-    heads = ("camera", "use", "hold\u00a0out", *(("PSNR",) if figures else ()))
+    heads = ("camera", "use", "hold\u00a0out", *((MAIN.title,) if figures else ()))
     columns = [gui.Vert(round(0.25 * em)) for _ in range(len(heads) * count)]
     for column, head in zip(columns, heads * count, strict=True):
         column.add_child(dialogs.label(head))

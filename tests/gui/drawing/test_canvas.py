@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
+from gui.drawing.canvas import Canvas, fitted, line_height, shortened, text_width, wrapped
 
 BLACK, RED, WHITE = (0, 0, 0), (255, 0, 0), (255, 255, 255)
 WORDS = "Twelve cameras look at the performer from all sides"
@@ -16,6 +16,12 @@ WORDS = "Twelve cameras look at the performer from all sides"
 def drawn(canvas: Canvas) -> np.ndarray:
     """(H, W) bool: pixels that are not black."""
     return canvas.pixels.any(axis=2)
+
+
+def test_a_long_text_says_where_the_rest_is() -> None:
+    lines = wrapped(WORDS, 14, 120)
+    assert shortened(WORDS, 14, 120, len(lines), "more") == lines
+    assert shortened(WORDS, 14, 120, len(lines) - 1, "more") == [*lines[:-2], "more"]
 
 
 @pytest.mark.parametrize("size", [12, 20])

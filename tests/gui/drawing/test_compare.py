@@ -23,7 +23,7 @@ def plain(value: int, width: int = 80, height: int = 60) -> np.ndarray:
 @pytest.mark.parametrize("at", [0.0, 0.25, 0.5, 1.0])
 def test_wipe_shows_one_picture_left_and_the_other_right_of_its_line(at: float) -> None:
     box = compare.boxes((80, 60), 1)[0]
-    picture = compare.wipe((80, 60), box, plain(50), plain(200), at, ("truth", "decoded"))
+    picture = compare.wipe((80, 60), box, plain(50), plain(200), at, ("footage", "decoded"))
     row = picture[58, :, 0]  # below the labels and the line's handle
     line = round(at * 80)
     away = np.abs(np.arange(80) - line) > 1

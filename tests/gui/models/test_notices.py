@@ -30,7 +30,7 @@ def notices(clock: Clock) -> Notices:
 
 def test_a_passing_notice_is_shown_for_a_while(notices: Notices, clock: Clock) -> None:
     assert (notices.text, notices.line, notices.card) == ("", "", None)
-    notices.tell("Undone:\nbake.quality 30 to 22")
+    notices.show("Undone:\nbake.quality 30 to 22")
     assert (notices.text, notices.line, notices.card) == ("Undone: bake.quality 30 to 22",) * 2 + (None,)
     clock.now = SHOWN_SECONDS - 1
     assert notices.line
@@ -39,7 +39,7 @@ def test_a_passing_notice_is_shown_for_a_while(notices: Notices, clock: Clock) -
 
 
 def test_what_was_written_has_buttons_for_a_while(notices: Notices, clock: Clock) -> None:
-    notices.tell("Written: walk.mp4", path=Path("walk.mp4"))
+    notices.show("Written: walk.mp4", path=Path("walk.mp4"))
     assert notices.card is not None
     assert (notices.card.path, notices.line, notices.text) == (Path("walk.mp4"), "", "Written: walk.mp4")
     clock.now = SHOWN_SECONDS + 1
@@ -47,12 +47,12 @@ def test_what_was_written_has_buttons_for_a_while(notices: Notices, clock: Clock
 
 
 def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: Clock) -> None:
-    notices.tell("no such folder", bad=True)
-    notices.tell("the disk is full", bad=True)
+    notices.show("no such folder", bad=True)
+    notices.show("the disk is full", bad=True)
     clock.now = 1e6
     assert notices.card is not None
     assert (notices.card.text, notices.more, notices.card.bad) == ("the disk is full", 1, True)
-    notices.tell("Written: a.ply", path=Path("a.ply"))
+    notices.show("Written: a.ply", path=Path("a.ply"))
     assert (notices.card.text, notices.more, notices.card.bad) == ("Written: a.ply", 2, False)
     clock.now += SHOWN_SECONDS + 1
     assert (notices.card.text, notices.more) == ("the disk is full", 1)
@@ -63,17 +63,17 @@ def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: Clock) 
 
 
 def test_a_success_removes_what_it_is_about(notices: Notices) -> None:
-    notices.tell("no such folder", bad=True, topic="open")
-    notices.tell("the disk is full", bad=True, topic="export")
-    notices.tell("Opening walk ...", topic="open")
+    notices.show("no such folder", bad=True, topic="open")
+    notices.show("the disk is full", bad=True, topic="export")
+    notices.show("Opening walk ...", topic="open")
     notices.clear("open")
     assert (notices.text, notices.more) == ("the disk is full", 0)
 
 
 def test_the_same_failure_is_told_once_and_old_ones_are_dropped(notices: Notices) -> None:
     for _ in range(3):
-        notices.tell("the disk is full", bad=True)
+        notices.show("the disk is full", bad=True)
     assert notices.more == 0
     for number in range(2 * MOST_FAILURES):
-        notices.tell(f"failure {number}", bad=True)
+        notices.show(f"failure {number}", bad=True)
     assert notices.more == MOST_FAILURES - 1

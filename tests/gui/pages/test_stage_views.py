@@ -388,7 +388,7 @@ def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: P
     window = SimpleNamespace(
         workspace=views.workspace,
         views=views,
-        notices=SimpleNamespace(tell=lambda words, bad, **_: told.append(words), clear=lambda _: None),
+        notices=SimpleNamespace(show=lambda words, bad, **_: told.append(words), clear=lambda _: None),
     )
     uses = CameraActions(cast("Shell", window))._uses()
     assert uses is not None, told

@@ -221,7 +221,7 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
     assert player.picture is not None
     assert (player.picture.source, player.picture.frame, player.picture.splats) == ("trained", 9, 50)
     assert player.transport.group_starts == (0, 8)
-    assert not player.choose("truth")  # no footage is known
+    assert not player.choose("footage")  # no footage is known
     assert "footage" in player.message
 
 

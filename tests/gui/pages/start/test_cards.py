@@ -26,7 +26,7 @@ def test_a_finished_take(finished: Path) -> None:
     assert (card.kind, card.name, card.state, card.tone) == ("take", "take", "all stages done", "done")
     evaluation = json.loads((take / "evaluation.json").read_text())
     rows = [frame["psnr_decoded"] for frame in evaluation["frames"]]
-    assert card.psnr == pytest.approx(sum(rows) / len(rows), abs=0.02)
+    assert card.quality == pytest.approx(sum(rows) / len(rows), abs=0.02)
     assert card.stream_bytes == sum(path.stat().st_size for path in (take / "stream").rglob("*") if path.is_file())
     assert card.total_bytes == sum(path.stat().st_size for path in take.rglob("*") if path.is_file())
 
