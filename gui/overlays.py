@@ -102,12 +102,12 @@ class Overlays:
         if again and (control or event.key in (key.ENTER, key.BACKSPACE, key.DELETE, key.H)):
             return window.start.shown or event.key == key.H
         if control and event.key == key.C and window.notices.card is not None:
-            actions.notices.copy()
+            window.notice_bar.copy()
             return True
-        if control and event.key == key.C and not window.start.shown and actions.notices.copy_table():
+        if control and event.key == key.C and not window.start.shown and self._copy_table():
             return True
         if control and event.key == key.O and window.notices.card is not None:
-            actions.notices.open_folder()
+            window.notice_bar.open_folder()
             return True
         if window.start.shown:
             if control:
@@ -122,9 +122,18 @@ class Overlays:
             return True
         return False
 
+    def _copy_table(self) -> bool:
+        """Copy the table in the view; returns whether there is one."""
+        window, view = self._window, self._window.views.stage_view
+        if view is None or not view.table_text:
+            return False
+        if window.notice_bar.copied(view.table_text):
+            window.notices.show("Copied the table.")
+        return True
+
     def escape(self) -> bool:
         """Handle Escape; returns whether something was closed."""
-        if self._actions.notices.dismiss():
+        if self._window.notices.dismiss():
             return True
         return self._window.start.shown and self._actions.start.hide()
 

@@ -46,13 +46,6 @@ PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
 """The timeline gets this share of what the window is higher than `PLAIN`, and at most so much more, em."""
 
 
-class Page(Protocol):
-    """The start page, for other actions."""
-
-    def hide(self) -> bool:
-        """Show the open take or stream again; returns whether the page was over it."""
-
-
 class Shell(Protocol):
     """The part of the main window that actions and the state log use."""
 
@@ -102,10 +95,6 @@ class Shell(Protocol):
     @property
     def control_held(self) -> bool:
         """Whether Ctrl or Shift is held."""
-
-    @property
-    def start_actions(self) -> Page:
-        """The start page."""
 
     def open(self, path: str) -> None:
         """Open a take, a stream or a URL."""

@@ -34,7 +34,7 @@ from gui.platform.input_order import InputOrder
 from gui.platform.menu_bar import MenuBar
 from gui.platform.redraw import Redraws
 from gui.platform.x_window import XDisplay
-from gui.shell import Layout, Page
+from gui.shell import Layout
 from gui.state import StateLog
 from gui.user_input import UserInput
 from gui.widgets.camera_menu import CameraMenu
@@ -43,7 +43,7 @@ from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.hints import Hints
 from gui.widgets.inspector import InspectorPanel
 from gui.widgets.modes import ModesPanel
-from gui.widgets.notice_bar import NoticeActions, NoticeBar
+from gui.widgets.notice_bar import NoticeBar
 from gui.widgets.path_panel import PathPanel
 from gui.widgets.picture import color, holds, plain_label
 from gui.widgets.raycast import MeshPicture
@@ -156,16 +156,15 @@ class MainWindow:
         self.camera_menu = CameraMenu(em, changed)
         self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
         self.timeline.moved_key = self.actions.path.move_frame
-        start, told = self.actions.start, self.actions.notices
+        start = self.actions.start
         self.start = StartPanel(start.page, em, start.act, changed)
-        buttons = NoticeActions(told.open_folder, told.copy, told.dismiss)
-        self.notice_bar = NoticeBar(self.notices, em, buttons, changed)
+        self.notice_bar = NoticeBar(self.notices, em, self.actions.clipboard, changed)
         self.overlays: Overlays = Overlays(self, self.actions, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
         self._pictures = (
             self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
-            self.path_panel.picture, self.start.picture, *self.controls.symbols.values(), hints.picture,
+            self.path_panel.picture, self.start.picture, hints.picture,
         )  # fmt: skip
         self.layout: Layout = Layout(self)
         for widget in (
@@ -291,11 +290,6 @@ class MainWindow:
     def control_held(self) -> bool:
         """Whether Ctrl or Shift is held."""
         return self._user.control_held
-
-    @property
-    def start_actions(self) -> Page:
-        """The start page, for other actions."""
-        return self.actions.start
 
     # User actions
 

@@ -25,8 +25,7 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from gui.actions.menus import MENUS  # noqa: E402
-from gui.widgets.command_list import Command  # noqa: E402
+from gui.actions.menus import ITEMS  # noqa: E402
 from tests.gui.conftest import RunningWindow  # noqa: E402
 from tests.support.x_server import x_server  # noqa: E402
 
@@ -64,7 +63,7 @@ def stage(name: str, mode: str = "") -> Screen:
 def menu(title: str, name: str) -> Screen:
     """Run an item of a menu, by the name of its action: in the list of commands, as the toolkit does not report where
     the menus' items are, and a click beside them would press what is below."""
-    words = Command.of(name, title, dict(dict(MENUS)[title])[name]).words
+    words = ITEMS[name].words
 
     def go(window: RunningWindow) -> None:
         commands(words)(window)

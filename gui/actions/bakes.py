@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
+from gui.drawing.palette import BAD, DIM
 from gui.models.playback.other_source import OtherSource, open_other
-from gui.models.take.bakes import Bakes
+from gui.models.take.bakes import Bakes, bake_words
 from gui.models.worker import Done, LatestWorker
 from gui.shell import Shell
-from gui.widgets.dialogs.bakes import NAME, BakeChoices, BakesDialog
+from gui.widgets.dialogs.base import Answer, filled, in_lines
 from gui.widgets.dialogs.folder import ask_path
+from gui.widgets.picture import color
 from pipelines.takes.kept_bakes import KeptBake
 from studio.errors import StudioError
+
+NAME = "bakes"
+ROWS, MESSAGE_LINES = 8, 2
 
 Place = tuple[Path, str, Path | None, bool]
 
@@ -30,17 +36,62 @@ class BakeActions:
             lambda place: open_other(*place), "v3studio other", self._opened
         )
         self.bakes.changed.connect(self._changed)
-        choices = BakeChoices(self._compare, self._ask_take, self.stop, self._ask_keep)
-        self._dialog = BakesDialog(window.dialogs, self.bakes, choices)
 
     def show(self) -> None:
         """Show the dialog."""
-        window = self._window
-        take = window.workspace.take
+        window, dialogs = self._window, self._window.dialogs
+        take, other = window.workspace.take, window.player.other
         self.bakes.look(take)
-        other = window.player.other
-        baked = take is not None and window.workspace.row("bake").state == "done"
-        self._dialog.show(other.label if other is not None else "", baked)
+        self._baked = take is not None and window.workspace.row("bake").state == "done"
+        dialogs.widgets = {}
+        self._list = dialogs.list_of(ROWS, self._select)
+        self._message = dialogs.label(in_lines("", MESSAGE_LINES))
+        row = dialogs.row(
+            (
+                ("compare", "Compare with it", lambda: self._of_selected(self._compare)),
+                ("keep", "Keep the stream as...", self._ask_keep),
+                ("compare_take", "Compare with another take...", self._ask_take),
+            )
+        )
+        words = (
+            "Bakes that this take keeps. Comparing shows two at once, with one timeline."
+            if other is None
+            else f"Compared with: {other.label}. Side by side (S), wipe (W) and difference (D) are against it."
+        )
+        stop: list[Answer] = [] if other is None else [("stop", "Stop comparing", self._stop)]
+        parts = [dialogs.label(words), self._list, row, self._message]
+        dialogs.show(NAME, "Bakes", parts, [*stop, ("close", "Close", dialogs.close)], 150, accent="close")
+        dialogs.widgets |= {"list": self._list}
+        self._update()
+
+    def _update(self) -> None:
+        """Show the bakes as they are now."""
+        dialogs, bakes = self._window.dialogs, self.bakes
+        dialogs.lines = [bake_words(row) for row in bakes.rows]
+        self._list.set_items(filled(dialogs.lines or ["No bakes are kept."], ROWS))
+        self._message.text = in_lines(bakes.message, MESSAGE_LINES)
+        self._message.text_color = color(BAD if bakes.failed else DIM)
+        self._enable()
+
+    def _enable(self) -> None:
+        bakes, widgets = self.bakes, self._window.dialogs.widgets
+        widgets["compare"].enabled = self._selected is not None
+        widgets["keep"].enabled = self._baked and not bakes.busy and not bakes.is_kept
+
+    @property
+    def _selected(self) -> KeptBake | None:
+        at, rows = self._list.selected_index, self.bakes.rows
+        return rows[at] if 0 <= at < len(rows) else None
+
+    def _select(self, _label: str, twice: bool) -> None:
+        if twice:
+            self._of_selected(self._compare)
+        else:
+            self._enable()
+
+    def _of_selected(self, action: Callable[[KeptBake], None]) -> None:
+        if self._selected is not None:
+            action(self._selected)
 
     def _compare(self, row: KeptBake) -> None:
         self._window.dialogs.close()
@@ -57,8 +108,7 @@ class BakeActions:
         opened = self._window.player.opened
         self._opener.ask((place, label, evaluation, opened is not None and opened.take is not None))
 
-    def stop(self) -> None:
-        """Stop comparing with another bake or take."""
+    def _stop(self) -> None:
         self._window.dialogs.close()
         self._window.player.compare_with(None)
 
@@ -86,7 +136,7 @@ class BakeActions:
         self.bakes.look(window.workspace.take)
         window.player.refresh()
         if window.dialogs.name == NAME:
-            self._dialog.update()
+            self._update()
 
     def _opened(self, done: Done[Place, OtherSource]) -> None:
         window = self._window

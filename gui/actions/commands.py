@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from gui.actions.cameras import CameraActions
 from gui.actions.edits import EditActions
 from gui.actions.help import HelpActions
 from gui.actions.marks import MarkActions
-from gui.actions.notices import NoticeKeys
+from gui.actions.menus import ITEMS
 from gui.actions.output import OutputActions
 from gui.actions.path import PathActions
 from gui.actions.points import PointActions
@@ -23,7 +24,7 @@ from gui.actions.search import SearchActions, opens_list
 from gui.actions.shares import ShareActions
 from gui.actions.start import StartActions
 from gui.models.loop import later
-from gui.models.preferences import Preferences
+from gui.models.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
 from gui.models.stage_rows import TITLES
 from gui.models.take.new_take import NewTake
 from gui.models.take.setting_words import FOLDERS
@@ -32,7 +33,7 @@ from gui.models.take.shares import FORMS
 from gui.platform.clipboard import Clipboard
 from gui.shell import Shell
 from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.dialogs.options import ask_preferences
+from gui.widgets.dialogs.form import Form
 from gui.widgets.dialogs.take import ask_new_take
 from pipelines.takes.take import program_version
 from studio.errors import StudioError
@@ -44,11 +45,8 @@ SWITCHES = frozenset(getattr(gui.KeyName, name) for name in ("O", "S", "W", "D",
 field would keep the release of the key, and its next press would be taken for a repeat."""
 
 
-OVER_PAGE = (
-    "new", "open", "address", "preferences", "quit", "fullscreen", "queue", "start", "stop_export",
-    "stop_serving", "shortcuts", "about", "search",
-)  # fmt: skip
-"""Menu items that act while the start page is shown; the others need the open take or stream, which it covers."""
+KEYS_OF = {"?": ("QUESTION_MARK", "SLASH"), "<": ("COMMA", "LESS_THAN"), ">": ("PERIOD", "GREATER_THAN")}
+"""Keys of the toolkit by shortcut, where they have other names: with and without Shift."""
 
 
 class Actions:
@@ -71,13 +69,12 @@ class Actions:
         self.edits = EditActions(window)
         self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
         self.clipboard = Clipboard()
-        self.notices = NoticeKeys(window, self.clipboard)
         self.search = SearchActions(window, self.menu)
         others = {"new": self.new_take, "open": self._ask_open, "address": self._ask_address, "queue": self.queue.show}
         self.start = StartActions(window, self.queue.queue, self.clipboard, others, self._ask_new_take)
 
     def menu(self) -> dict[str, Action]:
-        """Actions by key of `gui.actions.menus.MENUS`."""
+        """Actions by key of `ITEMS`."""
         window = self._window
         actions: dict[str, Action] = {
             "new": self.new_take,
@@ -88,7 +85,7 @@ class Actions:
             "edit": self.edits.show,
             "screenshot": self._outputs.screenshot,
             "report": self._outputs.report,
-            "preferences": lambda: ask_preferences(window.dialogs, window.preferences, self._save_preferences),
+            "preferences": self._ask_preferences,
             "quit": window.ask_close,
             "reset": window.views.reset,
             "background": window.player.next_background,
@@ -120,7 +117,7 @@ class Actions:
             "log_warnings": window.inspector.toggle_warnings,
             "search": self.search.show,
         }
-        return {key: act if key in OVER_PAGE else partial(self._uncovered, act) for key, act in actions.items()}
+        return {key: partial(self._uncovered, act) if ITEMS[key].needs else act for key, act in actions.items()}
 
     def _uncovered(self, action: Action) -> None:
         """Act on the open take or stream, without the start page over it."""
@@ -136,24 +133,11 @@ class Actions:
             return None
         player, transport = window.player, window.player.transport
         menu = self.menu()
-        of_menu: dict[str, tuple[Any, ...]] = {
-            "background": (key.B,),
-            "reset": (key.R,),
-            "mark": (key.M,),
-            "span": (key.T,),
-            "add_key": (key.K,),
-            "path": (key.P,),
-            "fullscreen": (key.F,),
-            "figures": (key.I,),
-            "queue": (key.Q,),
-            "start": (key.H,),
-            "edit": (key.X,),
-            "scene": (key.O,),
-            "stage_help": (key.F1,),
-            "log": (key.J,),
-            "shortcuts": (key.QUESTION_MARK, key.SLASH),
-            "previous_mark": (key.COMMA, key.LESS_THAN),
-            "next_mark": (key.PERIOD, key.GREATER_THAN),
+        of_menu = {
+            getattr(key, name): menu[item.key]
+            for item in ITEMS.values()
+            if item.shortcut and "+" not in item.shortcut
+            for name in KEYS_OF.get(item.shortcut, (item.shortcut,))
         }
         actions: dict[Any, Action] = {
             key.SPACE: transport.toggle,
@@ -170,11 +154,10 @@ class Actions:
             key.S: lambda: self._review("side by side"),
             key.W: lambda: self._review("wipe"),
             key.D: lambda: self._review("difference"),
-            key.C: player.next_camera,
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
             key.V: self._toggle_sound,
-            **{one: menu[name] for name, keys in of_menu.items() for one in keys},
+            **of_menu,
             **self.points.keys(),
             **self.edits.keys(),
         }
@@ -319,6 +302,18 @@ class Actions:
             "",
             [("open", "Open", lambda text: window.open(text.strip())), ("close", "Cancel", lambda _: None)],
         )
+
+    def _ask_preferences(self) -> None:
+        """Ask for the preferences: render resolution, background, autoplay."""
+        window, dialogs = self._window, self._window.dialogs
+        chosen = replace(window.preferences, recent=list(window.preferences.recent))
+        dialogs.widgets = {}
+        form = Form(dialogs, chosen)
+        form.choice("picture_size", "Render resolution", list(PICTURE_SIZES))
+        form.choice("background", "Background", BACKGROUND_NAMES)
+        form.switch("play_on_opening", "Autoplay")
+        save = dialogs.closing(lambda: self._save_preferences(chosen))
+        form.show("preferences", "Preferences", [form.grid], ("save", "Save", save), 60)
 
     def _save_preferences(self, preferences: Preferences) -> None:
         window = self._window

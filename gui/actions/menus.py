@@ -1,95 +1,115 @@
-"""The menu bar: its items, and the key of each item's action."""
+"""The menu bar: its items, their shortcuts, and what must be open for them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from open3d.visualization import gui
 
+from gui.widgets.command_list import Command
 from gui.widgets.picture import text_room
 
-MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
-    (
-        "File",
-        (
-            ("new", "New take from footage..."),
-            ("open", "Open take or stream..."),
-            ("address", "Open stream from URL..."),
-            ("", ""),
-            ("screenshot", "Save screenshot..."),
-            ("report", "Write HTML report"),
-            ("", ""),
-            ("preferences", "Preferences..."),
-            ("quit", "Quit"),
-        ),
-    ),
-    ("Edit", (("undo", "Undo (Ctrl+Z)"), ("redo", "Redo (Ctrl+Shift+Z)"), ("", ""), ("edit", "Trim, crop, clean (X)"))),
-    (
-        "View",
-        (
-            ("reset", "Reset view (R)"),
-            ("background", "Next background (B)"),
-            ("camera", "Next capture camera (C)"),
-            ("span", "Select span: from here, to here, none (T)"),
-            ("", ""),
-            ("scene", "Scene: splats, cameras, points (O)"),
-            ("", ""),
-            ("cameras", "Cameras: use, hold out..."),
-            ("bakes", "Bakes: compare, keep..."),
-            ("queue", "Queue of takes (Q)"),
-            ("", ""),
-            ("start", "Start page (H)"),
-            ("figures", "Inspector and log (I)"),
-            ("log", "Job log, large (J)"),
-            ("log_warnings", "Job log: warnings only, all lines"),
-            ("fullscreen", "Fullscreen (F)"),
-        ),
-    ),
-    (
-        "Mark",
-        (
-            ("mark", "Mark frame... (M)"),
-            ("next_mark", "Next mark (>)"),
-            ("previous_mark", "Previous mark (<)"),
-            ("marks", "All marks..."),
-        ),
-    ),
-    (
-        "Export",
-        (
-            ("export", "Export..."),
-            ("", ""),
-            ("path", "Camera path editor (P)"),
-            ("add_key", "Add view to camera path (K)"),
-            ("clear_keys", "Clear camera path"),
-            ("", ""),
-            ("stop_export", "Stop export"),
-        ),
-    ),
-    (
-        "Share",
-        (
-            ("share folder", "Folder for a web server..."),
-            ("share single-file", "Single HTML file..."),
-            ("", ""),
-            ("serve", "Serve with QR code..."),
-            ("stop_serving", "Stop serving"),
-        ),
-    ),
-    (
-        "Help",
-        (
-            ("stage_help", "What to look for (F1)"),
-            ("", ""),
-            ("search", "Find a command... (Ctrl+K)"),
-            ("shortcuts", "Shortcuts (?)"),
-            ("", ""),
-            ("about", "About"),
-        ),
-    ),
-)
 
+@dataclass(frozen=True)
+class Item:
+    """An item of a menu.
+
+    Attributes:
+        key: names its action.
+        label: what it does; ends with "..." if it asks for more first.
+        shortcut: its keys; "" if it has none.
+        needs: what must be open: "open" a take or a stream, "take" a take, "splats" one in which something is trained,
+            "" nothing: only these act while the start page covers what is open.
+    """
+
+    key: str
+    label: str
+    shortcut: str = ""
+    needs: str = "open"
+
+    @property
+    def words(self) -> str:
+        """The label without dots."""
+        return self.label.removesuffix("...")
+
+    @property
+    def text(self) -> str:
+        """The label with the shortcut, as the menu shows it."""
+        return f"{self.label} ({self.shortcut})" if self.shortcut else self.label
+
+
+MENUS: dict[str, tuple[Item | None, ...]] = {
+    "File": (
+        Item("new", "New take from footage...", needs=""),
+        Item("open", "Open take or stream...", needs=""),
+        Item("address", "Open stream from URL...", needs=""),
+        None,
+        Item("screenshot", "Save screenshot..."),
+        Item("report", "Write HTML report", needs="take"),
+        None,
+        Item("preferences", "Preferences...", needs=""),
+        Item("quit", "Quit", needs=""),
+    ),
+    "Edit": (
+        Item("undo", "Undo", "Ctrl+Z"),
+        Item("redo", "Redo", "Ctrl+Shift+Z"),
+        None,
+        Item("edit", "Trim, crop, clean", "X", needs="take"),
+    ),
+    "View": (
+        Item("reset", "Reset view", "R"),
+        Item("background", "Next background", "B"),
+        Item("camera", "Next capture camera", "C"),
+        Item("span", "Select span: from here, to here, none", "T"),
+        None,
+        Item("scene", "Scene: splats, cameras, points", "O", needs="splats"),
+        None,
+        Item("cameras", "Cameras: use, hold out...", needs="take"),
+        Item("bakes", "Bakes: compare, keep..."),
+        Item("queue", "Queue of takes", "Q", needs=""),
+        None,
+        Item("start", "Start page", "H", needs=""),
+        Item("figures", "Inspector and log", "I"),
+        Item("log", "Job log, large", "J"),
+        Item("log_warnings", "Job log: warnings only, all lines"),
+        Item("fullscreen", "Fullscreen", "F", needs=""),
+    ),
+    "Mark": (
+        Item("mark", "Mark frame...", "M"),
+        Item("next_mark", "Next mark", ">"),
+        Item("previous_mark", "Previous mark", "<"),
+        Item("marks", "All marks..."),
+    ),
+    "Export": (
+        Item("export", "Export...", needs="splats"),
+        None,
+        Item("path", "Camera path editor", "P"),
+        Item("add_key", "Add view to camera path", "K", needs="splats"),
+        Item("clear_keys", "Clear camera path"),
+        None,
+        Item("stop_export", "Stop export", needs=""),
+    ),
+    "Share": (
+        Item("share folder", "Folder for a web server..."),
+        Item("share single-file", "Single HTML file..."),
+        None,
+        Item("serve", "Serve with QR code..."),
+        Item("stop_serving", "Stop serving", needs=""),
+    ),
+    "Help": (
+        Item("stage_help", "What to look for", "F1"),
+        None,
+        Item("search", "Find a command...", "Ctrl+K", needs=""),
+        Item("shortcuts", "Shortcuts", "?", needs=""),
+        None,
+        Item("about", "About", needs=""),
+    ),
+}
+"""By title; None is a line between items."""
+
+ITEMS = {item.key: item for items in MENUS.values() for item in items if item is not None}
 
 ROW, SEPARATOR, MARGINS, WIDER = 1.52, 0.4, 0.4, 6.6
 """Heights in a menu, and by how much it is wider than its longest item, in font sizes, measured: the toolkit draws
@@ -99,10 +119,10 @@ menus unasked."""
 def boxes(em: float) -> list[tuple[float, float]]:
     """(width, height) of the menus in pixels; `em` is the font size."""
     found = []
-    for _, entries in MENUS:
-        rows = sum(bool(key) for key, _ in entries)
-        height = MARGINS + ROW * rows + SEPARATOR * (len(entries) - rows)
-        found.append((WIDER * em + max(text_room(label, em) for _, label in entries), height * em))
+    for entries in MENUS.values():
+        items = [item for item in entries if item is not None]
+        height = MARGINS + ROW * len(items) + SEPARATOR * (len(entries) - len(items))
+        found.append((WIDER * em + max(text_room(item.text, em) for item in items), height * em))
     return found
 
 
@@ -112,14 +132,14 @@ def build(application: gui.Application) -> None:
         return
     bar = gui.Menu()
     number = 1
-    for title, entries in MENUS:
+    for title, entries in MENUS.items():
         menu = gui.Menu()
-        for key, label in entries:
-            if key:
-                menu.add_item(label, number)
-                number += 1
-            else:
+        for item in entries:
+            if item is None:
                 menu.add_separator()
+            else:
+                menu.add_item(item.text, number)
+                number += 1
         bar.add_menu(title, menu)
     application.menubar = bar
 
@@ -128,10 +148,10 @@ class MenuStates:
     """Keeps items of the menu bar gray that are not possible now.
 
     Args:
-        why_not: why the action of a key of `MENUS` is not possible now; "" if it is.
+        why_not: why an item is not possible now; "" if it is.
     """
 
-    def __init__(self, why_not: Callable[[str], str]) -> None:
+    def __init__(self, why_not: Callable[[Item], str]) -> None:
         self._why_not = why_not
         self._possible: dict[int, bool] = {}
 
@@ -140,19 +160,24 @@ class MenuStates:
         if bar is None:
             return False
         before = self._possible
-        self._possible = {number: not self._why_not(key) for number, key in _numbers()}
+        self._possible = {number: not self._why_not(item) for number, item in enumerate(ITEMS.values(), start=1)}
         changed = [number for number, on in self._possible.items() if before.get(number, True) != on]
         for number in changed:
             bar.set_enabled(number, self._possible[number])
         return bool(changed)
 
 
-def _numbers() -> Iterator[tuple[int, str]]:
-    """The numbers of the items in the toolkit, and their keys."""
-    return enumerate((key for _, entries in MENUS for key, _ in entries if key), start=1)
-
-
 def connect(window: gui.Window, chosen: Callable[[str], None]) -> None:
     """Report the key of each chosen item."""
-    for number, key in _numbers():
-        window.set_on_menu_item_activated(number, partial(chosen, key))
+    for number, item in enumerate(ITEMS.values(), start=1):
+        window.set_on_menu_item_activated(number, partial(chosen, item.key))
+
+
+def commands_of(why_not: Callable[[Item], str]) -> list[Command]:
+    """The items for the list of commands, which is itself not among them; `why_not` as for `MenuStates`."""
+    return [
+        Command(item.key, title, item.words, item.shortcut, why_not(item))
+        for title, items in MENUS.items()
+        for item in items
+        if item is not None and item.key != "search"
+    ]

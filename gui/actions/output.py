@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from gui.models.playback.other_source import OTHER
-from gui.models.take.exports import FORMATS, LEAST_SECONDS, ExportRequest
+from gui.models.take.exports import FORMATS, LEAST_SECONDS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportRequest
 from gui.shell import Shell
-from gui.widgets.dialogs.options import ask_export
+from gui.widgets.dialogs.form import Form
 from pipelines.commands.export import DEFAULT_OF
 from pipelines.reports.images import write_image
 from pipelines.takes.take import Take
@@ -73,11 +74,50 @@ class OutputActions:
         length = window.player.transport.frame_count / window.player.transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
 
-        def start(chosen: ExportRequest) -> None:
-            self._kind = chosen.kind
-            window.exports.start(chosen)
+        self._ask_export(request, sources)
 
-        ask_export(window.dialogs, request, sources, start)
+    def _ask_export(self, request: ExportRequest, sources: Sequence[str], error: str = "") -> None:
+        """Ask for the format, the source, the options of a movie, and the output path.
+
+        Args:
+            request: the defaults; modified while the dialog is open.
+            sources: "decoded" and "trained" as available; empty for a stream without a take.
+            error: why the export was refused; the dialog keeps what was typed.
+        """
+        dialogs = self._window.dialogs
+        dialogs.widgets = {}
+        form = Form(dialogs, request)
+
+        def changed() -> None:
+            form.widgets["line"].text_value = request.target
+            form.widgets["seconds"].enabled = request.kind == "turntable"
+            form.widgets["size"].enabled = form.widgets["background"].enabled = request.kind in MOVIES
+
+        def start() -> None:
+            try:
+                self._window.exports.start(request)
+            except (StudioError, OSError) as refused:
+                self._ask_export(request, sources, str(refused))
+            else:
+                self._kind = request.kind
+                dialogs.close()
+
+        form.choice("format", "Format", [label for label, _ in FORMATS.values()], changed)
+        if sources:
+            form.choice("of", "Splats", sources, changed)
+        form.line("seconds", "Seconds")
+        form.choice("size", "Size", MOVIE_SIZES)
+        form.choice("background", "Background", list(MOVIE_BACKGROUNDS))
+        form.output(lambda: self._ask_export(request, sources))
+        changed()
+        source = (
+            "decoded: as played back from the stream (default, as in v3studio export).\ntrained: before baking."
+            if sources
+            else "Exports the splats decoded from the stream."
+        )
+        words = (source, "Seconds, size and background are for movies.", "Existing files are never overwritten.")
+        parts = [form.grid, *map(dialogs.label, words)]
+        form.show("export", "Export", parts, ("save", "Export", start), 90, error, "line")
 
     def report(self) -> None:
         """Write the take's report, or update its marks."""

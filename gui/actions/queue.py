@@ -1,10 +1,25 @@
-"""The queue of takes: shows its dialog and keeps it current."""
+"""The queue of takes and its dialog."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
+from gui.drawing.palette import BAD, DIM
 from gui.models.take.take_queue import TakeQueue
 from gui.shell import Shell
-from gui.widgets.dialogs.queue import NAME, Opening, QueueDialog
+from gui.widgets.dialogs.base import filled, in_lines
+from gui.widgets.dialogs.folder import ask_path
+from gui.widgets.picture import color
+
+ROWS, MESSAGE_LINES = 12, 3
+NAME = "queue"
+EMPTY = "The queue is empty. Add the open take, or another one."
+HINT = (
+    "The takes run one after the other, also when the window is closed.\n"
+    "A failed take does not stop the next one. A take that is stopped waits again and\n"
+    "continues from its last finished frame. Double-click a take to open it."
+)
 
 
 class QueueActions:
@@ -22,23 +37,98 @@ class QueueActions:
         self.queue = TakeQueue()
         self.queue.watched = lambda: self._shown or window.start.shown
         self.queue.changed.connect(self._update)
-        self._dialog: QueueDialog | None = None
+        self._chosen: int | None = None
+        self._items: list[str] = []
 
     def show(self) -> None:
         """Show the queue."""
-        window = self._window
-        take = window.workspace.take
-        opening = Opening(take.root if take is not None else None, window.open)
-        self._dialog = QueueDialog(window.dialogs, self.queue, opening)
-        self._dialog.show()
+        dialogs, queue = self._window.dialogs, self.queue
+        dialogs.widgets = {}
+        self._chosen, self._items = None, []
+        self._list = dialogs.list_of(ROWS, self._select)
+        self._words, self._message = dialogs.label(" "), dialogs.label(in_lines("", MESSAGE_LINES))
+        row = dialogs.row(
+            (
+                ("add_open", "Add open take", self._add_open),
+                ("add", "Add take...", self._add),
+                ("up", "Move up", lambda: self._of_chosen(lambda number: queue.move(number, -1))),
+                ("down", "Move down", lambda: self._of_chosen(lambda number: queue.move(number, 1))),
+                ("remove", "Remove", lambda: self._of_chosen(queue.remove)),
+                ("retry", "Retry", lambda: self._of_chosen(queue.retry)),
+            )
+        )
+        answers = [("start", "Start", queue.start), ("stop", "Stop", queue.stop), ("close", "Close", dialogs.close)]
+        parts = [self._list, row, self._words, self._message, dialogs.label(HINT)]
+        dialogs.show(NAME, "Queue of takes", parts, answers, 170)
+        dialogs.widgets |= {"list": self._list}
+        self._update()
 
     @property
     def _shown(self) -> bool:
-        return self._dialog is not None and self._window.dialogs.name == NAME
+        return self._window.dialogs.name == NAME
+
+    @property
+    def _open_take(self) -> Path | None:
+        take = self._window.workspace.take
+        return take.root if take is not None else None
 
     def _update(self) -> None:
-        if self._dialog is not None and self._shown:
-            self._dialog.update()
+        """Show the queue as it is now."""
+        if not self._shown:
+            return
+        dialogs, queue, rows = self._window.dialogs, self.queue, self.queue.view.rows
+        items = [str(row) for row in rows]
+        if items != self._items or not items:
+            self._items = dialogs.lines = items
+            self._list.set_items(filled(items or [EMPTY], ROWS))
+        numbers = [row.number for row in rows]
+        if self._chosen not in numbers:
+            self._chosen = None
+        at = -1 if self._chosen is None else numbers.index(self._chosen)
+        if self._list.selected_index != at:
+            self._list.selected_index = at
+        state = "" if at < 0 else rows[at].state
+        may = {
+            "add_open": self._open_take is not None,
+            "up": state == "waiting",
+            "down": state == "waiting",
+            "remove": state != "" and not (state == "running" and queue.running),
+            "retry": state in ("done", "failed"),
+            "start": not queue.running and any(row.state in ("waiting", "running") for row in rows),
+            "stop": queue.running,
+        }
+        for key, enabled in may.items():
+            dialogs.widgets[key].enabled = enabled
+        self._words.text = queue.words.splitlines()[0] if rows or queue.view.error else " "
+        self._words.text_color = color(BAD if queue.view.error else DIM)
+        self._message.text = in_lines(queue.message or (rows[at].words if state == "failed" else ""), MESSAGE_LINES)
+        self._message.text_color = color(BAD)
+
+    def _select(self, _label: str, twice: bool) -> None:
+        at, rows = self._list.selected_index, self.queue.view.rows
+        self._chosen = rows[at].number if 0 <= at < len(rows) else None
+        if twice and self._chosen is not None:
+            self._window.dialogs.close()
+            self._window.open(str(rows[at].take))
+        else:
+            self._update()
+
+    def _of_chosen(self, action: Callable[[int], None]) -> None:
+        if self._chosen is not None:
+            action(self._chosen)
+
+    def _add_open(self) -> None:
+        if self._open_take is not None:
+            self.queue.add(self._open_take)
+
+    def _add(self) -> None:
+        def done(path: str) -> None:
+            self.queue.add(Path(path))
+            self.show()
+
+        dialogs, rows = self._window.dialogs, self.queue.view.rows
+        start = rows[-1].take.parent if rows else (self._open_take or dialogs.usual_folder())
+        ask_path(dialogs, "Add take to the queue", start, "take", done, self.show)
 
     def close(self) -> None:
         """End the thread; the queue keeps running."""

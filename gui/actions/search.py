@@ -6,23 +6,10 @@ from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
-from gui.actions.menus import MENUS, MenuStates
+from gui.actions.menus import Item, MenuStates, commands_of
 from gui.models.loop import LOOP
 from gui.shell import Shell
-from gui.widgets.command_list import Command
 from gui.widgets.dialogs.command import CommandDialog
-
-NEEDS_OPEN = frozenset(
-    (
-        "screenshot", "reset", "background", "scene", "camera", "figures", "log", "log_warnings", "span", "bakes",
-        "mark", "next_mark", "previous_mark", "marks", "path", "add_key", "clear_keys", "stage_help",
-        "export", "share folder", "share single-file", "serve",
-    )
-)  # fmt: skip
-"""Commands that need an open take or stream."""
-
-NEEDS_TAKE = frozenset(("report", "edit", "cameras"))
-"""Commands that need an open take."""
 
 
 def opens_list(event: gui.KeyEvent, shift: bool) -> bool:
@@ -60,10 +47,7 @@ class SearchActions:
             self._window.changed()
 
     def _show(self) -> None:
-        commands = [
-            Command.of(key, title, label, self.why_not(key)) for title, items in MENUS for key, label in items if key
-        ]
-        self._dialog.show([command for command in commands if command.key != "search"])
+        self._dialog.show(commands_of(self.why_not))
 
     def update(self) -> bool:
         """Keep the menus and the list up to date. Call before the window is drawn; returns whether something
@@ -74,26 +58,25 @@ class SearchActions:
         """A mouse button is pressed in the window while a dialog is open; returns whether that closed the list."""
         return self._dialog.press(button, x, y)
 
-    def why_not(self, key: str) -> str:
-        """Why a command is not possible now; "" if it is."""
+    def why_not(self, item: Item) -> str:
+        """Why an item of the menus is not possible now; "" if it is."""
         window = self._window
-        opened = window.player.opened
-        if key in NEEDS_OPEN and opened is None:
+        opened, history = window.player.opened, window.workspace.history
+        if item.needs and opened is None:
             return "no take or stream is open"
-        if key in NEEDS_TAKE and window.workspace.take is None:
+        if item.needs == "take" and window.workspace.take is None:
             return "no take is open"
-        history, path = window.workspace.history, window.exports.path
-        exports = key in ("export", "scene", "add_key")
-        reasons = {
-            "undo": "" if history.can_undo else "nothing to undo",
-            "redo": "" if history.can_redo else "nothing to redo",
-            "camera": "" if window.player.camera_names else "it has no cameras",
-            **dict.fromkeys(("next_mark", "previous_mark"), "" if window.marks.notes else "no marks: M makes one"),
-            "clear_keys": "" if path.keys else "the camera path is empty",
-            "stop_export": "" if window.exports.running else "no export is running",
-            "stop_serving": "" if window.serving.running else "it is not served",
+        possible = {
+            "undo": (history.can_undo, "nothing to undo"),
+            "redo": (history.can_redo, "nothing to redo"),
+            "camera": (window.player.camera_names, "it has no cameras"),
+            "next_mark": (window.marks.notes, "no marks: M makes one"),
+            "previous_mark": (window.marks.notes, "no marks: M makes one"),
+            "clear_keys": (window.exports.path.keys, "the camera path is empty"),
+            "stop_export": (window.exports.running, "no export is running"),
+            "stop_serving": (window.serving.running, "it is not served"),
         }
-        found = reasons.get(key, "")
-        if not found and exports and opened is not None and not opened.sources:
-            return "nothing is trained yet"
-        return found
+        is_possible, reason = possible.get(item.key, (True, ""))
+        if not is_possible:
+            return reason
+        return "nothing is trained yet" if item.needs == "splats" and opened and not opened.sources else ""

@@ -238,6 +238,15 @@ class Canvas:
         self._blend(cover, left, round(y), color)
         return int(cover.shape[1])
 
+    def lines(
+        self, x: float, y: float, lines: Sequence[str], size: int, color: RGB = TEXT, align: str = "left"
+    ) -> float:
+        """Draw lines of text below each other, see `text`; return where the next one would be."""
+        for line in lines:
+            self.text(x, y, line, size, color, align)
+            y += line_height(size)
+        return y
+
     def image(self, x: float, y: float, pixels: np.ndarray) -> None:
         """Draw an (h, w, 3) uint8 image, clipped to the canvas."""
         left, top = round(x), round(y)

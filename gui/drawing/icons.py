@@ -60,6 +60,12 @@ ICONS: Mapping[str, str] = {
     "list": "list",
     "removed": "eye",
     # below the timeline
+    "start": "skip-back",
+    "back": "step-back",
+    "play": "play",
+    "pause": "pause",
+    "forward": "step-forward",
+    "end": "skip-forward",
     "background": "sun-moon",
     "reset view": "rotate-ccw",
 }

@@ -11,11 +11,6 @@ from studio.cameras import Camera
 NEAR = 1e-3
 
 
-def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Project world points: (N, 2) pixels and (N,) depths."""
-    return camera.project(points)
-
-
 def draw_points(canvas: Canvas, camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int = 1) -> None:
     """Draw points as squares of 2 * radius - 1 pixels, nearer ones over farther ones.
 
@@ -23,7 +18,7 @@ def draw_points(canvas: Canvas, camera: Camera, points: np.ndarray, colors: np.n
         points: (N, 3) world.
         colors: (N, 3) uint8.
     """
-    pixels, depth = project(camera, points)
+    pixels, depth = camera.project(points)
     inside = (depth > NEAR) & (np.abs(pixels) < 1e6).all(axis=1)
     order = np.argsort(-depth[inside], kind="stable")
     place = np.floor(pixels[inside][order]).astype(int)
@@ -47,7 +42,7 @@ def draw_line(
         behind = int(np.argmin(depth))
         share = (NEAR * 2 - depth[behind]) / (depth[1 - behind] - depth[behind])
         ends[behind] = ends[behind] + share * (ends[1 - behind] - ends[behind])
-    canvas.line(project(camera, ends)[0], color, thickness)
+    canvas.line(camera.project(ends)[0], color, thickness)
 
 
 def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.ndarray, opacity: float = 1.0) -> None:
@@ -55,7 +50,7 @@ def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.n
     behind the camera."""
     import cv2
 
-    pixels, depth = project(camera, corners)
+    pixels, depth = camera.project(corners)
     if (depth <= NEAR).any() or np.abs(pixels).max() > 20 * max(canvas.width, canvas.height):
         return
     height, width = picture.shape[:2]

@@ -67,22 +67,8 @@ STATE_COLORS: dict[str, RGB] = {
     "waiting": ACCENT_DARK,
 }
 
-
-_TEXTS = {
-    "TEXT": TEXT, "DIM": DIM, "ACCENT": ACCENT, "SECOND": SECOND, "GOOD": GOOD, "FAIR": FAIR, "BAD": BAD,
-}  # fmt: skip
-_GROUNDS = {"GROUND": GROUND, "PANEL": PANEL, "RAISED": RAISED, "DIALOG": DIALOG}
-
 AXES: tuple[RGB, RGB, RGB] = (BAD, GOOD, (110, 150, 235))
 """Colors of the x, y and z axes."""
-
-TEXT_PAIRS: tuple[tuple[str, RGB, RGB], ...] = (
-    *((f"{text} on {ground}", _TEXTS[text], _GROUNDS[ground]) for text in _TEXTS for ground in _GROUNDS),
-    ("TEXT on ACCENT_DARK", TEXT, ACCENT_DARK),
-    ("TEXT on BLACK", TEXT, BLACK),
-    *((f"GROUND on {axis}", GROUND, color) for axis, color in zip("xyz", AXES, strict=True)),
-)
-"""What text is drawn in, and on: name, color, background."""
 
 
 def unit(color: RGB) -> tuple[float, float, float]:

@@ -215,7 +215,5 @@ def sentence(size: Size, words: str, em: float) -> np.ndarray:
     step = line_height(text_size)
     room = max(int(size[1] // step) - 1, 1)
     lines = shortened(words[:1].upper() + words[1:], text_size, 0.8 * size[0], room, "...")
-    top = (size[1] - step * len(lines)) / 2
-    for number, line in enumerate(lines):
-        canvas.text(size[0] / 2, top + number * step, line, text_size, DIM, align="middle")
+    canvas.lines(size[0] / 2, (size[1] - step * len(lines)) / 2, lines, text_size, DIM, align="middle")
     return canvas.pixels

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,8 +12,6 @@ from gui.drawing.palette import ACCENT_DARK, DIALOG, DIM, LINE, TEXT
 
 ROWS = 12
 """Rows of the image."""
-
-_LABEL = re.compile(r"(?P<words>.*?)(\.\.\.)?( \((?P<shortcut>[^()]+)\))?$")
 
 
 @dataclass(frozen=True)
@@ -34,13 +31,6 @@ class Command:
     words: str
     shortcut: str = ""
     reason: str = ""
-
-    @classmethod
-    def of(cls, key: str, menu: str, label: str, reason: str = "") -> Command:
-        """From the label of a menu's item, such as "Mark frame... (M)"."""
-        found = _LABEL.match(label)
-        assert found is not None
-        return cls(key, menu, found["words"], found["shortcut"] or "", reason)
 
 
 def search(commands: Sequence[Command], typed: str) -> list[Command]:

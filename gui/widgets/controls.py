@@ -2,69 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from open3d.visualization import gui
 
 from gui.drawing.icons import icon
-from gui.drawing.palette import ACCENT_DARK, BORDER, FAINT, PANEL, RAISED, TEXT
-from gui.drawing.symbols import framed, symbol
+from gui.drawing.palette import PANEL, RAISED
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.transport import Transport
 from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
-from gui.widgets.picture import PictureWidget, color
+from gui.widgets.picture import color
 
 FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
-
-
 VOLUMES = {"sound off": 0.0, "sound 25%": 0.25, "sound 50%": 0.5, "sound 100%": 1.0}
-SYMBOL_WIDTH = 2.2
-"""Width of a button with a symbol, em."""
-
 SOUND = "Volume of the stream's sound (V: off or on). It plays at speed 1x only."
-
-
-class SymbolButton(PictureWidget):
-    """A button with a symbol: an image of its size on the screen, so that it is sharp. Call `update` at each draw.
-
-    Args:
-        name: key of `SYMBOLS`.
-        action: called when it is pressed and released.
-
-    Attributes:
-        name: the symbol; may be changed.
-    """
-
-    def __init__(self, name: str, action: Callable[[], object]) -> None:
-        super().__init__(self._clicked)
-        self.name = name
-        self._action = action
-        self._pressed = False
-        self._drawn: object = None
-
-    def update(self) -> bool:
-        """Draw what has changed; returns whether anything did."""
-        state = (self.name, self.size, self._pressed, self.widget.enabled)
-        if state == self._drawn:
-            return False
-        self._drawn = state
-        ground = ACCENT_DARK if self._pressed else RAISED
-        enabled = self.widget.enabled
-        drawn = symbol(self.name, self.size, TEXT if enabled else FAINT, ground)
-        self.show(framed(drawn, BORDER if enabled else FAINT, PANEL))
-        return True
-
-    def _clicked(self, event: gui.MouseEvent, x: float, y: float) -> bool:
-        kind = gui.MouseEvent.Type
-        if event.type not in (kind.BUTTON_DOWN, kind.BUTTON_UP) or not self.widget.enabled:
-            return False
-        pressed, self._pressed = self._pressed, event.type == kind.BUTTON_DOWN
-        width, height = self.size
-        if pressed and event.type == kind.BUTTON_UP and 0 <= x < width and 0 <= y < height:
-            self._action()
-        return True
 
 
 class ControlsPanel:
@@ -80,7 +33,6 @@ class ControlsPanel:
 
     Attributes:
         buttons: all of them, by key.
-        symbols: those with a symbol.
         lists: those that open a list.
     """
 
@@ -94,39 +46,29 @@ class ControlsPanel:
         self.widget.background_color = color(PANEL)
         self.buttons: dict[str, gui.Widget] = {}
         transport = self._transport
-        self.symbols: dict[str, SymbolButton] = {}
-        self._symbol("start", "First frame (Home)", lambda: transport().seek(0), em)
-        self._symbol("back", "Previous frame (Left)", lambda: transport().step(-1), em)
-        self._symbol("play", "Play or pause (Space)", lambda: transport().toggle(), em)
-        self._symbol("forward", "Next frame (Right)", lambda: transport().step(1), em)
-        self._symbol("end", "Last frame (End)", lambda: transport().seek(transport().last), em)
+        for key, tooltip, action in (
+            ("start", "First frame (Home)", lambda: transport().seek(0)),
+            ("back", "Previous frame (Left)", lambda: transport().step(-1)),
+            ("play", "Play or pause (Space)", lambda: transport().toggle()),
+            ("forward", "Next frame (Right)", lambda: transport().step(1)),
+            ("end", "Last frame (End)", lambda: transport().seek(transport().last)),
+        ):
+            self._button("", tooltip, action, key)
         self._loop = gui.Checkbox("Loop")
         self._hint(self._loop, "Loop playback (L)")
         self._loop.set_on_checked(lambda on: self._did(lambda: transport().set_loop(on)))
         self._add("loop", self._loop)
-        self._speed = gui.Combobox()
-        for name in SPEEDS:
-            self._speed.add_item(name)
-        self._speed.selected_text = "1x"
-        self._hint(self._speed, "Playback speed")
-        self._speed.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_speed(name)))
-        self._add("speed", self._speed)
-        self._volume = gui.Combobox()
-        for name in VOLUMES:
-            self._volume.add_item(name)
-        self._volume.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_volume(name)))
-        self._add("volume", self._volume)
-        self._camera = gui.Combobox()
-        self._hint(self._camera, "Free view or a capture camera (C: next camera)")
-        self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
-        self._add("camera", self._camera, right=True)
+        self.lists: list[gui.Widget] = []
+        self._speed = self._list("speed", SPEEDS, "Playback speed", self._set_speed)
+        self._volume = self._list("volume", VOLUMES, SOUND, self._set_volume)
+        hint = "Free view or a capture camera (C: next camera)"
+        self._camera = self._list("camera", (), hint, self._look_through, right=True)
         self._cameras: dict[str, str] = {}  # labels in the list by camera
-        self.lists: list[gui.Widget] = [self._speed, self._volume, self._camera]
         self._sound_hint = ""
         for widget in (self._volume, self._camera):
             widget.visible = False  # until there is something to choose
-        self._button("Background", "Next background: dark, black, white (B)", player.next_background)
-        self._button("Reset", "Reset the view (R)", reset, key="reset view")
+        self._button("Background", "Next background: dark, black, white (B)", player.next_background, "background")
+        self._button("Reset", "Reset the view (R)", reset, "reset view")
 
     def _transport(self) -> Transport:
         """The current transport; replaced whenever something is opened."""
@@ -139,22 +81,26 @@ class ControlsPanel:
         self.buttons[key] = widget
         self.flow.add(widget, right=right)
 
-    def _symbol(self, name: str, tooltip: str, action: Callable[[], object], em: float) -> None:
-        button = SymbolButton(name, lambda: self._did(action))
-        self._hint(button.widget, tooltip)
-        self.symbols[name] = button
-        self.buttons[name] = button.widget
-        self.flow.add(button.widget, width=round(SYMBOL_WIDTH * em))
+    def _list(
+        self, key: str, names: Iterable[str], tooltip: str, chosen: Callable[[str], None], right: bool = False
+    ) -> gui.Combobox:
+        box = gui.Combobox()
+        for name in names:
+            box.add_item(name)
+        self._hint(box, tooltip)
+        box.set_on_selection_changed(lambda name, _: self._did(lambda: chosen(name)))
+        self._add(key, box, right)
+        self.lists.append(box)
+        return box
 
-    def _button(self, text: str, tooltip: str, action: Callable[[], object], key: str = "") -> gui.Button:
-        button = gui.Button(f"{icon(key or text.lower())} {text}".strip())
+    def _button(self, text: str, tooltip: str, action: Callable[[], object], key: str) -> None:
+        button = gui.Button(f"{icon(key)} {text}".strip())
         self._hint(button, tooltip)
         button.vertical_padding_em = 0.05
         button.horizontal_padding_em = 0.42
         button.background_color = color(RAISED)
         button.set_on_clicked(lambda: self._did(action))
-        self._add(key or text.lower(), button)
-        return button
+        self._add(key, button)
 
     def _did(self, action: Callable[[], object]) -> None:
         action()
@@ -190,7 +136,10 @@ class ControlsPanel:
         """Show the state of the player; return (whether a widget changed, whether a layout is due)."""
         changed = layout = False
         transport = self._player.transport
-        self.symbols["play"].name = "pause" if transport.playing else "play"
+        mark = icon("pause" if transport.playing else "play")
+        if self.buttons["play"].text != mark:
+            self.buttons["play"].text = mark
+            changed = True
         if self._loop.checked != transport.loop:
             self._loop.checked = transport.loop
             changed = True
@@ -220,6 +169,4 @@ class ControlsPanel:
             if widget.enabled != enabled:
                 widget.enabled = enabled
                 changed = True
-        for button in self.symbols.values():
-            changed |= button.update()
         return changed, layout

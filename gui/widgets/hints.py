@@ -156,8 +156,7 @@ class Hints:
         size, step = round(0.88 * em), line_height(round(0.88 * em))
         canvas = Canvas(wide, high, LINE)
         text_top = top + (high - top - len(lines) * step) / 2 + (step - 1.2 * size) / 2
-        for number, line in enumerate(lines):
-            canvas.text(round(0.4 * em), text_top + number * step, line, size, TEXT)
+        canvas.lines(round(0.4 * em), text_top, lines, size, TEXT)
         self.picture.show(canvas.pixels)
         self.picture.place(x, y, wide, high)
 

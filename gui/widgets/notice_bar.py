@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -12,28 +11,12 @@ from open3d.visualization import gui
 from gui.drawing.canvas import shortened
 from gui.drawing.palette import ACCENT_DARK, BAD, LINE, RAISED, TEXT
 from gui.models.notices import Notice, Notices
-from gui.platform.desktop import PageOpener
+from gui.platform.clipboard import Clipboard
+from gui.platform.desktop import PageOpener, show_folder
 from gui.widgets.picture import color
 
 WIDEST, MOST_LINES = 48.0, 12
 """Width of the bar in em, and lines of a message."""
-
-
-@dataclass(frozen=True)
-class NoticeActions:
-    """What the buttons do.
-
-    Attributes:
-        open_folder: show the folder of what was written.
-        copy: copy its path, or the text of a failure.
-        dismiss: remove the notice.
-        pages: opens a page that was written.
-    """
-
-    open_folder: Callable[[], object]
-    copy: Callable[[], object]
-    dismiss: Callable[[], object]
-    pages: PageOpener = field(default_factory=PageOpener)
 
 
 class NoticeBar:
@@ -42,15 +25,16 @@ class NoticeBar:
     Args:
         notices: what it shows.
         em: font size, pixels.
-        actions: what its buttons do.
+        clipboard: where copied text goes.
         changed: called after a click.
 
     Attributes:
         buttons: by key.
     """
 
-    def __init__(self, notices: Notices, em: float, actions: NoticeActions, changed: Callable[[], None]) -> None:
-        self._notices, self._em, self._actions, self._changed = notices, em, actions, changed
+    def __init__(self, notices: Notices, em: float, clipboard: Clipboard, changed: Callable[[], None]) -> None:
+        self._notices, self._em, self._clipboard, self._changed = notices, em, clipboard, changed
+        self._pages = PageOpener()
         self.buttons: dict[str, gui.Button] = {}
         self._shown: object = None
         self._width = 0.0
@@ -67,7 +51,7 @@ class NoticeBar:
             room: width of the view, pixels.
             hidden: whether something else needs the place; a failure is shown nevertheless.
         """
-        self._show_failure(self._actions.pages.failure())
+        self._show_failure(self._pages.failure())
         card = self._notices.card
         if card is not None and hidden and not card.bad:
             card = None
@@ -94,23 +78,47 @@ class NoticeBar:
             page = card.path if card.path.suffix == ".html" else None
             if page is not None:
                 self._button(row, "open_page", "Open in browser", partial(self._open, page), True)
-            self._button(row, "open_folder", "Open folder (Ctrl+O)", self._actions.open_folder, page is None)
-            self._button(row, "copy", "Copy path (Ctrl+C)", self._actions.copy)
+            self._button(row, "open_folder", "Open folder (Ctrl+O)", self.open_folder, page is None)
+            self._button(row, "copy", "Copy path (Ctrl+C)", self.copy)
         else:
-            self._button(row, "copy", "Copy message (Ctrl+C)", self._actions.copy)
+            self._button(row, "copy", "Copy message (Ctrl+C)", self.copy)
         more = self._notices.more
-        self._button(row, "dismiss", f"Dismiss (Esc){f', {more} more' if more else ''}", self._actions.dismiss)
+        self._button(row, "dismiss", f"Dismiss (Esc){f', {more} more' if more else ''}", self._notices.dismiss)
         column.add_child(row)
         return column
 
     def _open(self, page: Path) -> None:
         """Open a page in the browser."""
         self._notices.clear("browser")
-        self._show_failure(self._actions.pages.open(page))
+        self._show_failure(self._pages.open(page))
 
-    def _show_failure(self, failure: str) -> None:
+    def _show_failure(self, failure: str, topic: str = "browser") -> None:
         if failure:
-            self._notices.show(failure, bad=True, topic="browser")
+            self._notices.show(failure, bad=True, topic=topic)
+
+    def open_folder(self) -> None:
+        """Show the folder of what was written."""
+        card = self._notices.card
+        if card is not None and card.path is not None:
+            self._notices.clear("folder")
+            self._show_failure(show_folder(card.path), "folder")
+
+    def copy(self) -> None:
+        """Copy the path of what was written, or the text of a failure."""
+        card = self._notices.card
+        if card is None or not self.copied(str(card.path) if card.path is not None else card.text):
+            return
+        if not card.bad:
+            self._notices.dismiss()
+        self._notices.show("Copied the path." if card.path is not None else "Copied the message.")
+
+    def copied(self, text: str) -> bool:
+        """Copy a text; returns whether there was a clipboard to copy to. Otherwise a notice says so."""
+        self._notices.clear("copy")
+        done = self._clipboard.copy(text)
+        if not done:
+            self._show_failure("There is no clipboard to copy to.", "copy")
+        return done
 
     def _button(self, row: gui.Horiz, key: str, label: str, action: Callable[[], object], accent: bool = False) -> None:
         button = gui.Button(label)

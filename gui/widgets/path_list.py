@@ -1,4 +1,4 @@
-"""Draws the list of a camera path's keys, and tells what is where."""
+"""Draws the list of a camera path's views."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gui.drawing.areas import Areas
 from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, RGB, TEXT
 from gui.models.camera_path import PathKey
@@ -32,8 +33,6 @@ HINTS = {
     "remove": "Remove it",
 }
 
-Area = tuple[float, float, float, float]
-
 
 @dataclass
 class PathList:
@@ -43,14 +42,14 @@ class PathList:
         width, height: pixels.
         em: font size, pixels.
         down: pixels that the rows are scrolled down.
-        areas: (x, y, width, height), key of `HINTS` and row of what can be clicked; the last that fits is meant.
+        areas: what can be clicked: key of `HINTS`, and row, -1 for none.
     """
 
     width: int
     height: int
     em: float
     down: float = 0.0
-    areas: list[tuple[Area, str, int]] = field(default_factory=list)
+    areas: Areas[tuple[str, int]] = field(default_factory=Areas)
 
     @property
     def thumbnail_size(self) -> tuple[int, int]:
@@ -71,15 +70,6 @@ class PathList:
     def _top(self) -> float:
         return 4.5 * self.em
 
-    def at(self, x: float, y: float) -> tuple[str, int] | None:
-        """What is at a position; None if it is nothing."""
-        found = [
-            (key, row)
-            for (left, top, wide, high), key, row in self.areas
-            if left <= x < left + wide and top <= y < top + high
-        ]
-        return found[-1] if found else None
-
     def draw(
         self,
         keys: Sequence[PathKey],
@@ -97,7 +87,7 @@ class PathList:
             previewing: whether the path is being played.
             message: shown instead of the list.
         """
-        self.areas = []
+        self.areas = Areas()
         canvas, em = Canvas(self.width, self.height, PANEL), self.em
         pad, normal = 0.6 * em, round(0.94 * em)
         self._rows(canvas, keys, thumbnails, selected)
@@ -107,7 +97,7 @@ class PathList:
         words = f"{len(keys)} view{'s' * (len(keys) != 1)}, {seconds:.1f} s"
         canvas.text(self.width - pad - 1.6 * em, 0.4 * em, words, normal, DIM, align="right")
         _icon(canvas, "remove", self.width - pad - 0.9 * em, 0.55 * em, 0.85 * em, TEXT)
-        self.areas.append(((self.width - pad - 1.3 * em, 0, 1.9 * em, 1.9 * em), "close", -1))
+        self.areas.add((self.width - pad - 1.3 * em, 0, 1.9 * em, 1.9 * em), ("close", -1))
         canvas.rect(pad, 1.95 * em, self.width - 2 * pad, 1, LINE)
         x, y = pad, 2.3 * em
         for key, label in BUTTONS:
@@ -118,13 +108,12 @@ class PathList:
             pressed = key == "preview" and previewing
             self._button(canvas, x, y, wide, "Stop" if pressed else label, enabled, pressed)
             if enabled:
-                self.areas.append(((x, y, wide, 1.7 * em), key, -1))
+                self.areas.add((x, y, wide, 1.7 * em), (key, -1))
             x += wide + 0.35 * em
         if message or not keys:
             words = message or "Choose a view and a frame, then press Add or K. Two views make a movie."
-            for number, line in enumerate(wrapped(words, normal, self.width - 2 * pad)):
-                top = self._top + number * line_height(normal)
-                canvas.text(pad, top, line, normal, BAD if message else DIM)
+            lines = wrapped(words, normal, self.width - 2 * pad)
+            canvas.lines(pad, self._top, lines, normal, BAD if message else DIM)
         return canvas.pixels
 
     def _rows(
@@ -143,7 +132,7 @@ class PathList:
             if number == selected:
                 canvas.rect(0, y, self.width, self.row_height, RAISED)
                 canvas.rect(0, y, 3, self.row_height, ACCENT)
-            self.areas.append(((0, y, self.width, self.row_height), "row", number))
+            self.areas.add((0, y, self.width, self.row_height), ("row", number))
             left, top = 0.6 * em, y + 0.3 * em
             if picture is None:
                 canvas.rect(left, top, wide, high, LINE)
@@ -165,13 +154,13 @@ class PathList:
             enabled = not (name == "up" and number == 0) and not (name == "down" and number == count - 1)
             _icon(canvas, name, x + 0.3 * em, y + 0.3 * em, 0.85 * em, TEXT if enabled else FAINT)
             if enabled:
-                self.areas.append(((x, y, side, side), name, number))
+                self.areas.add((x, y, side, side), (name, number))
             x += side
 
     def _link(self, canvas: Canvas, x: float, y: float, words: str, size: int, key: str, row: int) -> None:
         wide = canvas.text(x, y, words, size, ACCENT if key else TEXT)
         if key:
-            self.areas.append(((x - 2, y - 2, wide + 4, line_height(size) + 2), key, row))
+            self.areas.add((x - 2, y - 2, wide + 4, line_height(size) + 2), (key, row))
 
     def _width(self, label: str) -> float:
         return text_width(label, round(0.9 * self.em)) + 1.1 * self.em

@@ -44,11 +44,8 @@ class PathPanel:
     @property
     def places(self) -> dict[str, list[float]]:
         """The middle of what can be clicked, 0 to 1 across and down the panel, by name and row."""
-        width, height = self.picture.size
-        return {
-            f"{name} {row}" if row >= 0 else name: [round((x + wide / 2) / width, 3), round((y + high / 2) / height, 3)]
-            for (x, y, wide, high), name, row in self._list.areas
-        }
+        middles = self._list.areas.middles(self.picture.size)
+        return {f"{name} {row}" if row >= 0 else name: at for (name, row), at in middles.items()}
 
     def update(self, thumbnails: Sequence[np.ndarray | None], previewing: bool) -> bool:
         """Draw what has changed; returns whether anything did."""
@@ -73,7 +70,7 @@ class PathPanel:
             self._down = min(max(self._down - 2 * self._em * event.wheel_dy, 0.0), most)
             self._changed()
             return True
-        found = self._list.at(x, y)
+        found = self._list.areas.at(x, y)
         if event.type == kind.MOVE:
             self.picture.widget.tooltip = HINTS[found[0]] if found is not None else ""
         if event.type != kind.BUTTON_DOWN or found is None:

@@ -135,15 +135,11 @@ def help_picture(stage: str, width: int, em: float) -> np.ndarray:
     y = 0.0
     for lines in points:
         canvas.dot(0.35 * em, y + 0.62 * size, 0.16 * em, DIM)
-        for line in lines:
-            canvas.text(em, y, line, size, TEXT)
-            y += step
-        y += 0.35 * em
+        y = canvas.lines(em, y, lines, size, TEXT) + 0.35 * em
     y += 0.4 * em
     for number, (kind, (title, color)) in enumerate(KINDS.items()):
         left = number * (each + em)
         canvas.text(left, y, title, size, color)
         canvas.fit_image(left, y + step, each, high, pictures[kind])
-        for row, words in enumerate(captions[kind]):
-            canvas.text(left, y + step + high + 0.3 * em + row * line_height(small), words, small, DIM)
+        canvas.lines(left, y + step + high + 0.3 * em, captions[kind], small, DIM)
     return canvas.pixels

@@ -258,7 +258,7 @@ class RunningWindow:
     def menu(self, title: str, name: str) -> None:
         """Choose an item of a menu by the name of its action. The toolkit draws menus without reporting their frames;
         the offsets were measured at its default font size."""
-        above = list(itertools.takewhile(lambda key: key != name, (key for key, _ in dict(MENUS)[title])))
+        above = list(itertools.takewhile(lambda key: key != name, (item.key if item else "" for item in MENUS[title])))
         separators = above.count("")
         row = len(above) - separators
         left, top = self.point(self._whole, 0.0, 0.0)

@@ -193,10 +193,8 @@ def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float,
             name_width = canvas.text(0.6 * em, y, name, size, DIM)
             canvas.text(width - 0.6 * em, y, value, size, TEXT, align="right", width=width - name_width - 1.8 * em)
             y += step
-        for line in wrapped(block.note, size, width - 1.2 * em) if block.note else ():
-            canvas.text(0.6 * em, y, line, size, DIM)
-            y += step
-        y += 0.3 * em
+        note = wrapped(block.note, size, width - 1.2 * em) if block.note else []
+        y = canvas.lines(0.6 * em, y, note, size, DIM) + 0.3 * em
     if y > height:
         band = line_height(size) + 0.2 * em
         canvas.rect(0, height - band, width, band, PANEL)

@@ -47,8 +47,6 @@ class ShareRequest(NamedTarget):
         source: folder of a take or a stream.
         name: its name; that of what is written begins with it.
         folder: where to write to at first.
-        stale: why the stream is not up to date, or not known to be, see `stale_words`; "" if it is, None if it is of
-            no take.
         title, credits, license, address: as in `pipelines.share.page.PageText`; empty ones are the stream's own.
     """
 
@@ -59,7 +57,6 @@ class ShareRequest(NamedTarget):
     source: str
     name: str
     folder: Path
-    stale: str | None = None
     title: str = ""
     credits: str = ""
     license: str = ""

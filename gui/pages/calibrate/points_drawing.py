@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from gui.drawing.areas import Areas, Box
 from gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
 from gui.drawing.palette import (
     ACCENT,
@@ -38,25 +39,8 @@ _HOW = (
 )
 
 Action = Callable[[], None]
-Rect = tuple[float, float, float, float]
-
-
-class Spots:
-    """The clickable rectangles of an image."""
-
-    def __init__(self) -> None:
-        self._spots: list[tuple[Rect, Action]] = []
-
-    def add(self, rect: Rect, action: Action) -> None:
-        """Add a rectangle: x, y, width, height."""
-        self._spots.append((rect, action))
-
-    def at(self, x: float, y: float) -> Action | None:
-        """The action of a click at this position; the last rectangle added wins."""
-        for (left, top, width, height), action in reversed(self._spots):
-            if left <= x < left + width and top <= y < top + height:
-                return action
-        return None
+Spots = Areas[Action]
+"""Clickable rectangles."""
 
 
 def tabs(
@@ -89,7 +73,7 @@ def tabs(
 def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, em: float) -> None:
     """Draw all marks of a camera as crosses with an open center, and as many names as fit without overlap."""
     small = round(0.85 * em)
-    taken: list[Rect] = []
+    taken: list[Box] = []
     seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
     for index in sorted(seen, key=lambda index: index != marks.chosen):
         point, chosen = marks.points[index], index == marks.chosen
@@ -118,7 +102,7 @@ def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, 
 def crops(
     canvas: Canvas,
     spots: Spots,
-    rect: Rect,
+    rect: Box,
     images: Mapping[str, np.ndarray],
     point: TiePoint,
     shown: str,

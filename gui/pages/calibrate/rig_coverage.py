@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gui.drawing.canvas import Canvas
-from gui.drawing.painter import NEAR, draw_points, project
+from gui.drawing.painter import NEAR, draw_points
 from gui.drawing.palette import BAD, FAIR, GOOD, GROUND, RGB
 from gui.models.take.inspector import Block
 from studio.cameras import Camera, Rig
@@ -88,7 +88,7 @@ class RigCoverage:
         towards = towards[towards @ self.up > _LOWEST]
         places = self.range.center + self.radius * towards
         colors = _COLORS[np.digitize(self.range.angles(towards), (self.range.angle, self.range.angle + FADE))]
-        pixels, depth = project(view, places)
+        pixels, depth = view.project(places)
         near = ((view.center - places) * towards).sum(1) > 0
         for at in np.flatnonzero(~near & (depth > NEAR)):
             canvas.dot(pixels[at, 0], pixels[at, 1], 0.6 * dot, _faded(colors[at]))

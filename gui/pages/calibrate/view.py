@@ -10,7 +10,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, text_width
 from gui.drawing.labels import draw_labels
-from gui.drawing.painter import NEAR, draw_frustum, draw_points, frustum, project
+from gui.drawing.painter import NEAR, draw_frustum, draw_points, frustum
 from gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
 from gui.models.held_out import HeldOut
 from gui.models.scene.orbit import OrbitCamera
@@ -178,7 +178,7 @@ class CalibrateView(OrbitView):
             if camera.name == self.camera:
                 color = TEXT
             center, corners = frustum(camera, length)
-            pixels, depth = project(view, np.vstack([center[None], corners]))
+            pixels, depth = view.project(np.vstack([center[None], corners]))
             if (depth > NEAR).all():
                 places.append((camera.name, pixels))
             picture = self._thumbnail(camera.name) if covered is None else None

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, wrapped
-from gui.drawing.palette import BAD, DIM, GROUND, RAISED, RGB, TEXT
+from gui.drawing.canvas import Canvas, wrapped
+from gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
 from gui.models.ttl_cache import TtlCache
@@ -117,7 +117,7 @@ class CameraColorPairs:
             "Left: as filmed. Right: in the colors of the mean camera, which the stream has. Below: how far a middle "
             "gray is off, in levels of 255"
         )
-        top = 0.3 * em + _paragraph(canvas, em, 0.5 * em, words, small, DIM, size[0] - 2 * em)
+        top = 0.3 * em + canvas.lines(em, 0.5 * em, wrapped(words, small, size[0] - 2 * em), small, DIM)
         there = [one for one in pairs.pictures.values() if not isinstance(one, str)]
         aspect = float(np.median([2 * one[0].shape[1] / one[0].shape[0] for one in there])) if there else 1.0
         width, row = grid(len(names), size[0], size[1] - top, aspect, small)
@@ -130,21 +130,13 @@ class CameraColorPairs:
             if found is None or isinstance(found, str):
                 canvas.rect(x + 3, y + 3, width - 6, high, RAISED)
                 if found is not None:
-                    _paragraph(canvas, x + 9, y + 9, found, small, BAD, width - 18)
+                    canvas.lines(x + 9, y + 9, wrapped(found, small, width - 18), small, BAD)
             else:
                 for side, picture in enumerate(found):
                     canvas.fit_image(x + 3 + side * (width / 2 - 2), y + 3, width / 2 - 4, high, picture)
             caption = f"{name}: {colors.off_on_gray(name):.0f}"
             canvas.text(x + width / 2, y + row - small - 7, caption, small, TEXT, align="middle", width=width)
         return canvas.pixels
-
-
-def _paragraph(canvas: Canvas, x: float, y: float, words: str, size: int, color: RGB, width: float) -> float:
-    """Draw wrapped text; return where it ends."""
-    for line in wrapped(words, size, width):
-        canvas.text(x, y, line, size, color)
-        y += line_height(size)
-    return y
 
 
 def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, wrapped
+from gui.drawing.canvas import Canvas, line_height, shortened, wrapped
 from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
@@ -80,9 +80,7 @@ class CaptureView(StageView):
         y = size[1] - bottom
         words = self._check.words or (f"Problems in the footage: {len(problems)}" if problems else "")
         canvas.text(self.em, y, words, self._small, BAD if problems else DIM)
-        for line in lines[:room]:
-            y += line_height(self._small)
-            canvas.text(self.em, y, line, self._small, BAD)
+        canvas.lines(self.em, y + line_height(self._small), lines[:room], self._small, BAD)
         return canvas.pixels
 
     @property
@@ -146,11 +144,9 @@ class CaptureView(StageView):
                     canvas.frame(left, top, wide, high, HELD_OUT)
             except StudioError as error:
                 canvas.rect(x + 3, y + 3, width - 6, row - self._small - 11, RAISED)
-                step = line_height(self._small)
-                for line, words in enumerate(
-                    wrapped(str(error), self._small, width - 18)[: max(int(row // step) - 2, 1)]
-                ):
-                    canvas.text(x + 9, y + 9 + line * step, words, self._small, BAD)
+                room = max(int(row // line_height(self._small)) - 2, 1)
+                lines = shortened(str(error), self._small, width - 18, room, "...")
+                canvas.lines(x + 9, y + 9, lines, self._small, BAD)
             label = f"{name}, held out" if held_out else name
             label += f": {DRAWING}" if draws else "; click for all cameras" if alone else ""
             canvas.text(x + width / 2, y + row - self._small - 7, label, self._small, TEXT, align="middle", width=width)

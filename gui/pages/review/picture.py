@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from gui.drawing.canvas import Canvas
-from gui.drawing.painter import draw_line, draw_points, project
+from gui.drawing.painter import draw_line, draw_points
 from gui.drawing.palette import ACCENT, AXES, BAD, DIM, FAIR, GROUND, TEXT
 from gui.models.scene.compose import Color, SplatLayer, blend
 from gui.models.scene.contents import Lines
@@ -108,12 +108,17 @@ def ground_lines(ground: Ground, around: np.ndarray, reach: float, active: bool)
     return Lines.of(ends, ACCENT if active else DIM)
 
 
+def _seen(view: Camera, *points: Sequence[float] | np.ndarray) -> list[list[float]]:
+    """Pixels of the points (3,) that are before the camera and not far beside the image."""
+    pixels, depth = view.project(np.array(points, np.float64).reshape(-1, 3))
+    found: list[list[float]] = pixels[(depth > 0) & (np.abs(pixels) < 1e5).all(axis=1)].tolist()
+    return found
+
+
 def draw_handles(canvas: Canvas, view: Camera, handles: Sequence[Handle], held: str) -> None:
     """Draw a dot for each handle; the one that is held is larger."""
     for handle in handles:
-        pixel, depth = project(view, handle.place[None])
-        if depth[0] > 0 and np.abs(pixel).max() < 1e5:
-            x, y = map(float, pixel[0])
+        for x, y in _seen(view, handle.place):
             canvas.dot(x, y, 8.5 if handle.name == held else 7.0, TEXT)
             canvas.dot(x, y, 5.5, ACCENT)
 
@@ -130,19 +135,16 @@ def draw_world(canvas: Canvas, view: Camera, edits: EditList, length: float) -> 
     for axis, color in enumerate(AXES):
         end = origin + length * back.directions(np.eye(3)[axis])
         draw_line(canvas, view, origin, end, color, 3)
-        pixel, depth = project(view, end[None])
-        if depth[0] > 0 and np.abs(pixel).max() < 1e5:
-            canvas.text(float(pixel[0, 0]) + 5, float(pixel[0, 1]) - 8, "xyz"[axis], 15, color)
+        for x, y in _seen(view, end):
+            canvas.text(x + 5, y - 8, "xyz"[axis], 15, color)
 
 
 def draw_clicks(canvas: Canvas, view: Camera, points: Sequence[tuple[float, ...]]) -> None:
     """Draw picked points (3,), connected."""
     for start, end in pairwise(points):
         draw_line(canvas, view, np.array(start), np.array(end), FAIR, 2)
-    for point in points:
-        pixel, depth = project(view, np.array(point)[None])
-        if depth[0] > 0 and np.abs(pixel).max() < 1e5:
-            canvas.dot(float(pixel[0, 0]), float(pixel[0, 1]), 6, FAIR)
+    for x, y in _seen(view, *points):
+        canvas.dot(x, y, 6, FAIR)
 
 
 def with_circle(pixels: np.ndarray, x: float, y: float, radius: float) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gui.drawing.areas import Areas, Box
 from gui.drawing.canvas import ROUND, Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import (
     ACCENT,
@@ -24,7 +25,7 @@ from gui.drawing.palette import (
 )
 from gui.models.take.take_queue import QueueRow
 from gui.pages.start.cards import Card, date_words
-from gui.pages.start.page import Box, StartPage
+from gui.pages.start.page import StartPage
 from studio.comparison.metrics import MAIN
 
 BUTTONS = (
@@ -66,9 +67,9 @@ class StartPicture:
         em: font size, pixels.
         down: pixels that the page is scrolled down.
         full: height of the page without scrolling, pixels.
-        boxes: what can be chosen, in the order of reading: rectangle and name: "back", a key of `BUTTONS`, "card 0",
+        boxes: what can be chosen, in the order of reading, by name: "back", a key of `BUTTONS`, "card 0",
             "forget", "queue", "start", "stop".
-        crosses: rectangle and name of the crosses that remove a card: "remove 0".
+        crosses: those that remove a card: "remove 0".
     """
 
     width: int
@@ -76,8 +77,8 @@ class StartPicture:
     em: float
     down: float = 0.0
     full: float = 0.0
-    boxes: list[tuple[Box, str]] = field(default_factory=list)
-    crosses: list[tuple[Box, str]] = field(default_factory=list)
+    boxes: Areas[str] = field(default_factory=Areas)
+    crosses: Areas[str] = field(default_factory=Areas)
 
     @property
     def most_down(self) -> float:
@@ -86,14 +87,11 @@ class StartPicture:
 
     def at(self, x: float, y: float) -> str:
         """Name of what is at a position; "" if it is nothing."""
-        for (left, top, wide, high), name in (*self.crosses, *self.boxes):
-            if left <= x < left + wide and top <= y < top + high:
-                return name
-        return ""
+        return self.crosses.at(x, y) or self.boxes.at(x, y) or ""
 
     def scrolled_to(self, name: str) -> float:
         """How far the page must be scrolled down to show what has this name."""
-        for (_, y, _, high), one in self.boxes:
+        for (_, y, _, high), one in self.boxes.all:
             if one == name:
                 above, below = min(y - self.em, 0.0), max(y + high + 3 * self.em - self.height, 0.0)
                 return min(max(self.down + (above or below), 0.0), self.most_down)
@@ -108,7 +106,7 @@ class StartPicture:
             line: a passing notice, at the lower edge instead of the keys.
             now: seconds since 1970, for dates; None for the clock.
         """
-        self.boxes, self.crosses = [], []
+        self.boxes, self.crosses = Areas(), Areas()
         canvas, em = Canvas(self.width, self.height, GROUND), self.em
         pad = 1.8 * em
         inner = self.width - 2 * pad
@@ -123,20 +121,16 @@ class StartPicture:
         y = self._buttons(canvas, page, pad, y + 2.2 * em, inner, hover) + 1.6 * em
         wide = inner >= WIDE * em
         cards_width = inner - (QUEUE + 1.6) * em if wide else inner
-        before = len(self.boxes)
         if wide:
-            bottom = self._queue(canvas, page, pad + cards_width + 1.6 * em, y, QUEUE * em, hover)
-            queue_boxes = self.boxes[before:]
-            del self.boxes[before:]
-            end = max(self._cards(canvas, page, pad, y, cards_width, hover, now), bottom)
-            self.boxes += queue_boxes
+            end = self._cards(canvas, page, pad, y, cards_width, hover, now)
+            end = max(self._queue(canvas, page, pad + cards_width + 1.6 * em, y, QUEUE * em, hover), end)
         else:
             if page.queue.view.rows:
                 y = self._queue(canvas, page, pad, y, inner, hover) + 1.4 * em
             end = self._cards(canvas, page, pad, y, cards_width, hover, now)
         foot = 2.1 * em
         self.full = end + foot + 0.6 * em
-        for box, name in self.boxes:
+        for box, name in self.boxes.all:
             if name == page.focus:
                 canvas.rounded(*box, ROUND * em, None, ACCENT, max(round(0.13 * em), 2))
         canvas.rect(0, self.height - foot, self.width, foot, PANEL)
@@ -159,7 +153,7 @@ class StartPicture:
             small = round(0.85 * em)
             canvas.text(left + 0.9 * em, top + 2.05 * em, words, small, TEXT if name == "new" else DIM, width=room)
             if on:
-                self.boxes.append(((left, top, wide, high), name))
+                self.boxes.add((left, top, wide, high), name)
         return y + -(-len(BUTTONS) // count) * (high + gap) - gap
 
     def _cards(
@@ -181,7 +175,7 @@ class StartPicture:
             card = page.cards.get(place) or Card(place, "web" if "://" in place else "unknown", "reading ...")
             if box[1] < self.height and box[1] + high > 0:
                 self._card(canvas, card, page.pictures.get(place), box, number, hover, now)
-            self.boxes.append((box, f"card {number}"))
+            self.boxes.add(box, f"card {number}")
         return y + -(-len(page.places) // count) * (high + gap) - gap
 
     def _card(
@@ -231,7 +225,7 @@ class StartPicture:
                     for a, b in ends
                 ]
                 canvas.line(points, TEXT, 2)
-            self.crosses.append((cross, f"remove {number}"))
+            self.crosses.add(cross, f"remove {number}")
 
     def _queue(self, canvas: Canvas, page: StartPage, x: float, y: float, width: float, hover: str) -> float:
         em, queue = self.em, page.queue
@@ -278,10 +272,7 @@ class StartPicture:
         self, canvas: Canvas, words: str, x: float, y: float, width: float, color: RGB, most: int | None = None
     ) -> float:
         size = round(0.88 * self.em)
-        for line in wrapped(" ".join(words.split()), size, width)[:most]:
-            canvas.text(x, y, line, size, color)
-            y += line_height(size)
-        return y
+        return canvas.lines(x, y, wrapped(" ".join(words.split()), size, width)[:most], size, color)
 
     def _button(
         self, canvas: Canvas, x: float, y: float, label: str, name: str, hover: str, right: bool = False,
@@ -292,7 +283,7 @@ class StartPicture:
         wide = wide if most is None else min(wide, most)
         left = x - wide if right else x
         canvas.button(left, y, wide, high, label, size, border=ACCENT if name == hover else BORDER)
-        self.boxes.append(((left, y, wide, high), name))
+        self.boxes.add((left, y, wide, high), name)
         return wide
 
 

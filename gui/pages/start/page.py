@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gui.drawing.areas import Box
 from gui.models.loop import Signal
 from gui.models.take.take_queue import TakeQueue
 from gui.models.worker import Done, LatestWorker
@@ -20,9 +21,6 @@ LOOK_EVERY = 2.0
 
 MEASURE_EVERY = 60.0
 """Seconds between two measurements of the size of a take that is running: all its files are looked at."""
-
-Box = tuple[float, float, float, float]
-"""x, y, width, height in pixels."""
 
 
 @dataclass(frozen=True)

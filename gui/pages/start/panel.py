@@ -55,11 +55,8 @@ class StartPanel:
     @property
     def places(self) -> dict[str, list[float]]:
         """The middle of what can be chosen, 0 to 1 across and down the page, by name."""
-        width, height = self.picture.size
-        return {
-            name: [round((x + wide / 2) / width, 3), round((y + high / 2) / height, 3)]
-            for (x, y, wide, high), name in (*self._list.boxes, *self._list.crosses)
-        }
+        size = self.picture.size
+        return self._list.boxes.middles(size) | self._list.crosses.middles(size)
 
     def update(self, line: str) -> bool:
         """Draw what has changed; returns whether anything did.
@@ -86,11 +83,11 @@ class StartPanel:
         """Handle a key that is pressed; returns whether it is one of the page."""
         key, page = event.key, self._page
         if key in _MOVES:
-            page.move(self._list.boxes, *_MOVES[key])
+            page.move(self._list.boxes.all, *_MOVES[key])
         elif key == gui.KeyName.TAB:
-            page.step(self._list.boxes, -1 if shift else 1)
+            page.step(self._list.boxes.all, -1 if shift else 1)
         elif key == gui.KeyName.ENTER:
-            if any(name == page.focus for _, name in self._list.boxes):
+            if any(name == page.focus for _, name in self._list.boxes.all):
                 self._act(page.focus)
         elif key in (gui.KeyName.DELETE, gui.KeyName.BACKSPACE) and page.focus.startswith("card "):
             self._act(page.focus.replace("card", "remove"))

@@ -152,6 +152,25 @@ class Dialogs:
         self.widgets[key] = button
         return button
 
+    def row(self, buttons: Sequence[Answer]) -> gui.Horiz:
+        """Make a row of buttons for the dialog being built."""
+        row = gui.Horiz(0.4 * self.em)
+        for button in buttons:
+            row.add_child(self.button(*button))
+        return row
+
+    def list_of(self, rows: int, selected: Callable[[str, bool], None]) -> gui.ListView:
+        """Make a list for the dialog being built.
+
+        Args:
+            rows: as many as are visible.
+            selected: called with the line that was clicked, and whether it was a double click.
+        """
+        made = gui.ListView()
+        made.set_max_visible_items(rows)
+        made.set_on_selection_changed(selected)
+        return made
+
     def label(self, text: str, dim: bool = True) -> gui.Label:
         """Make a label for the dialog being built."""
         label = gui.Label(text)
@@ -249,7 +268,7 @@ class Dialogs:
     def ask(self, title: str, text: str, answers: Sequence[Answer]) -> None:
         """Ask a question; each answer closes the dialog first."""
         self.widgets = {}
-        closing = [(key, label, self._closing(action)) for key, label, action in answers]
+        closing = [(key, label, self.closing(action)) for key, label, action in answers]
         self.show("ask", title, [self.label(text, dim=False)], closing, 60)
 
     def line(
@@ -267,7 +286,7 @@ class Dialogs:
         edit.set_on_text_changed(changed)
 
         def answer(action: Callable[[str], None]) -> Callable[[], None]:
-            return self._closing(lambda: action(typed[0]))
+            return self.closing(lambda: action(typed[0]))
 
         parts: list[gui.Widget] = [
             self.label(text),
@@ -312,14 +331,16 @@ class Dialogs:
         self.widgets = {}
         parts: list[gui.Widget] = []
         for number, choice in enumerate(choices):
-            parts.append(self.button(f"choice{number}", choice, self._closing(partial(chosen, choice))))
+            parts.append(self.button(f"choice{number}", choice, self.closing(partial(chosen, choice))))
         if not choices:
             parts.append(self.label(nothing))
-        row: list[Answer] = [(key, label, self._closing(action)) for key, label, action in answers]
+        row: list[Answer] = [(key, label, self.closing(action)) for key, label, action in answers]
         row.append(("close", "Close", self.close))
         self.show(name, title, parts, row, 60, accent="close")
 
-    def _closing(self, action: Callable[[], object]) -> Callable[[], None]:
+    def closing(self, action: Callable[[], object]) -> Callable[[], None]:
+        """An action that closes the dialog first."""
+
         def go() -> None:
             self.close()
             action()
@@ -330,6 +351,11 @@ class Dialogs:
 def filled(lines: Sequence[str], count: int) -> list[str]:
     """Lines with blank ones after them, `count` at least: a dialog does not resize while what it shows changes."""
     return [*lines, *[" "] * (count - len(lines))]
+
+
+def in_lines(text: str, count: int) -> str:
+    """The text wrapped to the width of a dialog, in exactly so many lines."""
+    return "\n".join(filled(broken(text).splitlines()[:count], count))
 
 
 def broken(text: str) -> str:

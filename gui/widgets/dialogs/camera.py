@@ -8,7 +8,7 @@ from open3d.visualization import gui
 
 from gui.models.take.cameras import CameraUses
 from gui.widgets.dialogs.base import Dialogs
-from gui.widgets.dialogs.options import refusal
+from gui.widgets.dialogs.form import refusal
 from gui.widgets.picture import lowered
 from studio.comparison.metrics import MAIN
 

@@ -10,7 +10,7 @@ from open3d.visualization import gui
 
 from gui.drawing.palette import ACCENT
 from gui.models.folders import FolderList
-from gui.widgets.dialogs.base import Dialogs, broken, filled
+from gui.widgets.dialogs.base import Dialogs, filled, in_lines
 from gui.widgets.picture import color
 
 ROWS = 14
@@ -47,9 +47,7 @@ class _PathDialog:
         self._marked: Path | None = None
         self._path = gui.TextEdit()
         self._path.set_on_text_changed(self._type)
-        self._list = gui.ListView()
-        self._list.set_max_visible_items(ROWS)
-        self._list.set_on_selection_changed(self._select)
+        self._list = dialogs.list_of(ROWS, self._select)
         self._message = dialogs.label("\n")
         # the toolkit draws the selected row of a list gray on gray, and has no other color for it
         self._selected = gui.Label(" ")
@@ -87,8 +85,7 @@ class _PathDialog:
         self._say()
 
     def _say(self) -> None:
-        lines = broken(self._found.message).splitlines()[:2]
-        self._message.text = "\n".join(filled(lines, 2))
+        self._message.text = in_lines(self._found.message, 2)
 
     def _home(self) -> None:
         self._found.enter(Path.home())

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 
-from open3d.visualization import gui
-
 from gui.widgets.dialogs.base import Dialogs
-from gui.widgets.dialogs.options import Form, refusal
+from gui.widgets.dialogs.form import Form
 
 Field = tuple[str, str, str]
 """Key, label, text."""
@@ -47,12 +45,4 @@ def ask_numbers(
         else:
             dialogs.close()
 
-    parts: list[gui.Widget] = [dialogs.label(text), form.grid]
-    if error:
-        parts.append(refusal(dialogs, error))
-    answers = [("save", "Apply", done), ("close", "Cancel", dialogs.close)]
-    dialogs.show("numbers", title, parts, answers, 70, done)
-    dialogs.widgets |= form.widgets
-    first = form.widgets[fields[0][0]]
-    assert isinstance(first, gui.TextEdit)
-    dialogs.focus(first)
+    form.show("numbers", title, [dialogs.label(text), form.grid], ("save", "Apply", done), 70, error, fields[0][0])

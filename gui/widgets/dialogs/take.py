@@ -8,12 +8,11 @@ from pathlib import Path
 from open3d.visualization import gui
 
 from gui.drawing.canvas import text_width, wrapped
-from gui.drawing.palette import BAD
 from gui.models.take.new_take import Found, NewTake
-from gui.widgets.dialogs.base import Dialogs, broken, filled
+from gui.widgets.dialogs.base import Dialogs, filled
 from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.dialogs.options import Form
-from gui.widgets.picture import color, lowered
+from gui.widgets.dialogs.form import Form, refusal
+from gui.widgets.picture import lowered
 
 FOUND_LINES, FOUND_WIDE = 8, 46
 """Lines of the summary, and its width in em."""
@@ -91,14 +90,12 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
     form.beside(
         "fps", "Frame rate", rate, lowered(dialogs.label("fps"), room=text_width("Browse", round(em)) + 0.84 * em)
     )
-    dialogs.widgets |= fields
     parts: list[gui.Widget] = [form.grid, found]
     if error:
-        wrong = dialogs.label(broken(error))
-        wrong.text_color = color(BAD)
-        parts.append(wrong)
+        parts.append(refusal(dialogs, error))
     answers = [("create", "Create take", lambda: create(new)), ("close", "Cancel", dialogs.close)]
     dialogs.show("new take", "New take from footage", parts, answers, 110)
+    dialogs.widgets |= form.widgets
     dialogs.focus(fields["footage"])
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gui.actions.menus import MENUS, MenuStates
+from gui.actions.menus import ITEMS, MenuStates
 
-KEYS = [key for _, entries in MENUS for key, _ in entries if key]
+KEYS = list(ITEMS)
 
 
 class Bar:
@@ -19,7 +19,7 @@ class Bar:
 
 def test_only_changes_are_passed_on() -> None:
     reasons = {"undo": "nothing to undo"}
-    states, bar = MenuStates(lambda key: reasons.get(key, "")), Bar()
+    states, bar = MenuStates(lambda item: reasons.get(item.key, "")), Bar()
     undo = KEYS.index("undo") + 1
     assert not states.update(None)
     assert states.update(bar)  # type: ignore[arg-type]

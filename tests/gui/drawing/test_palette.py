@@ -20,7 +20,18 @@ def contrast(one: RGB, other: RGB) -> float:
     return (lighter + 0.05) / (darker + 0.05)
 
 
-@pytest.mark.parametrize(("text", "ground"), [pair[1:] for pair in palette.TEXT_PAIRS], ids=lambda pair: "")
+TEXTS = (palette.TEXT, palette.DIM, palette.ACCENT, palette.SECOND, palette.GOOD, palette.FAIR, palette.BAD)
+GROUNDS = (palette.GROUND, palette.PANEL, palette.RAISED, palette.DIALOG)
+PAIRS = (
+    *((text, ground) for text in TEXTS for ground in GROUNDS),
+    (palette.TEXT, palette.ACCENT_DARK),
+    (palette.TEXT, palette.BLACK),
+    *((palette.GROUND, axis) for axis in palette.AXES),
+)
+"""What text is drawn in, and on."""
+
+
+@pytest.mark.parametrize(("text", "ground"), PAIRS, ids=lambda pair: "")
 def test_texts_have_the_contrast_of_level_aa(text: RGB, ground: RGB) -> None:
     assert contrast(text, ground) >= 4.5
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gui.actions.menus import MENUS
+from gui.actions.menus import commands_of
 from gui.drawing.palette import ACCENT_DARK
-from gui.widgets.command_list import ROWS, Command, CommandList, row_height, search
+from gui.widgets.command_list import ROWS, CommandList, row_height, search
 
-COMMANDS = [Command.of(key, title, label) for title, items in MENUS for key, label in items if key]
+COMMANDS = commands_of(lambda item: "")
 
 
 def keys(typed: str) -> list[str]:

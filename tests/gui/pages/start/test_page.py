@@ -83,7 +83,7 @@ def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None
     for size in ((1280, 760), (820, 600)):
         picture = StartPicture(*size, 16)
         picture.draw(page)
-        names = [name for _, name in picture.boxes]
+        names = [name for _, name in picture.boxes.all]
         assert {"back", "new", "open", "address", "sample", *(f"card {number}" for number in range(5))} <= set(names)
         reached, waiting = set(), ["new"]
         while waiting:
@@ -91,12 +91,12 @@ def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None
             reached.add(name)
             for direction in ((1, 0), (-1, 0), (0, 1), (0, -1)):
                 page.focus = name
-                page.move(picture.boxes, *direction)
+                page.move(picture.boxes.all, *direction)
                 if page.focus not in reached:
                     waiting.append(page.focus)
         assert reached == set(names), size
         page.focus, walked = names[0], []
         for _ in names:
-            page.step(picture.boxes, 1)
+            page.step(picture.boxes.all, 1)
             walked.append(page.focus)
         assert sorted(walked) == sorted(names)

@@ -1,0 +1,129 @@
+"""Dialogs with labeled fields."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from open3d.visualization import gui
+
+from gui.drawing.canvas import text_width
+from gui.drawing.palette import BAD
+from gui.widgets.dialogs.base import Answer, Dialogs, broken
+from gui.widgets.dialogs.folder import ask_path
+from gui.widgets.picture import color, lowered
+
+FIELD = 16
+"""Least width of a field in em: three numbers with signs fit."""
+
+
+def refusal(dialogs: Dialogs, error: str) -> gui.Label:
+    """Why a dialog could not be confirmed."""
+    label = dialogs.label(broken(error))
+    label.text_color = color(BAD)
+    return label
+
+
+class Form:
+    """Labeled fields, each bound to an attribute of an object; a field is at least `FIELD` wide."""
+
+    def __init__(self, dialogs: Dialogs, target: Any) -> None:
+        self._dialogs, self._target = dialogs, target
+        self.grid = gui.VGrid(2, round(0.6 * dialogs.em))
+        self.widgets: dict[str, gui.Widget] = {}
+        self._labels = 0
+
+    def add(self, key: str, label: str, widget: gui.Widget) -> None:
+        """A widget with its label; `key` names it among the dialog's widgets."""
+        em = self._dialogs.em
+        wide = text_width(label, round(em))
+        words = label.replace(" ", "\u00a0")  # the grid would break it at spaces
+        self.grid.add_child(lowered(self._dialogs.label(words), room=wide + 1.2 * em))
+        self.grid.add_child(widget)
+        self.widgets[key] = widget
+        # a grid gives fields what its labels leave, and a dialog is as wide as its title by itself
+        self._labels = max(self._labels, wide)
+        self.grid.preferred_width = round(self._labels + (FIELD + 2) * em)
+
+    def choice(
+        self, attribute: str, label: str, names: Sequence[str], after: Callable[[], None] = lambda: None
+    ) -> None:
+        """One of `names`; `after` is called when another one was chosen."""
+        box = gui.Combobox()
+        for name in names:
+            box.add_item(name)
+        box.selected_text = getattr(self._target, attribute)
+
+        def chosen(text: str, _number: int) -> None:
+            setattr(self._target, attribute, text)
+            after()
+
+        box.set_on_selection_changed(chosen)
+        self.add(attribute, label, box)
+
+    def output(self, again: Callable[[], None]) -> gui.TextEdit:
+        """The field of the output path, with a button beside it that asks for the folder; `again` shows this dialog
+        afterwards."""
+        request = self._target
+        field = gui.TextEdit()
+        field.text_value = request.target
+        field.set_on_text_changed(request.set_target)
+
+        def done(folder: str) -> None:
+            request.move_to(Path(folder))
+            again()
+
+        def browse() -> None:
+            ask_path(self._dialogs, "Output folder", Path(request.target).parent, "folder", done, again)
+
+        self.browsed("line", "Output", field, "target", browse)
+        return field
+
+    def browsed(self, key: str, label: str, field: gui.TextEdit, of: str, browse: Callable[[], None]) -> None:
+        """A field for a path, with a button `browse_{of}` beside it."""
+        button = self._dialogs.button(f"browse_{of}", "Browse", browse)
+        button.vertical_padding_em = 0  # no higher than the field: the grid lays columns out by themselves
+        self.beside(key, label, field, button)
+
+    def beside(self, key: str, label: str, field: gui.TextEdit, widget: gui.Widget) -> None:
+        """A field with another widget beside it."""
+        row = gui.Horiz(round(0.4 * self._dialogs.em))
+        row.add_child(field)
+        row.add_child(widget)
+        self.add(key, label, row)
+        self.widgets[key] = field
+
+    def switch(self, attribute: str, label: str) -> None:
+        """A checkbox."""
+        box = gui.Checkbox("")
+        box.checked = getattr(self._target, attribute)
+        box.set_on_checked(lambda on: setattr(self._target, attribute, on))
+        self.add(attribute, label, box)
+
+    def line(self, attribute: str, label: str) -> None:
+        """A line of text."""
+        edit = gui.TextEdit()
+        edit.text_value = getattr(self._target, attribute)
+        edit.set_on_text_changed(lambda text: setattr(self._target, attribute, text))
+        self.add(attribute, label, edit)
+
+    def show(
+        self, name: str, title: str, parts: Sequence[gui.Widget], confirm: Answer, width: float, error: str = "",
+        first: str = "",
+    ) -> None:  # fmt: skip
+        """Show the dialog.
+
+        Args:
+            name, title, width: as for `Dialogs.show`.
+            parts: from top to bottom, the grid among them.
+            confirm: the first button, and the Enter key.
+            error: why it was refused before.
+            first: key of the text field that has the keyboard focus; "" for none.
+        """
+        dialogs = self._dialogs
+        shown = [*parts, *([refusal(dialogs, error)] if error else [])]
+        dialogs.show(name, title, shown, [confirm, ("close", "Cancel", dialogs.close)], width, confirm[2])
+        dialogs.widgets |= self.widgets
+        if first:
+            dialogs.focus(self.widgets[first])
