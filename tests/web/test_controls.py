@@ -380,19 +380,6 @@ def test_the_component_in_another_page_with_a_poster(site, stream, open_page):
     page.wait("player.state.ready")
 
 
-def test_the_benchmark_gives_a_table_and_json(site, stream, open_page):
-    edit_manifest(stream, lambda values: values.update(fps=60.0))
-    page = open_page("?benchmark", size=(240, 300))
-    page.wait("window.v3benchmark")
-    result = page.evaluate("() => window.v3benchmark")
-    assert result["format"] == "v3player-benchmark"
-    assert result["frames"]["shown"] >= 300
-    assert {"decode", "dequantize", "sort", "draw (until done)", "main thread"} <= set(result["milliseconds"])
-    with page.handle.expect_download() as download:
-        page.handle.locator("v3-player [data-save]").click()
-    assert json.loads(download.value.path().read_text()) == result
-
-
 @pytest.mark.parametrize("size", [(320, 480), (390, 844), (820, 1180), (1440, 900), (3840, 2160)])
 def test_all_controls_are_on_the_screen(page, size):
     page.handle.set_viewport_size({"width": size[0], "height": size[1]})

@@ -1,7 +1,6 @@
 /** Defines `<v3-player>`; on the player's own page, also applies URL parameters and handles messages of an embedding page. */
 
-import { runBenchmark } from "./ui/benchmark_page.ts";
-import { startWorker } from "./player/player.ts";
+import { startWorker } from "./player/spare_worker.ts";
 import { V3PlayerElement } from "./ui/element.ts";
 import { listen } from "./ui/embedding.ts";
 import { parseTime, parseView } from "./ui/link.ts";
@@ -28,6 +27,5 @@ if (customElements.get("v3-player") === undefined) {
     }
     if (view !== null) page.setView(view);
     listen(page);
-    if (query.has("benchmark")) runBenchmark(page);
   }
 }

@@ -397,10 +397,11 @@ void test("small things", () => {
   const groups = [{ firstFrame: 0 }, { firstFrame: 5 }, { firstFrame: 9 }];
   assert.deepEqual([0, 4, 5, 8, 9, 100].map((frame) => groupOfFrame(groups, frame)), [0, 0, 1, 1, 2, 2]);
   const view = { azimuth: -32.5, elevation: 10, distance: 2.25, target: [0, 1, -0.5] as const };
-  const link = new URL(linkTo("http://x.org/a/?benchmark&src=s", 3.24, view));
+  const link = new URL(linkTo("http://x.org/a/?compare=cam05&src=s", 3.24, view));
   assert.deepEqual(parseView(link.searchParams.get("view")), view);
   assert.equal(parseTime(link.searchParams.get("t")), 3.24);
   assert.equal(link.searchParams.get("src"), "s");
+  assert.equal(link.searchParams.get("compare"), null);
   assert.equal(parseView("1,2,0,0,0,0"), null);
   assert.equal(parseView(null), null);
   assert.equal(parseTime("-1"), null);

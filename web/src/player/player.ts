@@ -11,11 +11,13 @@ import type { Camera, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";
+import { Emitter } from "./events.ts";
+import { type Course, dueFrame, playable } from "./schedule.ts";
 import { Screen } from "./screen.ts";
 import { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
 import { VideoReader } from "./video_reader.ts";
-import workerSource from "worker-source";
+import { takeWorker } from "./spare_worker.ts";
 
 /** Relative change of the view that triggers another sort. */
 const SORT_AGAIN = 1e-3;
@@ -25,50 +27,15 @@ const TELL = 500;
 /** No view has this axis: the next view is sorted for. */
 const UNSORTED: DepthAxis = [0, 0, 0, 0];
 
-export interface PlayerEvents {
-  /** The manifest has been read; the first image is loading. */
-  opened: StreamInfo;
-  /** The first image is on the canvas. */
-  ready: undefined;
-  play: undefined;
-  pause: undefined;
-  /** Another frame is shown. */
-  frame: { readonly frame: number; readonly seconds: number };
-  seeked: { readonly frame: number };
-  /** The canvas was drawn; it can be copied in the handler. */
-  drawn: { readonly frame: number };
-  /** The end was reached without looping. */
-  ended: undefined;
-  looped: undefined;
-  waiting: boolean;
-  view: View;
-  fetched: { readonly groups: readonly number[] };
-  /** A live stream has more frames, or is complete. */
-  grown: StreamInfo;
-  /** Sound was loaded, muted, or blocked by the browser; see `Player.sound`. */
-  sound: undefined;
-  /** A message for the viewer; playback continues. */
-  notice: string;
-  /** Nothing can be played. */
-  failed: string;
-}
-
-type Handler<T> = (value: T) => void;
-
-let workerAddress: string | null = null;
-let spare: Worker | null = null;
-
-/** Starts a worker for the next player: it starts while the page prepares the rest. */
-export function startWorker(): void {
-  workerAddress ??= URL.createObjectURL(new Blob([workerSource], { type: "text/javascript" }));
-  spare ??= new Worker(workerAddress);
-}
-
-function takeWorker(): Worker {
-  startWorker();
-  const worker = spare!;
-  spare = null;
-  return worker;
+interface Requested {
+  readonly frame: number;
+  /** When, in milliseconds. */
+  readonly at: number;
+  readonly seek: boolean;
+  /** Frames to subtract from the clock when it is shown: the stream's length if playback has looped. */
+  readonly lap: number;
+  /** Along which its splats are sorted. */
+  readonly axis: DepthAxis;
 }
 
 export interface PlayerOptions {
@@ -76,11 +43,10 @@ export interface PlayerOptions {
   readonly loop?: boolean;
 }
 
-export class Player {
+export class Player extends Emitter {
   readonly camera = new OrbitCamera();
   readonly statistics = new Statistics();
   private readonly screen: Screen;
-  readonly canvas: HTMLCanvasElement;
   readonly sound = new Sound({
     changed: () => this.emit("sound", undefined),
     notice: (message) => this.emit("notice", message),
@@ -89,14 +55,11 @@ export class Player {
   path: DecodePath | null = null;
   bandwidth = 0;
   receivedBytes = 0;
-  cachedBytes = 0;
   fetchedGroups: readonly number[] = [];
   readonly leftOut = new Map<number, string>();
   private readonly worker: Worker;
   private readonly videos: VideoReader;
-  private readonly handlers = new Map<keyof PlayerEvents, Set<Handler<never>>>();
   private readonly stop = new AbortController();
-  private readonly options: PlayerOptions;
   private playing_ = false;
   private loop_: boolean;
   private speed_ = 1;
@@ -106,12 +69,9 @@ export class Player {
   private lastShownAt: number | null = null;
   /** Frame and splats on the canvas. */
   private shown: { frame: number; count: number; group: number } | null = null;
-  private ready: Picture | null = null;
-  private requested: { frame: number; at: number; seek: boolean; lap: number; axis: DepthAxis } | null = null;
-  /** Frames to subtract from the clock when `ready` is shown: the stream's length if playback has looped. */
-  private readyLap = 0;
-  /** Axis along which `ready` was sorted. */
-  private readyAxis: DepthAxis = UNSORTED;
+  private requested: Requested | null = null;
+  /** The next frame, which is not due yet. */
+  private ready: { readonly picture: Picture; readonly requested: Requested } | null = null;
   private waiting = false;
   /** Axis along which the frame on the canvas was sorted, or is being sorted. */
   private sortedAxis: DepthAxis = UNSORTED;
@@ -122,12 +82,11 @@ export class Player {
   private failed = false;
 
   /** @throws StreamError - the browser cannot render */
-  constructor(canvas: HTMLCanvasElement, options: PlayerOptions = {}) {
-    this.canvas = canvas;
-    this.options = options;
+  constructor(readonly canvas: HTMLCanvasElement, private readonly options: PlayerOptions = {}) {
+    super();
     this.loop_ = options.loop ?? true;
     this.screen = new Screen(canvas, this.camera, this.statistics, {
-      rendered: () => this.emit("drawn", { frame: this.frame }),
+      rendered: () => this.emit("rendered", { frame: this.frame }),
       view: (view) => this.emit("view", view),
     });
     this.worker = takeWorker();
@@ -192,16 +151,6 @@ export class Player {
     this.restore();
   }
 
-  on<K extends keyof PlayerEvents>(event: K, handler: Handler<PlayerEvents[K]>): void {
-    let set = this.handlers.get(event);
-    if (set === undefined) this.handlers.set(event, (set = new Set()));
-    set.add(handler);
-  }
-
-  private emit<K extends keyof PlayerEvents>(event: K, value: PlayerEvents[K]): void {
-    for (const handler of this.handlers.get(event) ?? []) (handler as Handler<PlayerEvents[K]>)(value);
-  }
-
   /**
    * Opens a stream by the URL of its folder, its manifest or its one file (`.v3s`), from files that the page itself
    * holds, or from a file on this computer.
@@ -227,9 +176,9 @@ export class Player {
     this.post({ type: "playing", playing: this.playing_ });
   }
 
-  /** Looping begins when a live stream is complete. */
-  private get looping(): boolean {
-    return this.loop_ && this.info?.live !== true;
+  private courseOf({ groups, frameCount, live }: StreamInfo): Course {
+    // Looping begins when a live stream is complete.
+    return { groups, frameCount, live, looping: this.loop_ && !live, leftOut: this.leftOut };
   }
 
   /** Goes to the newest group of a live stream. */
@@ -246,7 +195,7 @@ export class Player {
     if (this.playing_ || this.failed) return;
     const { info } = this;
     // At the end, playback starts over.
-    if (info !== null && !info.live && !this.loop_ && this.nextPlayable(info) === null) this.seekFrame(0);
+    if (info !== null && this.shown !== null && dueFrame(this.courseOf(info), this.shown.frame + 1) === "end") this.seekFrame(0);
     this.playing_ = true;
     this.tellPlaying();
     this.lastTick = null;
@@ -314,19 +263,13 @@ export class Player {
     const { info } = this;
     if (info === null) return;
     const inside = Math.max(0, Math.min(info.frameCount - 1, Math.round(frame)));
-    const target = this.playable(inside);
+    const target = playable(this.courseOf(info), inside);
     if (target === null) return;
     this.position = target;
     this.sound.halt();
-    if (this.ready !== null) this.recycle(this.ready);
+    if (this.ready !== null) this.recycle(this.ready.picture);
     this.ready = null;
     this.request(target, true);
-  }
-
-  /** Retries skipped groups. */
-  retry(): void {
-    this.leftOut.clear();
-    this.post({ type: "retry" });
   }
 
   get background(): Vector | null {
@@ -383,14 +326,6 @@ export class Player {
 
   private snapshotSorted: (() => void) | null = null;
 
-  /** Draws the current frame, waits for the GPU, and returns the time in milliseconds. */
-  timeDraw(): number {
-    const began = performance.now();
-    if (this.shown !== null) this.screen.render(began);
-    this.screen.renderer.finish();
-    return performance.now() - began;
-  }
-
   dispose(): void {
     cancelAnimationFrame(this.handle);
     this.stop.abort();
@@ -398,7 +333,7 @@ export class Player {
     this.videos.dispose();
     this.sound.dispose();
     this.screen.dispose();
-    this.handlers.clear();
+    this.removeAll();
   }
 
   private post(message: ToWorker, transfer: Transferable[] = []): void {
@@ -449,7 +384,6 @@ export class Player {
       case "fetched":
         this.bandwidth = message.bandwidth;
         this.receivedBytes = message.bytes;
-        this.cachedBytes = message.cached;
         this.fetchedGroups = message.groups;
         this.emit("fetched", { groups: message.groups });
         break;
@@ -507,11 +441,7 @@ export class Player {
     if (requested.seek) {
       this.show(picture, performance.now(), requested.axis);
       this.emit("seeked", { frame: picture.frame });
-    } else {
-      this.ready = picture;
-      this.readyLap = requested.lap;
-      this.readyAxis = requested.axis;
-    }
+    } else this.ready = { picture, requested };
   }
 
   /** Setups that came with images that have not been shown yet: one or two. */
@@ -578,33 +508,12 @@ export class Player {
     this.emit("notice", `${message} Frames ${firstFrame} to ${firstFrame + frameCount - 1} are skipped.`);
     const { requested } = this;
     if (requested !== null && groupOfFrame(info.groups, requested.frame) === group) {
-      const next = this.playable(requested.frame);
+      const next = playable(this.courseOf(info), requested.frame);
       if (next === null) return;
       const lap = next < requested.frame ? info.frameCount : requested.lap;
       this.position = next + (requested.seek ? 0 : lap);
       this.request(next, requested.seek, requested.seek ? 0 : lap);
     }
-  }
-
-  /** The frame itself, or the first later one whose group is not skipped; wraps around if looping. */
-  private playable(frame: number): number | null {
-    const { info } = this;
-    if (info === null) return null;
-    const first = groupOfFrame(info.groups, frame);
-    if (!this.leftOut.has(first)) return frame;
-    for (let step = 1; step <= info.groups.length; step++) {
-      const group = (first + step) % info.groups.length;
-      if (!this.leftOut.has(group)) return info.groups[group].firstFrame;
-    }
-    return null;
-  }
-
-  /** The frame after the one on screen, without looping; null at the end. */
-  private nextPlayable(info: StreamInfo): number | null {
-    if (this.shown === null) return 0;
-    const next = this.shown.frame + 1;
-    const playable = next < info.frameCount ? this.playable(next) : null;
-    return playable === null || playable < next ? null : playable;
   }
 
   private setWaiting(waiting: boolean): void {
@@ -642,73 +551,46 @@ export class Player {
     // The sound leads where there is some.
     const heard = this.sound.follow(this.position / info.fps, this.speed_);
     this.position = heard === null ? this.position + (elapsed / 1000) * info.fps * this.speed_ : heard * info.fps;
-    const next = this.ready?.frame ?? this.requested?.frame ?? null;
-    if (next !== null) {
-      // Frame numbers continue past the end if the next frame is in the next loop.
-      const lap = this.ready !== null ? this.readyLap : (this.requested?.lap ?? 0);
-      const due = this.position >= next + lap;
-      if (due && this.ready !== null) {
-        const picture = this.ready;
+    const next = this.ready?.requested ?? this.requested;
+    // Frame numbers continue past the end if the next frame is in the next loop.
+    if (next !== null && this.position >= next.frame + next.lap) {
+      if (this.ready !== null) {
+        const { picture } = this.ready;
         this.ready = null;
-        this.position -= lap;
-        if (lap > 0) this.sound.halt(); // it starts over with the frames
-        this.show(picture, now, this.readyAxis);
-        if (lap > 0) this.emit("looped", undefined);
-      } else if (due && this.requested !== null && performance.now() - this.requested.at > (heard === null ? GRACE : TELL)) {
+        this.position -= next.lap;
+        if (next.lap > 0) this.sound.halt(); // it starts over with the frames
+        this.show(picture, now, next.axis);
+        if (next.lap > 0) this.emit("looped", undefined);
+      } else if (performance.now() - next.at > (heard === null ? GRACE : TELL)) {
         // The frame is late; the clock and the sound wait for it.
         this.sound.halt();
-        this.position = Math.max(before, next + lap);
+        this.position = Math.max(before, next.frame + next.lap);
       }
     }
     if (this.ready === null && this.requested === null) this.askNext(info);
   }
 
   private askNext(info: StreamInfo): void {
-    const shown = this.shown!.frame;
-    let next = shown + 1;
-    let lap = 0;
+    const course = this.courseOf(info);
+    const first = this.shown!.frame + 1;
     // Frames that were due while the last one was loading are skipped.
-    const due = this.looping ? Math.floor(this.position) : Math.min(Math.floor(this.position), info.frameCount - 1);
-    if (due > next) {
-      this.statistics.dropped += due - next;
-      this.tally.dropped += due - next;
-      next = due;
+    const due = course.looping ? Math.floor(this.position) : Math.min(Math.floor(this.position), info.frameCount - 1);
+    const next = Math.max(first, due);
+    this.statistics.dropped += next - first;
+    this.tally.dropped += next - first;
+    const found = dueFrame(course, next);
+    if (found === "end") {
+      this.pause();
+      this.emit("ended", undefined);
+    } else if (found === "wait") {
+      // The clock waits for the next group.
+      this.position = Math.min(this.position, info.frameCount);
+      this.setWaiting(true);
+    } else {
+      if (found.skips) this.position = found.frame + found.lap;
+      else if (found.lap > 0) this.position = Math.min(this.position, info.frameCount + 0.999);
+      this.request(found.frame, false, found.lap);
     }
-    if (next >= info.frameCount) {
-      if (info.live) {
-        // The clock waits for the next group.
-        this.position = Math.min(this.position, info.frameCount);
-        this.setWaiting(true);
-        return;
-      }
-      if (!this.looping) {
-        this.end();
-        return;
-      }
-      next = 0;
-      lap = info.frameCount;
-      this.position = Math.min(this.position, info.frameCount + 0.999);
-    }
-    const playable = this.playable(next);
-    if (playable === null) return;
-    if (playable !== next) {
-      // Jump over skipped groups; there may be no other before the end.
-      if (playable < next) {
-        if (info.live) return;
-        if (!this.looping) {
-          this.end();
-          return;
-        }
-        lap = info.frameCount;
-      }
-      this.position = playable + lap;
-    }
-    this.request(playable, false, lap);
-  }
-
-  private end(): void {
-    this.pause();
-    this.emit("ended", undefined);
   }
 
   /** Requests a new sort of the frame on the canvas if the camera has moved since it was sorted. */
@@ -735,7 +617,7 @@ export class Player {
     this.post({ type: "forget-setup" });
     this.setups.clear();
     const { frame } = this;
-    if (this.ready !== null) this.recycle(this.ready);
+    if (this.ready !== null) this.recycle(this.ready.picture);
     this.ready = null;
     this.request(frame, true);
   }

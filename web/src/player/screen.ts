@@ -164,7 +164,6 @@ export class Screen {
     this.began = null;
     if (this.sharp) return;
     if (this.count++ < 2) return; // the first ones compile shaders
-    this.statistics.done.add(took);
     if (this.resolution.measured(took)) this.dirty = true;
   }
 }

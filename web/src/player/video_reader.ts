@@ -5,6 +5,8 @@
  * is read back.
  */
 
+import { Program } from "../render/gl.ts";
+import { FULL_VERTEX } from "../render/shaders.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
 import type { ToWorker, VideoRequest } from "../worker/messages.ts";
 
@@ -13,8 +15,6 @@ const PATIENCE = 20_000;
 /** The same if the browser may not report presented images: on hidden pages, or if it does not support that. */
 const UNREPORTED = 2_000;
 
-const VERTEX = `#version 300 es
-void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
 const FRAGMENT = `#version 300 es
 precision highp float; precision highp sampler2D;
 uniform sampler2D video;
@@ -34,14 +34,11 @@ interface Opened {
 }
 
 export class VideoReader {
-  private readonly post: (message: ToWorker, transfer?: Transferable[]) => void;
   private readonly open = new Map<number, Opened>();
   private gl: WebGL2RenderingContext | null = null;
   private target = [0, 0];
 
-  constructor(post: (message: ToWorker, transfer?: Transferable[]) => void) {
-    this.post = post;
-  }
+  constructor(private readonly post: (message: ToWorker, transfer?: Transferable[]) => void) {}
 
   receive(request: VideoRequest): void {
     if (request.type === "video-close") {
@@ -111,15 +108,7 @@ export class VideoReader {
       .createElement("canvas")
       .getContext("webgl2", { alpha: true, antialias: false, depth: false, premultipliedAlpha: true, preserveDrawingBuffer: false });
     if (gl === null) throw new StreamError("This browser does not support WebGL2, which the player requires.");
-    const program = gl.createProgram();
-    for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]] as const) {
-      const shader = gl.createShader(kind)!;
-      gl.shaderSource(shader, source);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    gl.useProgram(program);
+    new Program(gl, FULL_VERTEX, FRAGMENT).use();
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);

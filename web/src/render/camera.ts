@@ -180,11 +180,8 @@ export class OrbitCamera {
     const center = centerOf(pinhole);
     const forward = pinhole.rotation.slice(6, 9) as Vec3;
     const depth = Math.max(dot(add(this.home.target, center, -1), forward), 0.1 * this.radius);
-    const steep = dot(forward, this.up);
-    const flat = add(forward, this.up, -steep);
     return {
-      azimuth: Math.atan2(dot(flat, this.side), dot(flat, this.ahead)) * DEGREES,
-      elevation: Math.asin(Math.max(-1, Math.min(1, -steep))) * DEGREES,
+      ...this.anglesOf(forward),
       distance: (depth * pinhole.height) / 2 / pinhole.fy / this.tangents[1],
       target: add(center, forward, depth),
     };
@@ -192,12 +189,16 @@ export class OrbitCamera {
 
   /** The view from a point to another one, which it orbits. */
   viewFrom(eye: Vector, target: Vector): View {
-    const distance = length(add(target, eye, -1));
-    const forward = unit(add(target, eye, -1));
+    const towards = add(target, eye, -1);
+    return { ...this.anglesOf(unit(towards)), distance: length(towards), target };
+  }
+
+  /** The angles of a view in a direction; straight up and down, the azimuth stays as it is. */
+  private anglesOf(forward: Vector): Pick<View, "azimuth" | "elevation"> {
     const steep = dot(forward, this.up);
     const flat = add(forward, this.up, -steep);
     const azimuth = length(flat) < 1e-6 ? this.azimuth : Math.atan2(dot(flat, this.side), dot(flat, this.ahead)) * DEGREES;
-    return { azimuth, elevation: Math.asin(Math.max(-1, Math.min(1, -steep))) * DEGREES, distance, target };
+    return { azimuth, elevation: Math.asin(Math.max(-1, Math.min(1, -steep))) * DEGREES };
   }
 
   /** Where the viewer of a view is. */

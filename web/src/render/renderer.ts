@@ -1,14 +1,15 @@
 /** Renders frames with WebGL2. */
 
 import { StreamError } from "../stream/errors.ts";
+import { BLOCK_TEXELS } from "../stream/motion.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import { escapedSplats } from "./escapes.ts";
+import { Program, Target, Texture } from "./gl.ts";
 import { FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
-/** Blocks per row of the block table, and its width in texels. */
+/** Blocks per row of the block table. */
 const BLOCKS_PER_ROW = 128;
-const BLOCK_TEXELS = 5;
 
 /** Texture units. */
 const LUMA = 0;
@@ -28,131 +29,6 @@ const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
 /** Splats per instance: with one splat each, the overhead of instances would exceed the work on splats. */
 const BATCH = 1024;
-
-class Program {
-  readonly handle: WebGLProgram;
-  private checked = false;
-  private readonly places = new Map<string, WebGLUniformLocation | null>();
-
-  constructor(private readonly gl: WebGL2RenderingContext, vertex: string, fragment: string) {
-    this.handle = gl.createProgram();
-    for (const [kind, source] of [
-      [gl.VERTEX_SHADER, vertex],
-      [gl.FRAGMENT_SHADER, fragment],
-    ] as const) {
-      const shader = gl.createShader(kind)!;
-      gl.shaderSource(shader, source);
-      gl.compileShader(shader);
-      gl.attachShader(this.handle, shader);
-      gl.deleteShader(shader);
-    }
-    gl.linkProgram(this.handle);
-  }
-
-  /** Drivers compile in the background until the status is queried. */
-  use(): void {
-    if (!this.checked) this.check();
-    this.checked = true;
-    this.gl.useProgram(this.handle);
-  }
-
-  private check(): void {
-    const { gl } = this;
-    if (gl.getProgramParameter(this.handle, gl.LINK_STATUS) !== true && !gl.isContextLost()) {
-      const logs = (gl.getAttachedShaders(this.handle) ?? []).map((shader) => gl.getShaderInfoLog(shader) ?? "");
-      throw new StreamError(`The graphics driver cannot compile the player's shader: ${logs.join(" ").slice(0, 300)}`);
-    }
-  }
-
-  at(name: string): WebGLUniformLocation | null {
-    let place = this.places.get(name);
-    if (place === undefined) {
-      place = this.gl.getUniformLocation(this.handle, name);
-      this.places.set(name, place);
-    }
-    return place;
-  }
-
-  dispose(): void {
-    this.gl.deleteProgram(this.handle);
-  }
-}
-
-/** A texture without filtering; its memory is reused while its size does not change. */
-class Texture {
-  readonly handle: WebGLTexture;
-  private width = 0;
-  private height = 0;
-
-  constructor(
-    private readonly gl: WebGL2RenderingContext,
-    private readonly unit: number,
-    private readonly format: readonly [internal: number, format: number, type: number],
-    filter: number = gl.NEAREST,
-  ) {
-    this.handle = gl.createTexture();
-    this.bind();
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filter);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, filter);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
-  }
-
-  bind(): void {
-    this.gl.activeTexture(this.gl.TEXTURE0 + this.unit);
-    this.gl.bindTexture(this.gl.TEXTURE_2D, this.handle);
-  }
-
-  /** Allocates the texture if needed; true if it is new. */
-  resize(width: number, height: number): boolean {
-    this.bind();
-    if (width === this.width && height === this.height) return false;
-    const { gl } = this;
-    const [internal, format, type] = this.format;
-    gl.texImage2D(gl.TEXTURE_2D, 0, internal, width, height, 0, format, type, null);
-    this.width = width;
-    this.height = height;
-    return true;
-  }
-
-  /** Fills the first rows with complete rows of data. */
-  fill(data: ArrayBufferView, width: number, height: number): void {
-    const { gl } = this;
-    const [, format, type] = this.format;
-    this.bind();
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, format, type, data);
-  }
-
-  dispose(): void {
-    this.gl.deleteTexture(this.handle);
-  }
-}
-
-/** A framebuffer, to be copied to the canvas or read back. */
-class Target {
-  readonly texture: Texture;
-  readonly frame: WebGLFramebuffer;
-
-  constructor(private readonly gl: WebGL2RenderingContext, half: boolean) {
-    const format = half
-      ? ([gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] as const)
-      : ([gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE] as const);
-    this.texture = new Texture(gl, DRAWING, format, gl.LINEAR);
-    this.frame = gl.createFramebuffer();
-  }
-
-  resize(width: number, height: number): void {
-    const { gl } = this;
-    if (!this.texture.resize(width, height)) return;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.frame);
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.texture.handle, 0);
-  }
-
-  dispose(): void {
-    this.gl.deleteFramebuffer(this.frame);
-    this.texture.dispose();
-  }
-}
 
 /** All GPU resources, recreated after the context is lost. */
 class Resources {
@@ -198,7 +74,7 @@ class Resources {
     gl.bindVertexArray(null);
     this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
     this.resolve = new Program(gl, FULL_VERTEX, RESOLVE_FRAGMENT);
-    this.canvasTarget = new Target(gl, half);
+    this.canvasTarget = new Target(gl, DRAWING, half);
   }
 
   project(profile: "motion" | "planes", shDegree: number): Program {
@@ -347,7 +223,7 @@ export class Renderer {
     resources.luma.resize(tile * columns, tile * rows);
     if (setup.statics !== null) {
       resources.statics.resize(tile, tile);
-      resources.statics.fill(setup.statics, tile, tile);
+      resources.statics.fill(setup.statics);
     }
     this.escapedSide = 0;
     this.escapedPixels = new Uint32Array(0);
@@ -360,8 +236,8 @@ export class Renderer {
   setPicture(picture: Picture): void {
     const { resources, setup } = this;
     if (resources === null || setup === null || setup.group !== picture.group) return;
-    resources.luma.fill(picture.luma, setup.tile * setup.columns, setup.tile * setup.rows);
-    if (picture.blocks !== null) this.fillBlocks(resources.blocks, picture.blocks, setup.blocks);
+    resources.luma.fill(picture.luma);
+    if (picture.blocks !== null) resources.blocks.fill(picture.blocks, BLOCK_TEXELS * setup.blocks);
     this.setEscapes(resources, setup, picture);
     this.hasPicture = true;
     this.setOrder(picture.order, picture.count);
@@ -369,28 +245,12 @@ export class Renderer {
 
   /** Uploads a new sort order for the same frame. */
   setOrder(pixels: Uint32Array, count: number): void {
-    const { resources, gl, moved } = this;
+    const { resources, moved } = this;
     if (resources === null) return;
     const order = this.escapedSide === 0 ? pixels : pixels.map((pixel) => moved[pixel] || pixel);
-    const rows = Math.floor(count / ORDER_WIDTH);
     resources.order.resize(ORDER_WIDTH, Math.max(1, Math.ceil(order.length / ORDER_WIDTH)));
-    if (rows > 0) resources.order.fill(order, ORDER_WIDTH, rows);
-    const rest = count - rows * ORDER_WIDTH;
-    if (rest > 0)
-      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, rows, rest, 1, gl.RED_INTEGER, gl.UNSIGNED_INT, order, rows * ORDER_WIDTH);
+    resources.order.fill(order, count);
     this.count = count;
-  }
-
-  /** Uploads the complete rows first, then the rest of the last row. */
-  private fillBlocks(texture: Texture, table: Float32Array, count: number): void {
-    const { gl } = this;
-    const rows = Math.floor(count / BLOCKS_PER_ROW);
-    const width = BLOCKS_PER_ROW * BLOCK_TEXELS;
-    if (rows > 0) texture.fill(table, width, rows);
-    texture.bind();
-    const rest = count - rows * BLOCKS_PER_ROW;
-    if (rest > 0)
-      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, rows, rest * BLOCK_TEXELS, 1, gl.RGBA, gl.FLOAT, table, 4 * rows * width);
   }
 
   private setEscapes(resources: Resources, setup: GroupSetup, { luma, escapes }: Picture): void {
@@ -402,9 +262,9 @@ export class Renderer {
     const escaped = escapedSplats(setup, luma, escapes);
     const { pixels, side } = escaped;
     resources.escapedLuma.resize(side * columns, side * rows);
-    resources.escapedLuma.fill(escaped.luma, side * columns, side * rows);
+    resources.escapedLuma.fill(escaped.luma);
     resources.escapedStatics.resize(side, side);
-    resources.escapedStatics.fill(escaped.statics, side, side);
+    resources.escapedStatics.fill(escaped.statics);
     resources.resizeWords(tile, tile + side);
     for (let k = 0; k < pixels.length; k++) this.moved[pixels[k]] = tile * (tile + Math.floor(k / side)) + (k % side);
     this.escapedPixels = pixels;
@@ -453,8 +313,8 @@ export class Renderer {
     const row = 4 * width;
     const pixels = new Uint8ClampedArray(row * height);
     if (resources === null) return pixels;
-    const drawing = new Target(gl, this.half);
-    const bytes = new Target(gl, false);
+    const drawing = new Target(gl, DRAWING, this.half);
+    const bytes = new Target(gl, DRAWING, false);
     drawing.resize(width, height);
     this.drawInto(resources, drawing, pinhole);
     bytes.resize(width, height);
@@ -467,11 +327,6 @@ export class Renderer {
     bytes.dispose();
     resources.canvasTarget.texture.bind();
     return pixels;
-  }
-
-  /** Waits until everything is rendered. */
-  finish(): void {
-    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
 
   dispose(): void {

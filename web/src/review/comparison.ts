@@ -16,11 +16,10 @@ export class Comparison {
   readonly button = make("button", { type: "button", "aria-pressed": "false", title: "Compare with footage (W)" }, START);
   /** What is compared; hidden while nothing is. */
   readonly choices: HTMLElement;
-  private readonly cameras: readonly ReviewCamera[];
   private readonly wipe: Wipe;
   private readonly select = make("select", { "aria-label": "Compare with the footage of a camera" });
   private readonly all = make("input", { type: "checkbox" });
-  private readonly changed: (camera: string | null) => void;
+  private readonly cameras: readonly ReviewCamera[];
   private active = false;
 
   /** @param changed - called with the name of the camera that is compared with, null for none */
@@ -29,10 +28,9 @@ export class Comparison {
     private readonly player: Player,
     server: ReviewServer,
     data: ReviewData,
-    changed: (camera: string | null) => void,
+    private readonly changed: (camera: string | null) => void,
   ) {
     this.cameras = data.cameras;
-    this.changed = changed;
     this.select.append(...data.cameras.map(({ name }) => make("option", { value: name }, name)));
     this.choices = make("span", { class: "row", hidden: "" }, this.select, make("label", {}, this.all, " whole picture"));
     this.button.hidden = data.cameras.length === 0;

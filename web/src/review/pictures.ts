@@ -8,7 +8,6 @@ const AHEAD = 6;
 const RETRY = 3000;
 
 export class Pictures {
-  private readonly arrived: () => void;
   private readonly kept = new Map<string, ImageBitmap>();
   private readonly failed = new Map<string, number>();
   private wanted: { camera: string; frame: number; count: number } | null = null;
@@ -16,9 +15,7 @@ export class Pictures {
   /** Why the last image could not be fetched; "" if it could. */
   problem = "";
 
-  constructor(private readonly server: ReviewServer, arrived: () => void) {
-    this.arrived = arrived;
-  }
+  constructor(private readonly server: ReviewServer, private readonly arrived: () => void) {}
 
   /** The image if it is here; it is fetched otherwise. */
   ask(camera: string, frame: number, count: number): ImageBitmap | null {

@@ -21,7 +21,6 @@ export class Wipe {
   private readonly line: HTMLElement;
   private readonly left = make("span");
   private readonly right = make("span", {}, "decoded stream");
-  private readonly changed: () => void;
   private camera: ReviewCamera | null = null;
   private part: Part | null = null;
   private before: Vector | null = null;
@@ -29,16 +28,14 @@ export class Wipe {
   private at = 0.5;
   /** The view behind the comparison, as JSON: another one means that it was moved. */
   private behind = "";
-  private readonly resizing: ResizeObserver;
 
   /** @param changed - called when the comparison has ended because the view was moved */
   constructor(
     private readonly player: Player,
     server: ReviewServer,
     private readonly background: Vector,
-    changed: () => void,
+    private readonly changed: () => void,
   ) {
-    this.changed = changed;
     this.pictures = new Pictures(server, () => this.draw());
     this.line = make("div", {
       role: "slider",
@@ -74,11 +71,10 @@ export class Wipe {
       this.show(null, true);
       this.changed();
     });
-    this.resizing = new ResizeObserver(() => {
+    new ResizeObserver(() => {
       this.frame();
       this.draw();
-    });
-    this.resizing.observe(this.layer);
+    }).observe(this.layer);
     this.place(0.5);
   }
 

@@ -1,12 +1,10 @@
 /** An error whose message is a sentence for the viewer. */
 export class StreamError extends Error {
   override readonly name = "StreamError";
-  /** Whether retrying may help: the network failed, not the data. */
-  readonly transient: boolean;
 
-  constructor(message: string, transient = false) {
+  /** @param transient - whether retrying may help: the network failed, not the data */
+  constructor(message: string, readonly transient = false) {
     super(message);
-    this.transient = transient;
   }
 }
 

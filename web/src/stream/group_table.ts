@@ -6,15 +6,13 @@ export class GroupTable {
   spans: readonly Span[] = [];
   private inline: readonly GroupEntry[] = [];
   private pages: readonly IndexPage[] = [];
-  private readonly readPage: (page: IndexPage) => Promise<readonly GroupEntry[]>;
   /** By path, so that the unchanged pages of a live stream are not read again. */
   private readonly read = new Map<string, Promise<readonly GroupEntry[]>>();
   private readonly sizes = new Map<number, number>();
   private estimate: (span: Span) => number = () => 0;
 
   /** @param readPage - fetches, verifies and parses a page */
-  constructor(manifest: Manifest, readPage: (page: IndexPage) => Promise<readonly GroupEntry[]>) {
-    this.readPage = readPage;
+  constructor(manifest: Manifest, private readonly readPage: (page: IndexPage) => Promise<readonly GroupEntry[]>) {
     this.grow(manifest);
   }
 

@@ -27,14 +27,15 @@ const MAX_PLACES = 4;
 
 function placesOf({ tile, columns, splats }: MotionRendition): Places {
   const at = places.findIndex((one) => one.tile === tile && one.columns === columns && one.pixels.length >= splats);
-  const found =
-    at >= 0
-      ? places.splice(at, 1)[0]
-      : // For all pixels, so that it also serves groups with more splats.
-        { tile, columns, pixels: tilePixels(tile, tile ** 2), offsets: tilePixels(tile, tile ** 2, tile * columns) };
-  places.unshift(found);
+  places.unshift(at < 0 ? newPlaces(tile, columns) : places.splice(at, 1)[0]);
   places.length = Math.min(places.length, MAX_PLACES);
-  return found;
+  return places[0];
+}
+
+/** For all pixels of a tile, so that they also serve groups with more splats. */
+function newPlaces(tile: number, columns: number): Places {
+  const pixels = tilePixels(tile, tile ** 2);
+  return { tile, columns, pixels, offsets: pixels.map((pixel) => (columns - 1) * tile * Math.floor(pixel / tile) + pixel) };
 }
 
 /** Data shared by all frames of a group. */
@@ -44,10 +45,12 @@ export class MotionTables {
   /** (B, 3) mean cell of each block, rounded down. */
   readonly centers: Float64Array;
   private readonly offsets: Uint32Array;
-  private forPositions: { readonly keyframe: Float32Array; readonly local: Float32Array } | null = null;
+  /** (N, 3) centers in the keyframe, and their places in their blocks, in units of the blocks' radius. */
+  private readonly keyframe: Float32Array;
+  private readonly local: Float32Array;
 
   constructor(readonly group: MotionRendition, readonly side: SideFile) {
-    const { splats, blocks } = group;
+    const { splats, blocks, positions } = group;
     const { cells, labels } = side;
     const { pixels, offsets } = placesOf(group);
     this.pixels = pixels.subarray(0, splats);
@@ -65,17 +68,9 @@ export class MotionTables {
     }
     for (let b = 0; b < blocks.count; b++)
       for (let k = 3 * b; k < 3 * b + 3; k++) centers[k] = Math.floor(centers[k] / Math.max(members[b], 1));
-  }
-
-  /** Computes what `positions` needs for all frames; not needed where the GPU sorts. */
-  preparePositions(): { readonly keyframe: Float32Array; readonly local: Float32Array } {
-    if (this.forPositions !== null) return this.forPositions;
-    const { splats, positions, blocks } = this.group;
-    const { cells, labels } = this.side;
-    const { centers } = this;
     // Rounded to float32 exactly where the Python decoder rounds, so that positions match bit for bit.
-    const keyframe = new Float32Array(3 * splats);
-    const local = new Float32Array(3 * splats);
+    const keyframe = (this.keyframe = new Float32Array(3 * splats));
+    const local = (this.local = new Float32Array(3 * splats));
     const { step } = positions;
     const ratio = step / blocks.radius;
     const [minX, minY, minZ] = positions.min;
@@ -91,8 +86,6 @@ export class MotionTables {
       local[p + 1] = (y - centers[from + 1]) * ratio;
       local[p + 2] = (z - centers[from + 2]) * ratio;
     }
-    this.forPositions = { keyframe, local };
-    return this.forPositions;
   }
 
   /**
@@ -167,8 +160,7 @@ export class MotionTables {
   positions(index: number, luma: Uint8Array, table: Float32Array, out: Float32Array): void {
     const { splats, channels, tile, columns } = this.group;
     const { labels, classes, escapes } = this.side;
-    const { offsets } = this;
-    const { keyframe, local } = this.preparePositions();
+    const { offsets, keyframe, local } = this;
     const width = columns * tile;
     const first = [0, 1, 2].map((c) => Math.floor(c / columns) * tile * width + (c % columns) * tile);
     const [fx, fy, fz] = [first[0], first[1], first[2]];
@@ -180,32 +172,22 @@ export class MotionTables {
       const base = f(offset - 128 * step);
       for (let code = 0; code < 256; code++) values[256 * c + code] = f(f(code * f(step)) + base);
     }
-    // A stored value is rounded to float32, and a float32 times a power of two is one.
-    if (index === 0)
-      for (let i = 0; i < splats; i++) {
-        const at = offsets[i];
-        const gain = gains[classes[i]];
-        const to = 3 * i;
-        out[to] = keyframe[to] + values[luma[fx + at]] * gain;
-        out[to + 1] = keyframe[to + 1] + values[256 + luma[fy + at]] * gain;
-        out[to + 2] = keyframe[to + 2] + values[512 + luma[fz + at]] * gain;
-      }
-    else
-      for (let i = 0; i < splats; i++) {
-        const at = offsets[i];
-        const gain = gains[classes[i]];
-        const to = 3 * i;
-        const b = BLOCK_FLOATS * labels[i];
-        const u = local[to];
-        const v = local[to + 1];
-        const w = local[to + 2];
-        const x = f(f(f(table[b + 12] + f(u * table[b])) + f(v * table[b + 4])) + f(w * table[b + 8]));
-        const y = f(f(f(table[b + 13] + f(u * table[b + 1])) + f(v * table[b + 5])) + f(w * table[b + 9]));
-        const z = f(f(f(table[b + 14] + f(u * table[b + 2])) + f(v * table[b + 6])) + f(w * table[b + 10]));
-        out[to] = f(keyframe[to] + x) + values[luma[fx + at]] * gain;
-        out[to + 1] = f(keyframe[to + 1] + y) + values[256 + luma[fy + at]] * gain;
-        out[to + 2] = f(keyframe[to + 2] + z) + values[512 + luma[fz + at]] * gain;
-      }
+    // A stored value is rounded to float32, and a float32 times a power of two is one. In the keyframe, no block moves.
+    for (let i = 0; i < splats; i++) {
+      const at = offsets[i];
+      const gain = gains[classes[i]];
+      const to = 3 * i;
+      const b = BLOCK_FLOATS * labels[i];
+      const u = local[to];
+      const v = local[to + 1];
+      const w = local[to + 2];
+      const x = f(f(f(table[b + 12] + f(u * table[b])) + f(v * table[b + 4])) + f(w * table[b + 8]));
+      const y = f(f(f(table[b + 13] + f(u * table[b + 1])) + f(v * table[b + 5])) + f(w * table[b + 9]));
+      const z = f(f(f(table[b + 14] + f(u * table[b + 2])) + f(v * table[b + 6])) + f(w * table[b + 10]));
+      out[to] = f(keyframe[to] + x) + values[luma[fx + at]] * gain;
+      out[to + 1] = f(keyframe[to + 1] + y) + values[256 + luma[fy + at]] * gain;
+      out[to + 2] = f(keyframe[to + 2] + z) + values[512 + luma[fz + at]] * gain;
+    }
     for (let e = escapes.starts[index]; e < escapes.starts[index + 1]; e++) {
       const c = escapes.channel[e];
       if (c > 2) continue;
@@ -213,14 +195,10 @@ export class MotionTables {
       const { offset, step } = channels[c];
       const value = f(f(f(escapes.code[e]) * f(step)) + f(offset - 128 * step));
       const to = 3 * i + c;
-      let place = keyframe[to];
-      if (index > 0) {
-        const b = BLOCK_FLOATS * labels[i] + c;
-        let moved = table[b + 12];
-        for (let k = 0; k < 3; k++) moved = f(moved + f(local[3 * i + k] * table[b + 4 * k]));
-        place = f(place + moved);
-      }
-      out[to] = f(place + f(value * gains[classes[i]]));
+      const b = BLOCK_FLOATS * labels[i] + c;
+      let moved = table[b + 12];
+      for (let k = 0; k < 3; k++) moved = f(moved + f(local[3 * i + k] * table[b + 4 * k]));
+      out[to] = f(f(keyframe[to] + moved) + f(value * gains[classes[i]]));
     }
   }
 }

@@ -48,17 +48,11 @@ class Cursor {
   numbers(count: number, width: 2 | 4): Int32Array {
     const planes = this.take(count * width);
     const values = new Int32Array(count);
-    if (width === 2)
-      for (let i = 0; i < count; i++) {
-        const z = planes[i] | (planes[count + i] << 8);
-        values[i] = (z >>> 1) ^ -(z & 1);
-      }
-    else
-      for (let i = 0; i < count; i++) {
-        const z =
-          planes[i] | (planes[count + i] << 8) | (planes[2 * count + i] << 16) | (planes[3 * count + i] << 24);
-        values[i] = (z >>> 1) ^ -(z & 1);
-      }
+    for (let i = 0; i < count; i++) {
+      let code = 0;
+      for (let byte = 0; byte < width; byte++) code |= planes[byte * count + i] << (8 * byte);
+      values[i] = (code >>> 1) ^ -(code & 1);
+    }
     return values;
   }
 }

@@ -5,7 +5,7 @@
 
 import type { PartialView } from "../render/camera.ts";
 import { parseView } from "./link.ts";
-import { isBackground } from "./template.ts";
+import { isBackground } from "./choices.ts";
 import type { V3PlayerElement } from "./element.ts";
 
 const VERSION = 1;

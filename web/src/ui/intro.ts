@@ -99,6 +99,17 @@ export function readPath(text: string, player: Player): IntroPath {
   };
 }
 
+/**
+ * The path that an attribute names: a URL, or `#ID` of an element that holds its JSON.
+ *
+ * @throws StreamError - not a camera path
+ */
+export async function loadPath(place: string, player: Player): Promise<IntroPath> {
+  if (place.startsWith("#")) return readPath(document.querySelector(place)?.textContent ?? "", player);
+  const response = await fetch(new URL(place, document.baseURI));
+  return readPath(await response.text(), player);
+}
+
 /** Flies a path; the camera stays where the path ends, or where it was when `stop` was called. */
 export class Intro {
   private handle = 0;
@@ -118,9 +129,5 @@ export class Intro {
   stop(): void {
     cancelAnimationFrame(this.handle);
     this.handle = 0;
-  }
-
-  get running(): boolean {
-    return this.handle !== 0;
   }
 }

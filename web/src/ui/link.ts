@@ -28,7 +28,7 @@ export function parseTime(text: string | null): number | null {
 /** The page's URL with a time, a view and further parameters; the rest of it is unchanged. */
 export function linkTo(address: string, seconds: number, view: View, more: Readonly<Record<string, string>> = {}): string {
   const url = new URL(address);
-  for (const name of ["benchmark", "compare"]) url.searchParams.delete(name);
+  url.searchParams.delete("compare");
   url.searchParams.set("t", short(seconds, 5));
   url.searchParams.set("view", formatView(view));
   for (const [name, value] of Object.entries(more)) url.searchParams.set(name, value);

@@ -1,62 +1,17 @@
 /** The elements of the controls. */
 
+import { HELP, type HelpLine } from "./actions.ts";
+import { BACKGROUNDS, cssColor, SPEEDS } from "./choices.ts";
 import { ICONS } from "./icons.ts";
 
-const button = (name: string, label: string, picture: string, more = ""): string =>
-  `<button type="button" data-act="${name}" aria-label="${label}" title="${label}" ${more}>${picture}</button>`;
-
-export const SPEEDS = [0.25, 0.5, 1, 1.5, 2] as const;
-
-/** Available backgrounds; null is transparent. "stream" is the background suggested by the stream. */
-export const BACKGROUNDS = {
-  stream: { label: "As recorded", color: null },
-  black: { label: "Black", color: [0, 0, 0] },
-  gray: { label: "Gray", color: [0.22, 0.24, 0.27] },
-  white: { label: "White", color: [1, 1, 1] },
-  green: { label: "Green", color: [0, 0.69, 0.25] },
-  none: { label: "Transparent", color: null },
-} as const;
-
-export type BackgroundName = keyof typeof BACKGROUNDS;
-
-export const isBackground = (name: string | null): name is BackgroundName => name !== null && name in BACKGROUNDS;
+const button = (act: string, label: string, icon: string, more = ""): string =>
+  `<button type="button" data-act="${act}" aria-label="${label}" title="${label}" ${more}>${icon}</button>`;
 
 const swatches = Object.entries(BACKGROUNDS)
-  .map(([name, { label, color }]) => {
-    const paint = color === null ? "transparent" : `rgb(${color.map((value) => Math.round(255 * value)).join(" ")})`;
-    return `<button type="button" role="radio" class="swatch ${name}" data-background="${name}" style="--color:${paint}" aria-label="${label}" title="${label}"></button>`;
-  })
+  .map(([name, { label, color }]) =>
+    `<button type="button" role="radio" class="swatch ${name}" data-background="${name}" style="--color:${cssColor(color)}" aria-label="${label}" title="${label}"></button>`,
+  )
   .join("");
-
-const key = (names: string): string => names.split(" ").map((name) => `<kbd>${name}</kbd>`).join(" ");
-
-/** What something does, and how: with fingers, and with mouse and keys. HTML. */
-export interface HelpLine {
-  readonly what: string;
-  readonly touch?: string;
-  readonly keys?: string;
-}
-
-/** What the controls do; docs/WEB.md lists the same. */
-const HELP: readonly HelpLine[] = [
-  { what: "Orbit", touch: "drag with one finger", keys: `left button, ${key("← → ↑ ↓")}` },
-  { what: "Pan", touch: "drag with two fingers", keys: `right button, ${key("Shift")} with the above` },
-  { what: "Zoom", touch: "pinch", keys: `wheel, ${key("+ −")}` },
-  { what: "Reset view", touch: "double tap", keys: `double click, ${key("R")}` },
-  { what: "Controls", touch: "tap: show or hide" },
-  { what: "Seek", touch: "drag along the timeline" },
-  { what: "Play, pause", keys: key("Space K") },
-  { what: "Back, forward 1 s", keys: key("J L") },
-  { what: "Previous, next frame", keys: key(", .") },
-  { what: "Slower, faster", keys: key("&lt; &gt;") },
-  { what: "Sound", keys: key("M") },
-  { what: "Background", keys: key("B") },
-  { what: "Full screen", keys: key("F") },
-  { what: "Statistics", keys: key("I") },
-  { what: "Copy link", keys: key("C") },
-  { what: "Help", keys: key("?") },
-  { what: "Gamepad", keys: "left stick orbits, right stick pans, triggers zoom; A plays, B resets the view" },
-];
 
 export const helpRow = ({ what, touch, keys }: HelpLine): string => {
   const only = touch === undefined ? "keys" : keys === undefined ? "touch" : "";

@@ -23,7 +23,7 @@ export class Thumbnails {
 
   constructor(private readonly player: Player) {
     player.on("opened", () => this.copies.clear());
-    player.on("drawn", ({ frame }) => this.take(frame));
+    player.on("rendered", ({ frame }) => this.take(frame));
   }
 
   /** The copy of the frame nearest to `frame`; null if none is near. */

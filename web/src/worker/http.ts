@@ -15,21 +15,15 @@ const STALL = 15_000;
 export type Received = (bytes: number, milliseconds: number) => void;
 
 export class HttpSource implements Source {
-  private readonly trouble: (message: string) => void;
-
-  private readonly earlyFiles: EarlyFiles | null;
   private readonly earlyTimes = new Map<string, number>();
 
   /** @param earlyFiles - what the page has begun to fetch */
   constructor(
     private readonly base: string,
     private readonly received: Received,
-    trouble: (message: string) => void,
-    earlyFiles: EarlyFiles | null = null,
-  ) {
-    this.earlyFiles = earlyFiles;
-    this.trouble = trouble;
-  }
+    private readonly trouble: (message: string) => void,
+    private readonly earlyFiles: EarlyFiles | null = null,
+  ) {}
 
   async read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
     const early = (await this.earlyFiles?.take(path)) ?? null;
@@ -39,9 +33,24 @@ export class HttpSource implements Source {
       return early.data;
     }
     const out = new Uint8Array(bytes);
-    const state = { filled: 0, tag: null as string | null };
+    let filled = 0;
+    let tag: string | null = null;
     return this.tryAgain(path, signal, async () => {
-      await this.fill(path, out, state, signal);
+      // Continues where an earlier attempt ended, if the file is still the same.
+      const headers = filled > 0 && tag !== null ? { Range: `bytes=${filled}-`, "If-Range": tag } : {};
+      await this.request(path, headers, signal, async (response) => {
+        if (response.status !== 206) filled = 0;
+        const found = response.headers.get("ETag");
+        tag = found?.startsWith("W/") === true ? null : found;
+        await this.receive(response, (chunk) => {
+          if (filled + chunk.length > bytes)
+            throw new StreamError(`${path} is larger than the manifest specifies (${bytes} bytes).`);
+          out.set(chunk, filled);
+          filled += chunk.length;
+        });
+      });
+      // A broken connection raises an error in the reader; a body that ends normally is complete.
+      if (filled !== bytes) throw new StreamError(`${path} has ${filled} bytes, but the manifest specifies ${bytes}.`);
       return out;
     });
   }
@@ -52,22 +61,16 @@ export class HttpSource implements Source {
 
   async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
     return this.tryAgain(path, signal, async () => {
-      const parts: Uint8Array[] = [];
+      const parts: Uint8Array<ArrayBuffer>[] = [];
       let size = 0;
-      await this.request(path, {}, signal, async (response) => {
-        await consume(response, (chunk) => {
+      await this.request(path, {}, signal, (response) =>
+        consume(response, (chunk) => {
           parts.push(chunk);
           size += chunk.length;
           if (size > limit) throw new StreamError(`${path} is larger than ${limit} bytes.`);
-        });
-      });
-      const all = new Uint8Array(size);
-      let at = 0;
-      for (const part of parts) {
-        all.set(part, at);
-        at += part.length;
-      }
-      return all;
+        }),
+      );
+      return new Uint8Array(await new Blob(parts).arrayBuffer());
     });
   }
 
@@ -89,13 +92,11 @@ export class HttpSource implements Source {
             `${path} cannot be read: the server does not answer range requests, which a stream in one file needs.`,
           );
         size = Number(range[2]);
-        const began = performance.now();
-        await consume(response, (chunk) => {
+        await this.receive(response, (chunk) => {
           if (filled + chunk.length > count) throw new StreamError(`${path}: the server sent more than was requested.`);
           out.set(chunk, filled);
           filled += chunk.length;
         });
-        this.received(filled, performance.now() - began);
       });
       if (filled !== Math.min(count, size - start)) throw new StreamError(`${path}: the connection ended early`, true);
       return { data: out.subarray(0, filled), size };
@@ -117,36 +118,15 @@ export class HttpSource implements Source {
     }
   }
 
-  /** Fills `out` from where an earlier attempt ended, with a range request if there is something to resume. */
-  private async fill(
-    path: string,
-    out: Uint8Array,
-    state: { filled: number; tag: string | null },
-    signal: AbortSignal,
-  ): Promise<void> {
-    const headers: Record<string, string> = {};
-    if (state.filled > 0 && state.tag !== null) {
-      headers["Range"] = `bytes=${state.filled}-`;
-      headers["If-Range"] = state.tag;
-    } else state.filled = 0;
-    await this.request(path, headers, signal, async (response) => {
-      if (response.status !== 206) state.filled = 0;
-      const tag = response.headers.get("ETag");
-      state.tag = tag?.startsWith("W/") === true ? null : tag;
-      const began = performance.now();
-      let count = 0;
-      await consume(response, (chunk) => {
-        if (state.filled + chunk.length > out.length)
-          throw new StreamError(`${path} is larger than the manifest specifies (${out.length} bytes).`);
-        out.set(chunk, state.filled);
-        state.filled += chunk.length;
-        count += chunk.length;
-      });
-      this.received(count, performance.now() - began);
+  /** Takes in a body, and reports how fast it came. */
+  private async receive(response: Response, take: (chunk: Uint8Array<ArrayBuffer>) => void): Promise<void> {
+    const began = performance.now();
+    let bytes = 0;
+    await consume(response, (chunk) => {
+      take(chunk);
+      bytes += chunk.length;
     });
-    // A broken connection raises an error in the reader; a body that ends normally is complete.
-    if (state.filled !== out.length)
-      throw new StreamError(`${path} has ${state.filled} bytes, but the manifest specifies ${out.length}.`);
+    this.received(bytes, performance.now() - began);
   }
 
   private async request(
@@ -184,7 +164,7 @@ export class HttpSource implements Source {
 }
 
 /** Yields a body chunk by chunk; fails if no data arrives for too long. */
-async function consume(response: Response, take: (chunk: Uint8Array) => void): Promise<void> {
+async function consume(response: Response, take: (chunk: Uint8Array<ArrayBuffer>) => void): Promise<void> {
   const reader = response.body?.getReader();
   if (reader === undefined) return;
   try {

@@ -1,5 +1,6 @@
 /** Messages between the page and the worker. */
 
+import type { Span } from "../stream/manifest.ts";
 import type { Metadata, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "./embedded.ts";
 
@@ -22,21 +23,23 @@ export type DepthAxis = readonly [number, number, number, number];
 /** How images are decoded. */
 export type DecodePath = "webcodecs" | "webcodecs-software" | "video";
 
-export type ToWorker =
-  | {
-      readonly type: "open";
-      readonly url: string;
-      /** The stream's files if the page holds them, else null. */
-      readonly files: EmbeddedFiles | null;
-      /** A stream in one file (`.v3s`) on this computer, else null. */
-      readonly archive: File | null;
-      /** Where files arrive that the page has begun to fetch; null if there are none. */
-      readonly early: EarlyPort | null;
-      readonly path: DecodePath | "auto";
-      /** Largest side of a texture that the device can render from. */
-      readonly maxTexture: number;
-      readonly loop: boolean;
-    }
+export interface OpenRequest {
+  readonly type: "open";
+  readonly url: string;
+  /** The stream's files if the page holds them, else null. */
+  readonly files: EmbeddedFiles | null;
+  /** A stream in one file (`.v3s`) on this computer, else null. */
+  readonly archive: File | null;
+  /** Where files arrive that the page has begun to fetch; null if there are none. */
+  readonly early: EarlyPort | null;
+  readonly path: DecodePath | "auto";
+  /** Largest side of a texture that the device can render from. */
+  readonly maxTexture: number;
+  readonly loop: boolean;
+}
+
+/** What the page asks of an opened stream. */
+export type SessionRequest =
   /** Decode a frame and sort it along the axis. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
   /** Sort one of the last two decoded frames along another axis. `request` is returned with the order. */
@@ -47,11 +50,10 @@ export type ToWorker =
   | { readonly type: "played"; readonly group: number; readonly shown: number; readonly dropped: number }
   /** Return buffers that are no longer needed. */
   | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }
-  /** Retry groups that could not be fetched. */
-  | { readonly type: "retry" }
   /** The graphics context was lost: send the next image with its group's setup. */
-  | { readonly type: "forget-setup" }
-  | VideoReply;
+  | { readonly type: "forget-setup" };
+
+export type ToWorker = OpenRequest | SessionRequest | VideoReply;
 
 /** Replies of the page, since only the page can have <video> elements. */
 export type VideoReply =
@@ -79,7 +81,6 @@ export type VideoRequest =
 
 /** What the player needs to know about a stream. */
 export interface StreamInfo extends Metadata {
-  readonly url: string;
   readonly profile: "motion" | "planes";
   readonly codec: string;
   readonly fps: number;
@@ -88,7 +89,7 @@ export interface StreamInfo extends Metadata {
   /** Of all files, in all renditions. */
   readonly totalBytes: number;
   readonly renditions: number;
-  readonly groups: readonly { readonly firstFrame: number; readonly frameCount: number; readonly bytes: number; readonly splats: number }[];
+  readonly groups: readonly Span[];
   readonly box: { readonly min: Vector; readonly max: Vector };
   /** Whether groups are still being added. */
   readonly live: boolean;
@@ -163,7 +164,7 @@ export type FromWorker =
   | { readonly type: "improved"; readonly group: number }
   /** A group that cannot be played and is skipped. */
   | { readonly type: "left-out"; readonly group: number; readonly message: string }
-  | { readonly type: "fetched"; readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number; readonly cached: number }
+  | { readonly type: "fetched"; readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number }
   /** The sound's file; `start` and `length` in seconds. */
   | { readonly type: "sound"; readonly file: Blob; readonly start: number; readonly length: number }
   /** Nothing can be played. */

@@ -18,7 +18,6 @@ export class RateRule {
   private readonly rates: number[];
   private readonly utilities: number[];
   private readonly gp: number;
-  private readonly minimum: number;
   private readonly throughput: [number, number][] = [];
   /** Frames shown and dropped, by rate. */
   private readonly frames: [number, number][];
@@ -28,11 +27,10 @@ export class RateRule {
   private pause = 0;
 
   /** @param bandwidths - bits per second of each rendition, in the order of the manifest */
-  constructor(bandwidths: readonly number[], minimum = 4, perRung = 1) {
+  constructor(bandwidths: readonly number[], private readonly minimum = 4, perRung = 1) {
     this.order = bandwidths.map((_, i) => i).sort((a, b) => bandwidths[a] - bandwidths[b]);
     this.rates = this.order.map((i) => bandwidths[i]);
     this.frames = this.order.map(() => [0, 0]);
-    this.minimum = minimum;
     this.target = minimum + perRung * bandwidths.length;
     this.utilities = this.rates.map((rate) => Math.log(rate / this.rates[0]) + 1);
     this.gp = (this.utilities[this.utilities.length - 1] - 1) / (this.target / minimum - 1);
@@ -59,13 +57,6 @@ export class RateRule {
   /** The best rendition that can be decoded in time and arrives in time. */
   affordable(): number {
     return this.order[Math.min(this.sustained(), this.decodable())];
-  }
-
-  /** The buffer is empty again. */
-  seeked(): void {
-    this.filling = true;
-    this.patience = FIRST_PAUSE;
-    this.pause = 0;
   }
 
   /**

@@ -34,8 +34,6 @@ const KEPT_BYTES = 192 << 20;
 const AHEAD_BYTES = 64 << 20;
 
 export class GroupStore {
-  private readonly changed: () => void;
-  private readonly improved: (group: number) => void;
   /** Groups that this device gets no better than they are, with the rendition that was wanted. */
   private readonly settled = new Map<number, number>();
   private readonly files = new Map<number, Fetched>();
@@ -43,7 +41,7 @@ export class GroupStore {
   private readonly failed = new Map<number, StreamError>();
   private readonly stop = new AbortController();
   /** Number of bytes in memory. */
-  bytes = 0;
+  private bytes = 0;
   private playhead = 0;
   private loop = true;
   private busy = false;
@@ -59,33 +57,19 @@ export class GroupStore {
     private readonly choice: Choice,
     private readonly source: Source,
     private readonly checked: Checked,
-    changed: () => void,
-    improved: (group: number) => void,
-  ) {
-    this.improved = improved;
-    this.changed = changed;
-  }
+    private readonly changed: () => void,
+    private readonly improved: (group: number) => void,
+  ) {}
 
   /** Groups in memory. */
   get present(): number[] {
     return [...this.files.keys()];
   }
 
-  /** Whether the playhead moves. */
-  setPlaying(playing: boolean): void {
-    this.playing = playing;
-    void this.fetchAhead();
-  }
-
   /** Frames of a group were shown, or dropped since decoding was late. */
   played(group: number, shown: number, dropped: number): void {
     const rendition = this.choice.ids.indexOf(this.files.get(group)?.group.id ?? "");
     if (rendition >= 0) this.choice.rule?.played(rendition, shown, dropped);
-  }
-
-  /** Clears failures, so that these groups are fetched again. */
-  forgive(): void {
-    this.failed.clear();
   }
 
   close(): void {
@@ -97,10 +81,11 @@ export class GroupStore {
     return this.files.has(group);
   }
 
-  /** Sets the playback position; the groups that follow are fetched unless something more urgent is. */
-  follow(group: number, loop: boolean): void {
+  /** Sets the group at the playhead, and whether that moves; what follows is fetched unless something more urgent is. */
+  follow(group: number, loop: boolean, playing: boolean): void {
     this.playhead = group;
     this.loop = loop;
+    this.playing = playing;
     void this.fetchAhead();
   }
 

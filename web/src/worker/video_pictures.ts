@@ -11,23 +11,16 @@ import type { Pool } from "./pool.ts";
 
 /** Matches the page's replies to requests. */
 export class VideoChannel {
-  private readonly post: (request: VideoRequest) => void;
   private readonly open = new Map<number, { resolve: (luma: ArrayBuffer) => void; reject: (error: unknown) => void }>();
   private last = 0;
 
-  constructor(post: (request: VideoRequest) => void) {
-    this.post = post;
-  }
+  constructor(readonly post: (request: VideoRequest) => void) {}
 
   ask(make: (request: number) => VideoRequest): Promise<ArrayBuffer> {
     const request = ++this.last;
     const answer = new Promise<ArrayBuffer>((resolve, reject) => this.open.set(request, { resolve, reject }));
     this.post(make(request));
     return answer;
-  }
-
-  send(request: VideoRequest): void {
-    this.post(request);
   }
 
   receive(reply: VideoReply): void {
@@ -102,7 +95,7 @@ export class VideoElementPictures implements PictureSource {
   close(): void {
     this.closed = true;
     this.stop(new Closed());
-    this.channel.send({ type: "video-close", source: this.source });
+    this.channel.post({ type: "video-close", source: this.source });
     this.ahead?.luma.then((luma) => { this.pool.give(luma.data); }).catch(() => undefined);
   }
 

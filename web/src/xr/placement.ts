@@ -44,12 +44,10 @@ export class Placement {
   turn = 0;
   /** Where the middle of the floor is in the room, in meters. */
   place: Vec3 = [0, 0, -AWAY];
-  private readonly footing: Footing;
 
   /** @param small - to be placed on a table, instead of in a room */
-  constructor(foot: Footing, small: boolean) {
-    this.footing = foot;
-    const { height } = foot;
+  constructor(private readonly footing: Footing, small: boolean) {
+    const { height } = footing;
     const lifeSize = height >= LIFE_SIZE[0] && height <= LIFE_SIZE[1];
     this.scale = small ? TABLE / height : lifeSize ? 1 : PERSON / height;
   }

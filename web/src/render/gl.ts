@@ -1,0 +1,133 @@
+/** Programs, textures and framebuffers of WebGL2. */
+
+import { StreamError } from "../stream/errors.ts";
+
+export class Program {
+  readonly handle: WebGLProgram;
+  private checked = false;
+  private readonly places = new Map<string, WebGLUniformLocation | null>();
+
+  constructor(private readonly gl: WebGL2RenderingContext, vertex: string, fragment: string) {
+    this.handle = gl.createProgram();
+    for (const [kind, source] of [
+      [gl.VERTEX_SHADER, vertex],
+      [gl.FRAGMENT_SHADER, fragment],
+    ] as const) {
+      const shader = gl.createShader(kind)!;
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      gl.attachShader(this.handle, shader);
+      gl.deleteShader(shader);
+    }
+    gl.linkProgram(this.handle);
+  }
+
+  /** Drivers compile in the background until the status is queried. */
+  use(): void {
+    if (!this.checked) this.check();
+    this.checked = true;
+    this.gl.useProgram(this.handle);
+  }
+
+  private check(): void {
+    const { gl } = this;
+    if (gl.getProgramParameter(this.handle, gl.LINK_STATUS) !== true && !gl.isContextLost()) {
+      const logs = (gl.getAttachedShaders(this.handle) ?? []).map((shader) => gl.getShaderInfoLog(shader) ?? "");
+      throw new StreamError(`The graphics driver cannot compile the player's shader: ${logs.join(" ").slice(0, 300)}`);
+    }
+  }
+
+  at(name: string): WebGLUniformLocation | null {
+    let place = this.places.get(name);
+    if (place === undefined) {
+      place = this.gl.getUniformLocation(this.handle, name);
+      this.places.set(name, place);
+    }
+    return place;
+  }
+
+  dispose(): void {
+    this.gl.deleteProgram(this.handle);
+  }
+}
+
+/** A texture without filtering; its memory is reused while its size does not change. */
+export class Texture {
+  readonly handle: WebGLTexture;
+  private width = 0;
+  private height = 0;
+
+  constructor(
+    private readonly gl: WebGL2RenderingContext,
+    private readonly unit: number,
+    private readonly format: readonly [internal: number, format: number, type: number],
+    filter: number = gl.NEAREST,
+  ) {
+    this.handle = gl.createTexture();
+    this.bind();
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filter);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, filter);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+  }
+
+  bind(): void {
+    this.gl.activeTexture(this.gl.TEXTURE0 + this.unit);
+    this.gl.bindTexture(this.gl.TEXTURE_2D, this.handle);
+  }
+
+  /** Allocates the texture if needed; true if it is new. */
+  resize(width: number, height: number): boolean {
+    this.bind();
+    if (width === this.width && height === this.height) return false;
+    const { gl } = this;
+    const [internal, format, type] = this.format;
+    gl.texImage2D(gl.TEXTURE_2D, 0, internal, width, height, 0, format, type, null);
+    this.width = width;
+    this.height = height;
+    return true;
+  }
+
+  /** Fills the first texels, all by default: complete rows, then the rest of the last one. */
+  fill(data: Uint8Array | Uint32Array | Float32Array, texels = this.width * this.height): void {
+    const { gl, width } = this;
+    const [, format, type] = this.format;
+    const channels = format === gl.RGBA || format === gl.RGBA_INTEGER ? 4 : 1;
+    const rows = Math.floor(texels / width);
+    const rest = texels - rows * width;
+    this.bind();
+    if (rows > 0) gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, rows, format, type, data);
+    if (rest > 0) gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, rows, rest, 1, format, type, data, channels * rows * width);
+  }
+
+  dispose(): void {
+    this.gl.deleteTexture(this.handle);
+  }
+}
+
+/** A framebuffer, to be copied to the canvas or read back. */
+export class Target {
+  readonly texture: Texture;
+  readonly frame: WebGLFramebuffer;
+
+  /** @param half - half floats instead of bytes */
+  constructor(private readonly gl: WebGL2RenderingContext, unit: number, half: boolean) {
+    const format = half
+      ? ([gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] as const)
+      : ([gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE] as const);
+    this.texture = new Texture(gl, unit, format, gl.LINEAR);
+    this.frame = gl.createFramebuffer();
+  }
+
+  resize(width: number, height: number): void {
+    const { gl } = this;
+    if (!this.texture.resize(width, height)) return;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.frame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.texture.handle, 0);
+  }
+
+  dispose(): void {
+    this.gl.deleteFramebuffer(this.frame);
+    this.texture.dispose();
+  }
+}

@@ -1,0 +1,407 @@
+/** What the controls do and show: playback, sheets, sound, full screen, VR and AR. */
+
+import type { Player } from "../player/player.ts";
+import { messageOf } from "../stream/errors.ts";
+import type { Vector } from "../stream/metadata.ts";
+import type { StreamInfo } from "../worker/messages.ts";
+import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
+import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
+import { acceptDrops } from "./drop.ts";
+import { clock } from "./format.ts";
+import { Hint } from "./hint.ts";
+import { ICONS } from "./icons.ts";
+import type { LinkSheet } from "./link_sheet.ts";
+import { Motion } from "./motion.ts";
+import { Panel } from "./panel.ts";
+import { Timeline } from "./timeline.ts";
+
+/** Milliseconds without user input until the controls hide. */
+const IDLE = 3000;
+const NOTICE = 5000;
+/** Opacity of the image where nothing was filmed. */
+const FAINTEST = 0.1;
+
+/** The element to which the controls belong. */
+export interface ControlsHost extends HTMLElement {
+  readonly state: { readonly ready: boolean };
+  play(): void;
+  pause(): void;
+  seek(seconds: number): void;
+  /** Opens its stream, or a stream in one file. */
+  open(file?: File): void;
+  endIntro(): void;
+}
+
+export class Controls {
+  readonly motion: Motion;
+  readonly timeline: Timeline;
+  /** The session in a headset or on the camera's image; null if there is none. */
+  immersive: Immersive | null = null;
+  /** Whether a link to a moment was opened: who opens it wants to see it, rather than a large button. */
+  isMoment = false;
+  private readonly panel: Panel;
+  private readonly hint: Hint;
+  private idleTimer = 0;
+  private noticeTimer = 0;
+  /** Whether the view is from where nothing was filmed. */
+  private outside = false;
+  private background: BackgroundName = "stream";
+  private played = false;
+  private toldOfSound = false;
+
+  constructor(
+    readonly host: ControlsHost,
+    private readonly root: ShadowRoot,
+    private readonly player: Player,
+    readonly links: LinkSheet,
+    signal: AbortSignal,
+  ) {
+    const stage = this.part(".stage");
+    this.timeline = new Timeline(this.part(".timeline"), player);
+    this.panel = new Panel(this.part(".info"), player);
+    this.hint = new Hint(this.part(".hint"));
+    this.motion = new Motion(stage, player, {
+      tap: (pointer, x, y) => this.tapped(pointer, x, y),
+      touched: () => {
+        // Who has begun to look around does not need the invitation any more.
+        this.part(".start").hidden = true;
+        this.hint.turned();
+        this.awake();
+      },
+      input: () => host.endIntro(),
+    });
+    this.motion.ownsWheel = () => this.isPage || document.fullscreenElement === host || root.activeElement === stage;
+    for (const element of this.buttons("link")) element.hidden = !this.isPage;
+    this.part("[data-act='full']").hidden = !document.fullscreenEnabled;
+    for (const kind of ["vr", "ar"] as const)
+      void hasImmersion(kind).then((has) => {
+        for (const button of this.buttons(kind)) button.hidden = !has;
+      });
+    const refused = (name: string): void => this.notice(`${name} is not a stream in one file (.v3s).`);
+    acceptDrops(stage, (file) => host.open(file), refused, signal);
+    host.addEventListener("pointermove", (event) => {
+      if (event.pointerType === "mouse") this.awake();
+    }, { signal });
+    // The comparison of the review lies over the image and keeps its pointer events to itself.
+    host.addEventListener("pointerdown", (event) => {
+      if (event.composedPath().some((part) => part instanceof Element && part.classList.contains("wipe"))) this.awake();
+    }, { signal, capture: true });
+    document.addEventListener("fullscreenchange", () => {
+      const full = document.fullscreenElement === host;
+      this.relabel("full", full ? ICONS.small : ICONS.full, full ? "Exit full screen" : "Full screen");
+    }, { signal });
+    this.follow(player);
+    this.setLoop(host.hasAttribute("loop"));
+    this.check("speed", "1");
+  }
+
+  dispose(): void {
+    this.immersive?.end();
+    clearTimeout(this.idleTimer);
+    clearTimeout(this.noticeTimer);
+    this.panel.toggle(false);
+    this.hint.hide();
+    this.motion.dispose();
+  }
+
+  // What the player does ----------------------------------------------------------------------------------------------
+
+  private follow(player: Player): void {
+    player.on("opened", (info) => this.showOpened(info));
+    player.on("ready", () => {
+      this.busy(false);
+      this.part(".poster").classList.add("gone");
+      this.timeline.updateBuffered();
+      this.showPlaying(player.playing);
+      this.awake();
+      if (this.host.getAttribute("controls") !== "none") this.hint.show(this.motion.ownsWheel());
+    });
+    player.on("play", () => {
+      this.say("Playing");
+      this.showPlaying(true);
+      this.awake();
+    });
+    player.on("pause", () => {
+      this.say(`Paused at ${player.seconds.toFixed(1)} of ${player.duration.toFixed(1)} seconds`);
+      this.showPlaying(false);
+      this.awake();
+    });
+    player.on("frame", ({ frame, seconds }) => {
+      this.timeline.update(frame);
+      this.part(".now").textContent = clock(seconds);
+    });
+    player.on("grown", () => {
+      this.part(".total").textContent = `/ ${clock(player.duration)}`;
+      this.timeline.updateBuffered();
+    });
+    player.on("fetched", () => this.timeline.updateBuffered());
+    player.on("view", () => this.fade());
+    player.on("waiting", (waiting) => this.busy(waiting));
+    player.on("ended", () => this.say("The end"));
+    player.on("sound", () => this.showSound());
+    player.on("notice", (message) => {
+      this.timeline.updateBuffered();
+      this.notice(message);
+    });
+  }
+
+  private showOpened(info: StreamInfo): void {
+    const { host, player } = this;
+    this.setBackground(this.background);
+    const title = host.getAttribute("data-title") ?? info.title ?? "";
+    const credits = [host.getAttribute("data-credits") ?? "", host.getAttribute("data-license") ?? ""];
+    const names = credits.filter((text) => text !== "").join(" · ");
+    this.part(".title").textContent = title;
+    this.part(".credits").textContent = names;
+    this.part(".head").hidden = !this.isPage || (title === "" && names === "");
+    if (title !== "" && this.isPage) document.title = title;
+    this.part(".stage").setAttribute("aria-label", title === "" ? "Volumetric video" : `Volumetric video: ${title}`);
+    this.part(".total").textContent = `/ ${clock(player.duration)}`;
+    this.fade();
+  }
+
+  private showSound(): void {
+    const { sound } = this.player;
+    this.part("[data-act='sound']").hidden = !sound.present;
+    this.relabel("sound", sound.muted ? ICONS.silent : ICONS.sound, sound.muted ? "Turn sound on" : "Turn sound off");
+    if (!sound.blocked || this.toldOfSound) return;
+    this.toldOfSound = true;
+    this.notice("The browser starts without sound. Turn it on with the button below.");
+  }
+
+  private showPlaying(playing: boolean): void {
+    this.relabel("play", playing ? ICONS.pause : ICONS.play, playing ? "Pause" : "Play");
+    // The large button is only shown before the first playback.
+    this.part(".start").hidden = playing || this.played || this.isMoment;
+    this.played ||= playing;
+  }
+
+  /** Fades the image where no camera filmed from nearby, down to a hint of it, and says why. */
+  private fade(): void {
+    const { visibility } = this.player;
+    this.part(".stage > canvas").style.opacity = visibility < 1 ? String(FAINTEST + (1 - FAINTEST) * visibility) : "";
+    const outside = visibility <= 0.5;
+    if (outside && !this.outside) this.notice("Not filmed from here.");
+    this.outside = outside;
+  }
+
+  busy(busy: boolean): void {
+    this.part(".veil").classList.toggle("busy", busy);
+  }
+
+  /** Shows the controls for a while. */
+  awake(): void {
+    this.host.classList.remove("idle");
+    clearTimeout(this.idleTimer);
+    this.idleTimer = setTimeout(() => {
+      const open = !this.part(".settings").hidden;
+      if (this.player.playing && !open && this.immersive === null) this.host.classList.add("idle");
+    }, IDLE);
+  }
+
+  notice(message: string): void {
+    const element = this.part(".notice");
+    element.textContent = message;
+    element.classList.add("shown");
+    clearTimeout(this.noticeTimer);
+    this.noticeTimer = setTimeout(() => element.classList.remove("shown"), NOTICE);
+  }
+
+  /** For screen readers only. */
+  private say(text: string): void {
+    this.part(".spoken").textContent = text;
+  }
+
+  // What the viewer does ----------------------------------------------------------------------------------------------
+
+  /** By the viewer, whose input also allows sound. */
+  togglePlay(): void {
+    const { player, host } = this;
+    if (player.playing) {
+      host.pause();
+      return;
+    }
+    if (player.sound.blocked) player.sound.muted = false;
+    host.play();
+  }
+
+  toggleSound(): void {
+    const { sound } = this.player;
+    if (sound.present) sound.muted = !sound.muted;
+  }
+
+  skip(seconds: number): void {
+    this.host.seek(Math.max(0, this.player.seconds + seconds));
+  }
+
+  step(frames: number): void {
+    this.player.pause();
+    this.timeline.seek(this.player.frame + frames);
+  }
+
+  changeSpeed(step: number): void {
+    const now = this.player.speed;
+    const faster = SPEEDS.filter((speed) => (step > 0 ? speed > now : speed < now));
+    this.setSpeed(faster.at(step > 0 ? 0 : -1) ?? now);
+    this.notice(`Speed: ${this.player.speed}×.`);
+  }
+
+  nextBackground(): void {
+    const names = (Object.keys(BACKGROUNDS) as BackgroundName[]).filter((name) => !isSuggested(name, this.suggested));
+    const next = names[(names.indexOf(this.background) + 1) % names.length];
+    this.setBackground(next);
+    this.notice(`Background: ${BACKGROUNDS[next].label}.`);
+  }
+
+  copyLink(): void {
+    if (!this.isPage || this.player.info === null) return;
+    this.toggleSettings(false);
+    void this.links.copy();
+  }
+
+  async toggleFull(): Promise<void> {
+    try {
+      if (document.fullscreenElement === this.host) await document.exitFullscreen();
+      else await this.host.requestFullscreen();
+    } catch (error) {
+      this.notice(`Full screen is not available: ${messageOf(error)}.`);
+    }
+  }
+
+  async toggleImmersion(kind: Immersion): Promise<void> {
+    if (this.immersive !== null) {
+      this.immersive.end();
+      return;
+    }
+    if (!this.host.state.ready) return;
+    this.toggleSettings(false);
+    try {
+      this.immersive = await Immersive.start(kind, this.player, this.host, {
+        hint: (text) => this.notice(text),
+        ended: () => {
+          this.immersive = null;
+          this.showImmersion(kind, false);
+        },
+      });
+      this.showImmersion(kind, true);
+    } catch (error) {
+      this.notice(`${kind.toUpperCase()} is not available: ${messageOf(error)}.`);
+    }
+  }
+
+  private showImmersion(kind: Immersion, on: boolean): void {
+    this.host.classList.toggle("ar", on && kind === "ar");
+    for (const button of this.buttons(kind)) button.setAttribute("aria-pressed", String(on));
+    this.awake();
+  }
+
+  toggleSettings(open = this.part(".settings").hidden): void {
+    this.part(".settings").hidden = !open;
+    this.part("[data-act='settings']").setAttribute("aria-expanded", String(open));
+  }
+
+  toggleHelp(open = this.part(".help").hidden): void {
+    const help = this.part(".help");
+    if (help.hidden === !open) return;
+    help.hidden = !open;
+    if (open) {
+      this.toggleSettings(false);
+      this.panel.toggle(false);
+      help.focus();
+    } else this.part(".stage").focus({ preventScroll: true });
+  }
+
+  toggleInfo(): void {
+    this.toggleSettings(false);
+    this.toggleHelp(false);
+    this.panel.toggle();
+    this.part(".bar [data-act='info']").setAttribute("aria-pressed", String(this.panel.open));
+  }
+
+  closeSheets(): void {
+    this.toggleSettings(false);
+    this.toggleHelp(false);
+    this.links.hide();
+    this.panel.toggle(false);
+  }
+
+  private tapped(pointer: string, x: number, y: number): void {
+    this.part(".stage").focus({ preventScroll: true });
+    if (!this.part(".settings").hidden || !this.part(".help").hidden) {
+      this.toggleSettings(false);
+      this.toggleHelp(false);
+      return;
+    }
+    const start = this.part(".start");
+    const box = start.getBoundingClientRect();
+    if (!start.hidden && x >= box.left && x <= box.right && y >= box.top && y <= box.bottom) {
+      this.host.play();
+      return;
+    }
+    if (pointer === "mouse") return;
+    // A tap shows the controls, another tap hides them.
+    if (this.host.classList.contains("idle")) this.awake();
+    else this.host.classList.add("idle");
+  }
+
+  // What is chosen in the settings ------------------------------------------------------------------------------------
+
+  /** @param data - of the button that was pressed */
+  choose({ speed, loop, background }: DOMStringMap): void {
+    if (speed !== undefined) this.setSpeed(Number(speed));
+    if (loop !== undefined) this.setLoop(loop === "true");
+    if (isBackground(background)) this.setBackground(background);
+  }
+
+  setSpeed(speed: number): void {
+    this.player.speed = speed;
+    this.check("speed", String(this.player.speed));
+  }
+
+  setLoop(loop: boolean): void {
+    if (this.player.loop !== loop) this.player.loop = loop;
+    this.check("loop", String(loop));
+  }
+
+  setBackground(name: BackgroundName): void {
+    const { suggested } = this;
+    this.background = name;
+    const color = name === "stream" ? suggested : BACKGROUNDS[name].color;
+    this.player.background = color;
+    this.host.style.backgroundColor = cssColor(color);
+    this.part(".swatch.stream").style.setProperty("--color", cssColor(suggested));
+    for (const swatch of this.root.querySelectorAll<HTMLElement>(".swatch"))
+      swatch.hidden = isSuggested(swatch.dataset["background"] as BackgroundName, suggested);
+    this.check("background", isSuggested(name, suggested) ? "stream" : name);
+  }
+
+  /** The background of the stream, or black. */
+  private get suggested(): Vector {
+    return this.player.info?.background ?? BACKGROUNDS.black.color;
+  }
+
+  private check(group: "speed" | "loop" | "background", value: string): void {
+    for (const element of this.root.querySelectorAll<HTMLElement>(`[data-${group}]`))
+      element.setAttribute("aria-checked", String(element.dataset[group] === value));
+  }
+
+  /** Whether the player is the whole page. */
+  private get isPage(): boolean {
+    return this.host.hasAttribute("page");
+  }
+
+  private part(selector: string): HTMLElement {
+    return this.root.querySelector<HTMLElement>(selector)!;
+  }
+
+  private buttons(act: string): NodeListOf<HTMLElement> {
+    return this.root.querySelectorAll<HTMLElement>(`[data-act='${act}']`);
+  }
+
+  private relabel(act: string, icon: string, label: string): void {
+    const button = this.part(`.bar [data-act='${act}']`);
+    button.innerHTML = icon;
+    button.title = label;
+    button.setAttribute("aria-label", label);
+  }
+}

@@ -1,0 +1,131 @@
+/** Groups that are ready to be played: their side file is parsed, and their video is open in a decoder that works here. */
+
+import { messageOf, StreamError } from "../stream/errors.ts";
+import { isMotion, type Manifest, type Rendition, type VideoEntry } from "../stream/manifest.ts";
+import { MotionTables } from "../stream/motion.ts";
+import { inflate, parseSideFile } from "../stream/side_file.ts";
+import { CheckedPictures } from "./checked_pictures.ts";
+import { demux } from "./demux.ts";
+import type { DecodePath } from "./messages.ts";
+import { type PictureSource, WebCodecsPictures } from "./pictures.ts";
+import { PlanesPictures } from "./planes_pictures.ts";
+import type { Pool } from "./pool.ts";
+import { pictureSize } from "./setup.ts";
+import type { Files, GroupStore } from "./store.ts";
+import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
+
+const NEEDS_WEBCODECS =
+  "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
+/** Number of groups kept. */
+const KEPT = 3;
+
+export interface Prepared {
+  readonly group: Rendition;
+  /** Of a group of the profile `motion`, else null. */
+  readonly tables: MotionTables | null;
+  readonly pictures: PictureSource;
+  readonly milliseconds: number;
+}
+
+export class PreparedGroups {
+  /** Whether no group has been fetched yet. */
+  fresh = true;
+  path: DecodePath;
+  private readonly mayChangePath: boolean;
+  private readonly groups = new Map<number, Promise<Prepared>>();
+
+  /** @throws StreamError - the browser cannot decode such a stream in this way */
+  constructor(
+    private readonly manifest: Pick<Manifest, "codec" | "profile">,
+    private readonly store: GroupStore,
+    private readonly channel: VideoChannel,
+    private readonly pool: Pool,
+    path: DecodePath | "auto",
+  ) {
+    this.mayChangePath = path === "auto";
+    this.path = path !== "auto" ? path : "VideoDecoder" in self ? "webcodecs" : "video";
+    if (this.path === "video" && manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
+  }
+
+  has(index: number): boolean {
+    return this.groups.has(index);
+  }
+
+  /** @throws StreamError - the group cannot be fetched, or is damaged */
+  get(index: number): Promise<Prepared> {
+    let prepared = this.groups.get(index);
+    if (prepared === undefined) {
+      prepared = this.read(index);
+      prepared.catch(() => undefined);
+    }
+    // Most recently used last.
+    this.groups.delete(index);
+    this.groups.set(index, prepared);
+    for (const old of [...this.groups.keys()].slice(0, -KEPT)) this.drop(old);
+    return prepared;
+  }
+
+  drop(index: number): void {
+    const prepared = this.groups.get(index);
+    this.groups.delete(index);
+    prepared?.then(
+      ({ pictures }) => pictures.close(),
+      () => undefined,
+    );
+  }
+
+  dropAll(): void {
+    for (const index of [...this.groups.keys()]) this.drop(index);
+  }
+
+  /** Switches to the next decode path, if there is one left. */
+  changePath(): boolean {
+    if (!this.mayChangePath) return false;
+    if (this.path === "webcodecs") this.path = "webcodecs-software";
+    else if (this.path === "webcodecs-software" && this.manifest.profile === "motion") this.path = "video";
+    else return false;
+    this.dropAll();
+    return true;
+  }
+
+  private async read(index: number): Promise<Prepared> {
+    const { group, files } = await this.store.get(index).finally(() => (this.fresh = false));
+    const began = performance.now();
+    if (!isMotion(group)) {
+      const videos = group.components.flatMap(({ planes }) => planes);
+      const open = (plane: number): Promise<PictureSource> =>
+        this.openVideo(files, videos[plane], [group.side, group.side], group.frame_count);
+      const pictures = new PlanesPictures(group, open, this.pool);
+      return { group, tables: null, pictures, milliseconds: performance.now() - began };
+    }
+    // While this thread reads the side file, others decompress and decode.
+    const inflating = inflate(files.get(group.side.path)!, group.side.raw_bytes);
+    inflating.catch(() => undefined);
+    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frame_count);
+    if (this.path !== "video") pictures.warm();
+    try {
+      const tables = new MotionTables(group, parseSideFile(await inflating, group));
+      return { group, tables, pictures, milliseconds: performance.now() - began };
+    } catch (error) {
+      pictures.close();
+      throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
+    }
+  }
+
+  private async openVideo(
+    files: Files,
+    { path, checks }: Pick<VideoEntry, "path" | "checks">,
+    size: readonly [number, number],
+    frames: number,
+  ): Promise<PictureSource> {
+    const data = files.get(path)!;
+    const demuxed = await demux(data, path, this.manifest.codec.name, size, frames);
+    const hardwareAcceleration = this.path === "webcodecs" ? "no-preference" : "prefer-software";
+    const config = { ...demuxed.config, optimizeForLatency: true, hardwareAcceleration } as const;
+    const pictures =
+      this.path === "video"
+        ? new VideoElementPictures(this.channel, data, demuxed, size, this.pool)
+        : new WebCodecsPictures(config, demuxed.packets, size, path, this.pool);
+    return new CheckedPictures(pictures, checks, path, this.pool);
+  }
+}
