@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from pipelines.share.certificates import Certificate
     from pipelines.share.player_files import PlayerFiles
-    from pipelines.share.serving import Links
+    from pipelines.share.serving import Serving
 
 HTTP_NOTE = (
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
@@ -126,9 +126,9 @@ def _serve(arguments: argparse.Namespace) -> int:
     server = serving.server
     with contextlib.closing(serving):
         if arguments.json:
-            _print_json(arguments.output, serving.links)
+            _print_json(arguments.output, serving)
         else:
-            _print(serving.links, player is not None, arguments.qr)
+            _print(serving, player is not None, arguments.qr)
         _bound_logs(server)
         if arguments.end_with_stdin:
             threading.Thread(target=_end_with_stdin, args=(server,), name="v3studio stdin", daemon=True).start()
@@ -180,51 +180,46 @@ def _player() -> PlayerFiles | None:
         return None
 
 
-def _print(links: Links, player: bool, qr: bool | None) -> None:
+def _print(serving: Serving, player: bool, qr: bool | None) -> None:
     """Addresses, and what phones need."""
-    bases, certificate = links.bases, links.certificate
-    lines = [f"Serving {links.streams[path]} at {address}" for path, address in links.to_play.items()]
-    first = next(iter(links.to_play.values()))
+    certificate = serving.certificate
+    lines = [f"Serving {folder} at {address}" for address, folder in serving.streams.items()]
     browser = "open the address in a browser, or run " if player else ""
-    lines.append(f"To play: {browser}v3studio play {first}    To stop: Ctrl-C")
-    for path, address in links.to_review.items():
-        lines.append(f"To review {links.streams[path].parent.name}: {address}")
-    if links.reviews is not None:
+    lines.append(f"To play: {browser}v3studio play {serving.address}    To stop: Ctrl-C")
+    for address, folder in serving.reviews.items():
+        lines.append(f"To review {folder.name}: {address}")
+    if serving.reviews:
         lines.append("Anyone with a review link sees the footage of held-out cameras and may change marks.")
-    if len(bases) > 1:
-        lines.append(f"Other addresses of this machine: {', '.join(f'{base}/' for base in bases[1:])}")
+    if len(serving.bases) > 1:
+        lines.append(f"Other addresses of this machine: {', '.join(f'{base}/' for base in serving.bases[1:])}")
     if certificate is not None:
         lines.append(f"SHA-256 fingerprint of the certificate: {certificate.fingerprint}")
         if certificate.made:
             lines.append("Browsers warn of it, since it was made here; accept it if the fingerprint is the same.")
-    if links.local:
+    if serving.is_local:
         lines.append("Only this machine can reach it; --host 0.0.0.0 lets phones and other machines in.")
     elif certificate is None and player:
         lines.append(HTTP_NOTE)
-    if links.secret:
+    if serving.is_secret:
         lines.append("The link is secret: without all of it nothing is served; --no-token serves to everybody.")
     print("\n".join(lines), flush=True)
-    if qr if qr is not None else player and not links.local and sys.stdout.isatty():
+    if qr if qr is not None else player and not serving.is_local and sys.stdout.isatty():
         from pipelines.share.addresses import qr_text
 
-        address = first if len(links.streams) == 1 else f"{bases[0]}/"
-        address = next(iter(links.to_review.values()), address)
+        address = serving.address if len(serving.streams) == 1 else f"{serving.bases[0]}/"
+        address = next(iter(serving.reviews), address)
         print(f"{qr_text(address)}\n{address}", flush=True)
 
 
-def _print_json(output: TextIO, links: Links) -> None:
+def _print_json(output: TextIO, serving: Serving) -> None:
     """One line for programs: the first address of each stream, and all bases."""
     event = {
         "kind": "serving",
-        "streams": [
-            {"folder": str(links.streams[path]), "address": address} for path, address in links.to_play.items()
-        ],
-        "reviews": [
-            {"folder": str(links.streams[path].parent), "address": address} for path, address in links.to_review.items()
-        ],
-        "bases": list(links.bases),
-        "local": links.local,
-        "https": links.certificate is not None,
-        "fingerprint": None if links.certificate is None else links.certificate.fingerprint,
+        "streams": [{"folder": str(folder), "address": address} for address, folder in serving.streams.items()],
+        "reviews": [{"folder": str(folder), "address": address} for address, folder in serving.reviews.items()],
+        "bases": list(serving.bases),
+        "local": serving.is_local,
+        "https": serving.certificate is not None,
+        "fingerprint": serving.fingerprint,
     }
     print(json.dumps(event), file=output, flush=True)

@@ -9,19 +9,17 @@ import asyncio
 import hashlib
 import re
 import sys
-from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
 
-from pipelines.review.messages import MarkChange, MarkList, mark_list
+from pipelines.review.messages import MarkChange, MarkList
+from pipelines.review.take_review import TakeReview
 from studio.errors import StudioError
-
-if TYPE_CHECKING:
-    from starlette.requests import Request
-    from starlette.responses import Response
-    from starlette.routing import BaseRoute
-
-    from pipelines.review.take_review import TakeReview
 
 FOLDER = ".review"
 """Hidden files of streams are not served, so that no stream can have a folder of that name."""
@@ -55,11 +53,6 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
     Args:
         review: of the take.
     """
-    from starlette.concurrency import run_in_threadpool
-    from starlette.exceptions import HTTPException
-    from starlette.responses import Response
-    from starlette.routing import Route
-
     working = asyncio.Semaphore(AT_ONCE)
 
     def answer(message: MarkList, status: int = 200) -> Response:
@@ -97,8 +90,8 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
     async def marks(request: Request) -> Response:
         try:
             if request.method == "POST":
-                return answer(mark_list(await run_in_threadpool(review.change, await _change(request))))
-            found = answer(mark_list(await run_in_threadpool(review.marks)))
+                return answer(MarkList(marks=await run_in_threadpool(review.change, await _change(request))))
+            found = answer(MarkList(marks=await run_in_threadpool(review.marks)))
         except StudioError as error:
             status = _STATUS.get(error.code, 500)
             if status == 500:
@@ -119,16 +112,13 @@ def _refused(review: TakeReview, error: StudioError) -> MarkList:
     """Why, without paths of this machine, and the marks if they can be read."""
     problem = error.problem[:1].upper() + error.problem[1:]
     try:
-        return mark_list(review.marks(), f"{problem}.")
+        return MarkList(marks=review.marks(), problem=f"{problem}.")
     except StudioError:
         return MarkList(marks=(), problem=f"{problem}.")
 
 
 async def _change(request: Request) -> MarkChange:
     """The body of a request, if it is a change of a mark, small, and there in time; else raises HTTPException."""
-    from starlette.exceptions import HTTPException
-    from starlette.requests import ClientDisconnect
-
     # pages of other origins can send this type only after asking, which is not granted
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         raise HTTPException(415, "Send application/json.")

@@ -98,28 +98,11 @@ class MarkChange(_Message):
     """The frame's mark as the sender has seen it; None for none."""
 
 
-class MarkRow(_Message):
-    """A mark."""
-
-    frame: int
-    note: str
-    author: str
-    view: MarkView | None
-
-
 class MarkList(_Message):
     """Answer to GET and POST of `.review/marks`."""
 
-    marks: tuple[MarkRow, ...]
+    marks: tuple[Mark, ...]
+    """In the order of their frames."""
 
     problem: str | None = None
     """Why a change was refused, a sentence."""
-
-
-def mark_list(marks: dict[int, Mark], problem: str | None = None) -> MarkList:
-    """Marks by frame as a message, sorted by frame."""
-    rows = (
-        MarkRow(frame=frame, note=mark.note, author=mark.author, view=mark.view)
-        for frame, mark in sorted(marks.items())
-    )
-    return MarkList(marks=tuple(rows), problem=problem)

@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.review.messages import (
-    MarkChange,
-    MetricCurves,
-    QualityCurves,
-    ReviewCamera,
-    ReviewData,
-)
+from pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
 from pipelines.stages.footage import TakeFootage, performer_over
 from pipelines.takes.evaluation import Evaluation, read_evaluation
 from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
@@ -113,12 +107,12 @@ class TakeReview:
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
         return encode(image, ".jpg", _QUALITY)
 
-    def marks(self) -> dict[int, Mark]:
-        """Marks by frame of the stream; raises StudioError as `read_marks`."""
+    def marks(self) -> tuple[Mark, ...]:
+        """Marks of the stream's frames, in their order; raises StudioError as `read_marks`."""
         return self._in_stream(read_marks(self.take.marks))
 
-    def change(self, change: MarkChange) -> dict[int, Mark]:
-        """Add, change or remove a mark; returns all marks by frame of the stream.
+    def change(self, change: MarkChange) -> tuple[Mark, ...]:
+        """Add, change or remove a mark; returns all marks as `marks` does.
 
         Raises:
             StudioError: no such frame (`review.no_frame`), or as `change_mark`.
@@ -134,15 +128,15 @@ class TakeReview:
         )
         return self._in_stream(change_mark(self.take.marks, frame, new, old))
 
-    def _in_stream(self, marks: dict[int, Mark]) -> dict[int, Mark]:
+    def _in_stream(self, marks: dict[int, Mark]) -> tuple[Mark, ...]:
         """Marks of a take, with frames and positions of its stream; those of frames that it does not have are left
         out."""
         first, world = self.place.first_frame, self.place.world
-        return {
-            frame - first: mark.model_copy(update={"frame": frame - first, "view": _seen_from(mark.view, world)})
-            for frame, mark in marks.items()
+        return tuple(
+            mark.model_copy(update={"frame": frame - first, "view": _seen_from(mark.view, world)})
+            for frame, mark in sorted(marks.items())
             if 0 <= frame - first < self.frame_count
-        }
+        )
 
     def _measured_another_stream(self) -> bool:
         record = read_record(self.take, "evaluate")

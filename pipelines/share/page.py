@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -104,6 +104,11 @@ def player_page(
     page = page.replace(_HEAD, "\n".join([f'<meta name="generator" content="{GENERATOR} {program_version()}">', *head]))
     page = _PLAYER.sub(lambda _: element, page)
     return page.replace(_SCRIPT, script)
+
+
+def script_elements(names: Iterable[str], folder: str = "") -> str:
+    """Elements that load the scripts among the files of a folder, whose address is relative to the page."""
+    return "\n".join(f'<script type="module" src="{folder}{name}"></script>' for name in names if name.endswith(".js"))
 
 
 def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> list[str]:

@@ -28,29 +28,11 @@ class PlayerFiles:
     review: bytes
     licenses: bytes
 
-    @property
-    def hashed(self) -> dict[str, bytes]:
-        """Script and licenses by hashed names, script first: a new version has a new name, so that caches may keep
-        files for good."""
-        return {
-            hashed_name(SCRIPT_NAME, self.script): self.script,
-            hashed_name(LICENSES_NAME, self.licenses): self.licenses,
-        }
-
-    @property
-    def script_name(self) -> str:
-        """The script's hashed name."""
-        return hashed_name(SCRIPT_NAME, self.script)
-
-    @property
-    def hashed_review(self) -> dict[str, bytes]:
-        """The script for reviews by its hashed name."""
-        return {self.review_name: self.review}
-
-    @property
-    def review_name(self) -> str:
-        """The hashed name of the script for reviews."""
-        return hashed_name(REVIEW_NAME, self.review)
+    def hashed(self, review: bool = False) -> dict[str, bytes]:
+        """What a page loads, the scripts first, and the licenses, by hashed names: a new version has a new name, so
+        that caches may keep files for good."""
+        scripts = {SCRIPT_NAME: self.script} | ({REVIEW_NAME: self.review} if review else {})
+        return {hashed_name(name, data): data for name, data in {**scripts, LICENSES_NAME: self.licenses}.items()}
 
     @property
     def size(self) -> int:

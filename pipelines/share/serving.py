@@ -6,7 +6,6 @@ import secrets
 import socket
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -24,61 +23,41 @@ if TYPE_CHECKING:
 _SECRET_BYTES = 16  # of the random part of secret links
 
 
-@dataclass(frozen=True)
-class Links:
-    """Where everything is served.
-
-    Attributes:
-        streams: folders by path on the server.
-        roots: addresses of the server, the one to try first at the beginning.
-        secret: part of the path of all streams; "" for none.
-        reviews: what can be reviewed; None for nothing.
-        local: whether only this machine can reach it.
-        certificate: None over http.
-    """
-
-    streams: dict[str, Path]
-    roots: tuple[str, ...]
-    secret: str
-    reviews: Reviews | None
-    local: bool
-    certificate: Certificate | None
-
-    @property
-    def bases(self) -> tuple[str, ...]:
-        """Addresses below which the paths are."""
-        return tuple(f"{root}/{self.secret}".rstrip("/") for root in self.roots)
-
-    @property
-    def to_play(self) -> dict[str, str]:
-        """Addresses by path."""
-        return {path: f"{self.bases[0]}{quote(path)}" for path in self.streams}
-
-    @property
-    def to_review(self) -> dict[str, str]:
-        """Secret addresses by path: a trailing slash is part of them."""
-        if self.reviews is None:
-            return {}
-        base = f"{self.roots[0]}/{self.reviews.secret}"
-        return {path: f"{base}{quote(path.rstrip('/'))}/" for path in self.reviews.takes}
-
-
 class Serving:
     """A server that listens, in a thread of this process once it is started; also a context manager that closes it.
 
     Attributes:
-        links: where everything is served.
+        server: what listens; may be told to exit.
         streams: folders of the streams by the address of their page, which ends in "/". The manifest is `manifest.json`
             below it; `StreamReader.open` and `v3studio play` take the address itself.
+        reviews: folders of the takes that can be reviewed, by secret addresses.
         bases: addresses of the server, the one to try first at the beginning; with the secret part, if there is one.
-        fingerprint: SHA-256 of the certificate as browsers show it, "AB:CD:..."; None over http.
+        is_secret: whether they have one.
+        is_local: whether only this machine can reach it.
+        certificate: None over http.
     """
 
-    def __init__(self, server: BoundedServer, sock: socket.socket, links: Links) -> None:
-        self.links = links
-        self.streams = {f"{address.rstrip('/')}/": links.streams[path] for path, address in links.to_play.items()}
-        self.bases = links.bases
-        self.fingerprint = None if links.certificate is None else links.certificate.fingerprint
+    def __init__(
+        self,
+        server: BoundedServer,
+        sock: socket.socket,
+        *,
+        roots: Sequence[str],
+        secret: str,
+        streams: dict[str, Path],
+        reviews: Reviews | None,
+        local: bool,
+        certificate: Certificate | None,
+    ) -> None:
+        """Keep what `prepare` has made: `roots` are addresses of the server without the secret part, and `streams` are
+        by their paths below it."""
+        self.bases = tuple(f"{root}/{secret}".rstrip("/") for root in roots)
+        self.streams = {_page(self.bases[0], path): folder for path, folder in streams.items()}
+        self.reviews: dict[str, Path] = {}
+        if reviews is not None:
+            base = f"{roots[0]}/{reviews.secret}"
+            self.reviews = {_page(base, path): streams[path].parent for path in reviews.takes}
+        self.is_secret, self.is_local, self.certificate = bool(secret), local, certificate
         self.server, self._sock = server, sock
         self._thread = threading.Thread(target=self.run, name="v3studio serve", daemon=True)
 
@@ -86,6 +65,11 @@ class Serving:
     def address(self) -> str:
         """Address of the first stream's page."""
         return next(iter(self.streams))
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 of the certificate as browsers show it, "AB:CD:..."; None over http."""
+        return None if self.certificate is None else self.certificate.fingerprint
 
     def run(self) -> None:
         """Serve in this thread until the server is told to exit."""
@@ -110,6 +94,11 @@ class Serving:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _page(base: str, path: str) -> str:
+    """Address of the page of a stream at a path."""
+    return f"{base}{quote(path.rstrip('/'))}/"
 
 
 def prepare(
@@ -168,8 +157,17 @@ def prepare(
         roots = tuple(f"{scheme}://{name}:{sock.getsockname()[1]}" for name in hosts)
         names = (*own_names(), *allow_hosts)
         app = build_app(streams, player, reviews, secret, names, allow_origins, text)
-        links = Links(streams, roots, secret, reviews, local, certificate)
-        return Serving(BoundedServer(server_config(app, certificate, **options)), sock, links)
+        server = BoundedServer(server_config(app, certificate, **options))
+        return Serving(
+            server,
+            sock,
+            roots=roots,
+            secret=secret,
+            streams=streams,
+            reviews=reviews,
+            local=local,
+            certificate=certificate,
+        )
     except BaseException:
         sock.close()
         raise

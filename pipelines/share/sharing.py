@@ -193,7 +193,7 @@ def _write_folder(
         files=len(written),
         total_bytes=sum(written.values()),
         stream_bytes=sum(size for name, size in written.items() if name.startswith("stream/")),
-        player_bytes=written[PAGE_NAME] + sum(len(data) for data in player.hashed.values()),
+        player_bytes=written[PAGE_NAME] + sum(len(data) for data in player.hashed().values()),
         poster_bytes=len(next(iter(beside.values()))),
     )
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
-from pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags
+from pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags, script_elements
 from pipelines.share.player_files import PlayerFiles, hashed_name
 from pipelines.takes.videos import stream_place
 
@@ -99,11 +99,11 @@ class StreamToShare:
         """
         poster = self.poster()
         name = hashed_name("poster.jpg", poster.data)
-        script = f'<script type="module" src="{player.script_name}"></script>'
+        hashed = player.hashed()
         first = first_files(self.reader.manifest_bytes)
         tags = preview_tags(text, name, poster.size)
-        page = player_page(player.page, script, manifest, text, name, tags, first=first)
-        return {name: poster.data, **player.hashed, PAGE_NAME: page.encode()}
+        page = player_page(player.page, script_elements(hashed), manifest, text, name, tags, first=first)
+        return {name: poster.data, **hashed, PAGE_NAME: page.encode()}
 
 
 @contextmanager

@@ -8,22 +8,29 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
-from pipelines.share.page import PageText, first_files, player_page
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
+
+from pipelines.review import FOLDER, TakeReview, review_routes
+from pipelines.share.host_check import HostCheck
+from pipelines.share.page import PageText, first_files, player_page, script_elements
+from pipelines.share.player_files import PlayerFiles
+from pipelines.share.stream_to_share import name_of
 from studio.bounded_files import parse_json
 from studio.stream.manifest import MANIFEST_NAME
-
-if TYPE_CHECKING:
-    from starlette.applications import Starlette
-    from starlette.responses import Response
-    from starlette.routing import BaseRoute, Mount
-
-    from pipelines.review import TakeReview
-    from pipelines.share.player_files import PlayerFiles
 
 TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}
 """Content types by suffix; others are application/octet-stream."""
@@ -34,6 +41,7 @@ HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
 _PACKED = b'-gzip"'  # end of the ETag of a compressed response
 _KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
+_UNCACHED = {"Cache-Control": "no-cache", "Vary": "Accept"}  # for pages
 _MOST_RANGES = 8  # in one request
 
 
@@ -76,13 +84,6 @@ def build_app(
         origins: pages of these may read ("https://example.org", or "*").
         text: of the pages; without a title, it is each stream's own, else its name.
     """
-    from starlette.applications import Starlette
-    from starlette.middleware import Middleware
-    from starlette.middleware.cors import CORSMiddleware
-    from starlette.routing import Mount
-
-    from pipelines.share.host_check import HostCheck
-
     cors = Middleware(
         CORSMiddleware,
         allow_origins=list(origins),
@@ -93,121 +94,131 @@ def build_app(
     )
     shared = "cross-origin" if origins else "same-origin"
     text = text or PageText()
-    routes = _routes(streams, player, {}, shared, text, None)
+    routes = _Site(streams, player, {}, shared, text, None).routes()
     if secret:
         routes = [Mount(f"/{secret}", routes=routes)]
     if reviews is not None:
         # pages of other origins get no access to reviews
-        review = _routes(streams, player, reviews.takes, "same-origin", text, f"../{secret}/" if secret else "../")
+        watching = f"../{secret}/" if secret else "../"
+        review = _Site(streams, player, reviews.takes, "same-origin", text, watching).routes()
         routes.insert(0, Mount(f"/{reviews.secret}", routes=review))
     return Starlette(routes=routes, middleware=[Middleware(HostCheck, names=names), *([cors] if origins else [])])
 
 
-def _routes(
-    streams: dict[str, Path],
-    player: PlayerFiles | None,
-    reviews: Mapping[str, TakeReview],
-    shared: str,
-    text: PageText,
-    watching: str | None,
-) -> list[BaseRoute]:
-    """Routes of the streams, the player and the reviews.
+@dataclass(frozen=True)
+class _Site:
+    """The streams with the player, with their reviews or without.
 
-    Args:
-        streams, player, reviews, text: as for `build_app`.
+    Attributes:
+        streams, player, text: as for `build_app`.
+        reviews: by the path of their stream.
         shared: the Cross-Origin-Resource-Policy.
         watching: where the same is served without reviews, relative to "/", which pages copy as a link. None: links
             are to the pages themselves.
     """
-    from starlette.exceptions import HTTPException
-    from starlette.requests import Request
-    from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
-    from starlette.routing import Mount, Route
-    from starlette.staticfiles import StaticFiles
-    from starlette.types import Receive, Scope, Send
 
-    hashed = {}
-    if player is not None:
-        hashed = {**player.hashed, **(player.hashed_review if reviews else {})}
-    packed = {name: gzip.compress(data, mtime=0) for name, data in hashed.items()}
-    uncached = {"Cache-Control": "no-cache", "Vary": "Accept"}
+    streams: dict[str, Path]
+    player: PlayerFiles | None
+    reviews: Mapping[str, TakeReview]
+    shared: str
+    text: PageText
+    watching: str | None
 
-    class StreamFiles(StaticFiles):
-        def __init__(self, path: str, folder: Path) -> None:
-            super().__init__(directory=folder)
-            self.path, self.folder = path, folder
+    def routes(self) -> list[BaseRoute]:
+        """Of the list of streams, the player, the reviews and the streams."""
+        reviews = {f"{path.rstrip('/')}/{FOLDER}": review for path, review in self.reviews.items()}
+        return [
+            Route("/", self._index),
+            Route(f"/{_PLAYER_PATH}/{{name}}", self._player_file),
+            *(_exactly(path, Mount("", routes=review_routes(review))) for path, review in reviews.items()),
+            *(_exactly(path.rstrip("/"), Mount("", _StreamFiles(self, path))) for path in self.streams),
+        ]
 
-        async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-            if not all(usable_range(value) for name, value in scope["headers"] if name == b"range"):
-                kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
-                scope = {**scope, "headers": kept}
-            await super().__call__(scope, receive, send)
+    def page(self, path: str) -> str:
+        """The player's page for a stream, with what a review adds to it."""
+        assert self.player is not None
+        stream, up = self.streams[path], "" if path == "/" else "../"
+        title = self.text.title or name_of(stream)
+        first: list[str] = []
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+            # the player reports what is damaged
+            manifest = (stream / MANIFEST_NAME).read_bytes()
+            first = first_files(manifest)
+            own = parse_json(manifest)["metadata"]["title"]
+            title = own if self.text.title is None and isinstance(own, str) and own.strip() else title
+        scripts = script_elements(self.player.hashed(path in self.reviews), f"{up}{_PLAYER_PATH}/")
+        own = "" if path == "/" else f"{quote(path.removeprefix('/'))}/"
+        link = None if self.watching is None else f"{up}{self.watching}{own}"
+        text = replace(self.text, title=title)
+        return player_page(self.player.page, scripts, MANIFEST_NAME, text, link=link, first=first)
 
-        async def get_response(self, path: str, scope: Scope) -> Response:
-            if player is not None and path == ".":
-                link = None if watching is None else f"../{watching}{quote(self.path.removeprefix('/'))}/"
-                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews, text, link)
-                return HTMLResponse(page, headers=uncached)
-            if not path.endswith(".json") or not _takes_gzip(scope):
-                return await super().get_response(path, scope)
-            # the manifest and the pages of the index: what a player must have before the first image
-            plain = {**scope, "headers": [(name, value.replace(_PACKED, b'"')) for name, value in scope["headers"]]}
-            response = await super().get_response(path, plain)
-            return _packed(response) if isinstance(response, FileResponse) else response
-
-        def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
-            if any(part.startswith(".") for part in Path(path).parts):
-                return "", None
-            return super().lookup_path(path)
-
-        def file_response(
-            self, full_path: Any, stat_result: os.stat_result, scope: Scope, status_code: int = 200
-        ) -> Response:
-            response = super().file_response(full_path, stat_result, scope, status_code)
-            named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
-            response.headers["Cache-Control"] = _KEEP if named else "no-cache"
-            response.headers["X-Content-Type-Options"] = "nosniff"
-            response.headers["Cross-Origin-Resource-Policy"] = shared
-            if isinstance(response, FileResponse):
-                kind = TYPES.get(Path(full_path).suffix.lower(), "application/octet-stream")
-                response.headers["Content-Type"] = kind
-            return response
-
-    async def index(request: Request) -> Response:
-        if player is not None and "text/html" in request.headers.get("accept", ""):
-            if "/" in streams:
-                page = _page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews, text, watching)
-                return HTMLResponse(page, headers=uncached)
-            return HTMLResponse(_list_page(streams), headers=uncached)
+    async def _index(self, request: Request) -> Response:
+        if self.player is not None and "text/html" in request.headers.get("accept", ""):
+            page = self.page("/") if "/" in self.streams else _list_page(self.streams)
+            return HTMLResponse(page, headers=_UNCACHED)
         own = request.url  # with the secret part, which base_url lacks
         base = f"{own.scheme}://{own.netloc}{own.path.rpartition('/')[0]}"
-        lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST_NAME}" for path in streams]
-        return PlainTextResponse("V3 Studio streams:\n" + "\n".join(lines) + "\n", headers=uncached)
+        lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST_NAME}" for path in self.streams]
+        return PlainTextResponse("V3 Studio streams:\n" + "\n".join(lines) + "\n", headers=_UNCACHED)
 
-    async def player_file(request: Request) -> Response:
+    @cached_property
+    def _player_files(self) -> dict[str, tuple[bytes, bytes]]:
+        """The player's files, plain and compressed, by hashed names."""
+        files = {} if self.player is None else self.player.hashed(bool(self.reviews))
+        return {name: (data, gzip.compress(data, mtime=0)) for name, data in files.items()}
+
+    async def _player_file(self, request: Request) -> Response:
         name = request.path_params["name"]
-        if name not in hashed:
+        if name not in self._player_files:
             raise HTTPException(404)
+        plain, packed = self._player_files[name]
         kind = "text/javascript" if name.endswith(".js") else "text/plain"
         headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff", "Vary": "Accept-Encoding"}
         if not _takes_gzip(request.scope):
-            return Response(hashed[name], media_type=kind, headers=headers)
-        return Response(packed[name], media_type=kind, headers={**headers, "Content-Encoding": "gzip"})
-
-    files = Route(f"/{_PLAYER_PATH}/{{name}}", player_file)
-    mounts = [_exactly(path.rstrip("/"), Mount("", StreamFiles(path, folder))) for path, folder in streams.items()]
-    return [Route("/", index), files, *_review_routes(reviews), *mounts]
+            return Response(plain, media_type=kind, headers=headers)
+        return Response(packed, media_type=kind, headers={**headers, "Content-Encoding": "gzip"})
 
 
-def _review_routes(reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
-    from starlette.routing import Mount
+class _StreamFiles(StaticFiles):
+    """Files of a stream of a site, and its page in place of its folder."""
 
-    from pipelines.review import FOLDER, review_routes
+    def __init__(self, site: _Site, path: str) -> None:
+        super().__init__(directory=site.streams[path])
+        self._site, self._path = site, path
 
-    return [
-        _exactly(f"{path.rstrip('/')}/{FOLDER}", Mount("", routes=review_routes(review)))
-        for path, review in reviews.items()
-    ]
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if not all(usable_range(value) for name, value in scope["headers"] if name == b"range"):
+            kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
+            scope = {**scope, "headers": kept}
+        await super().__call__(scope, receive, send)
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        if self._site.player is not None and path == ".":
+            return HTMLResponse(self._site.page(self._path), headers=_UNCACHED)
+        if not path.endswith(".json") or not _takes_gzip(scope):
+            return await super().get_response(path, scope)
+        # the manifest and the pages of the index: what a player must have before the first image
+        plain = {**scope, "headers": [(name, value.replace(_PACKED, b'"')) for name, value in scope["headers"]]}
+        response = await super().get_response(path, plain)
+        return _packed(response) if isinstance(response, FileResponse) else response
+
+    def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
+        if any(part.startswith(".") for part in Path(path).parts):
+            return "", None
+        return super().lookup_path(path)
+
+    def file_response(
+        self, full_path: Any, stat_result: os.stat_result, scope: Scope, status_code: int = 200
+    ) -> Response:
+        response = super().file_response(full_path, stat_result, scope, status_code)
+        named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
+        response.headers["Cache-Control"] = _KEEP if named else "no-cache"
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        response.headers["Cross-Origin-Resource-Policy"] = self._site.shared
+        if isinstance(response, FileResponse):
+            kind = TYPES.get(Path(full_path).suffix.lower(), "application/octet-stream")
+            response.headers["Content-Type"] = kind
+        return response
 
 
 def _exactly(path: str, mount: Mount) -> Mount:
@@ -222,10 +233,8 @@ def _takes_gzip(scope: Any) -> bool:
     return b"gzip" in headers.get(b"accept-encoding", b"") and b"range" not in headers
 
 
-def _packed(response: Any) -> Response:
+def _packed(response: FileResponse) -> Response:
     """A whole file, compressed; its ETag says so, since the bytes are others."""
-    from starlette.responses import Response
-
     headers = {name: value for name, value in response.headers.items() if name != "content-length"}
     headers["etag"] = headers["etag"].removesuffix('"') + _PACKED.decode()
     data = gzip.compress(Path(response.path).read_bytes(), 6, mtime=0)
@@ -250,56 +259,9 @@ def usable_range(header: bytes) -> bool:
     return True
 
 
-def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, text: PageText, link: str | None) -> str:
-    """The player's page for a stream beside it, with what a review adds to it."""
-    from pipelines.share.stream_to_share import name_of
-
-    title = text.title or name_of(stream)
-    first: list[str] = []
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        # the player reports what is damaged
-        manifest = (stream / MANIFEST_NAME).read_bytes()
-        first = first_files(manifest)
-        own = parse_json(manifest)["metadata"]["title"]
-        title = own if text.title is None and isinstance(own, str) and own.strip() else title
-    names = [player.script_name, *([player.review_name] if review else [])]
-    script = "\n".join(f'<script type="module" src="{player_path}{name}"></script>' for name in names)
-    return player_page(player.page, script, MANIFEST_NAME, replace(text, title=title), link=link, first=first)
-
-
 def _list_page(streams: dict[str, Path]) -> str:
     """Links to the pages of several streams."""
-    links = "\n".join(
-        f'<li><a href="{escape(quote(path.removeprefix("/")))}/">{escape(path.removeprefix("/"))}</a></li>'
-        for path in streams
-    )
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="dark">
-<title>V3 Studio streams</title>
-<link rel="icon" href="data:,">
-<style>
-body {{
-  margin: 0 auto; max-width: 34em; padding: 8vh 20px; background: #0b0d10; color: #eef1f4;
-  font: 16px/1.5 system-ui, sans-serif;
-}}
-h1 {{ font-size: 18px; }}
-ul {{ list-style: none; padding: 0; }}
-a {{
-  display: block; margin: 8px 0; padding: 14px 18px; border-radius: 12px; background: #16191f; color: inherit;
-  text-decoration: none; overflow-wrap: anywhere;
-}}
-a:hover, a:focus-visible {{ background: #222731; }}
-</style>
-</head>
-<body>
-<h1>V3 Studio streams</h1>
-<ul>
-{links}
-</ul>
-</body>
-</html>
-"""
+    template = Path(__file__).with_name("streams.html").read_text(encoding="utf-8")
+    names = [path.removeprefix("/") for path in streams]
+    links = [f'<li><a href="{escape(quote(name))}/">{escape(name)}</a></li>' for name in names]
+    return template.replace("<!-- v3:streams -->", "\n".join(links))
