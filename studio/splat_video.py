@@ -28,6 +28,7 @@ class SplatVideo:
         view: a camera with a good view of the performer; None if unknown.
         background: RGB color behind the splats, 0 to 1.
         sound: its sample 0 sounds when frame 0 appears; None: silent.
+        notes: what its reader ignored or assumed, one sentence each.
 
     Raises:
         StudioError: there are no frames (splat_video.no_frames).
@@ -44,6 +45,7 @@ class SplatVideo:
     numbers: tuple[int, ...] = field(default=())
     """Frame numbers, if they differ from the indices: for the result of `part`, the indices in the whole video."""
     sound: Pcm | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.frame_count < 1 or not self.group_starts or self.group_starts[0] != 0:

@@ -29,7 +29,9 @@ def register(commands: Any) -> None:
         "--group-size", type=int, metavar="N", help="maximum frames per group (default: train.group_size)"
     )
     parser.add_argument(
-        "--up", metavar="X,Y,Z", help="up direction (default: that of the format; 0,1,0 for SPZ, 0,-1,0 for others)"
+        "--up",
+        metavar="X,Y,Z",
+        help="up direction (default: what the file says; otherwise 0,1,0 for SPZ, 0,-1,0 for others)",
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.add_argument("--json", action="store_true", help="print progress as JSON lines")
@@ -58,6 +60,11 @@ def _import(arguments: argparse.Namespace) -> int:
     json_output = arguments.output if arguments.json else None
     with working("read", json_output) as progress:
         video = open_import(arguments.source, arguments.fps, progress)
+    if not arguments.json:
+        for note in video.notes:
+            print(f"note: {note}")
+        if up is None and video.up is not None:
+            print(f"note: up is {','.join(f'{value:g}' for value in video.up)} (--up overrides it)")
     if up is not None:
         video = replace(video, up=np.array(up))
     with working("bake", json_output) as progress:

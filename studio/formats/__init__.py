@@ -3,9 +3,10 @@
 `FORMATS` lists them. The command line, the window and the folder import read that table; the module of a format is only
 imported when a file of it is read or written.
 
-A module of a format with one file per frame has `read(path) -> Gaussians`, `size(path) -> (splats, SH degree)` and
-`write(path, gaussians, **options)`, as far as its entry says. Readers and writers never change axes: `Format.up` is the
-conventional up direction, and `studio.formats.rigid_motion` rotates splats to it.
+A module of a format with one file per frame has `read(path, note) -> Gaussians`, `size(path) -> (splats, SH degree)`
+and `write(path, gaussians, **options)`, as far as its entry says. `note` takes what was ignored or assumed. Readers and
+writers keep the axes of the format: `Format.up` is its conventional up direction, and `studio.formats.rigid_motion`
+rotates splats to it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
+    from studio.formats.checks import Note
     from studio.gaussians import Gaussians
 
 Up = tuple[float, float, float]
@@ -123,14 +125,50 @@ def _format(path: Path, known: Iterable[str], what: str) -> Format:
     return FRAME_FILES[suffix]
 
 
-def read_splats(path: Path) -> Gaussians:
-    """Read the splats of a file of one frame, or of a SOG's meta.json, as float32 on the CPU.
+def ignore(note: str) -> None:
+    """A `Note` for callers who do not show them."""
+
+
+def read_rows(path: Path, note: Note = ignore) -> Gaussians:
+    """All rows of a file of one frame, or of a SOG's meta.json, as float32 on the CPU.
+
+    Not all of them need be `usable` (see `studio.formats.checks`).
 
     Raises:
-        StudioError: the extension is not supported, or the file is missing, damaged or does not contain splats.
+        StudioError: the extension is not supported, or the file is missing, damaged, does not contain splats, or
+            contains what would change their meaning and is not supported.
     """
-    found: Gaussians = _format(path, READ_SUFFIXES, "read from").module.read(path)
+    found: Gaussians = _format(path, READ_SUFFIXES, "read from").module.read(path, note)
     return found
+
+
+def read_splats(path: Path, note: Note = ignore) -> Gaussians:
+    """As `read_rows`, without the splats that cannot be rendered; their number is noted.
+
+    Raises:
+        StudioError: as `read_rows`, or no splat can be rendered.
+    """
+    from studio.formats.checks import check_some_usable, usable
+
+    rows = read_rows(path, note)
+    kept = usable(rows)
+    check_some_usable(path, kept)
+    if kept.all():
+        return rows
+    note(dropped(int((~kept).sum())))
+    return rows[kept]
+
+
+def dropped(count: int) -> str:
+    """The note on splats that cannot be rendered."""
+    return f"{count} splats dropped: a value that is not finite, an infinite scale or a zero quaternion"
+
+
+def up_of(path: Path) -> Up:
+    """Direction that points up in a file: what it says, if it says so, or the convention of its format."""
+    known = _format(path, READ_SUFFIXES, "read from")
+    said: Up | None = known.module.said_up(path) if known.name == "ply" else None
+    return known.up if said is None else said
 
 
 def splats_size(path: Path) -> tuple[int, int]:

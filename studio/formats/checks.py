@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,9 @@ import torch
 from studio.bounded_files import read_bounded
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+
+Note = Callable[[str], None]
+"""Takes what a reader ignored or assumed, as one sentence that is the same for each frame of a sequence."""
 
 MAX_SPLATS = 1 << 26
 """Larger than any real frame: a header with more splats is damaged."""
@@ -132,38 +134,36 @@ def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
     return {**arrays, "quats": arrays["quats"] / norms}
 
 
-def from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Gaussians:
+def from_arrays(arrays: Mapping[str, np.ndarray]) -> Gaussians:
     """Gaussians from float arrays named as in `Gaussians.ATTRIBUTES`. Infinite logits become +-`LOGIT_LIMIT`.
 
-    Raises:
-        StudioError: a value is not finite, or a quaternion is zero.
+    All rows are kept, so that splats correspond from frame to frame; `usable` says which of them can be rendered.
     """
-    with np.errstate(invalid="ignore", over="ignore"):  # what does not fit is refused below
+    with np.errstate(invalid="ignore", over="ignore"):  # what does not fit is not usable
         values = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
     logits = values["logit_opacities"]
     values["logit_opacities"] = np.where(np.isinf(logits), np.sign(logits) * np.float32(LOGIT_LIMIT), logits)
-    for name, array in values.items():
-        wrong = ~np.isfinite(array).reshape(len(array), math.prod(array.shape[1:])).all(axis=1)
-        if wrong.any():
-            splat = int(wrong.argmax())
-            raise StudioError(
-                "gaussians.not_finite",
-                f"{name} of splat {splat} is not finite",
-                file=path,
-                fix="Fix the file.",
-                attribute=name,
-                splat=splat,
-            )
-    flat = ~values["quats"].any(axis=1)
-    if flat.any():
-        raise StudioError(
-            "gaussians.zero_quaternion",
-            f"splat {int(flat.argmax())} has a zero quaternion",
-            file=path,
-            fix="Fix the file.",
-            splat=int(flat.argmax()),
-        )
     return Gaussians.from_state_dict({name: torch.from_numpy(array) for name, array in values.items()})
+
+
+def usable(gaussians: Gaussians) -> np.ndarray:
+    """(N,) bool: whether all values of a splat are finite, its linear scales too, and its quaternion is not zero."""
+    finite = [tensor.reshape(len(gaussians), -1).isfinite().all(dim=1) for _, tensor in gaussians.items()]
+    whole = torch.stack([*finite, gaussians.scales.isfinite().all(dim=1), gaussians.quats.any(dim=1)]).all(dim=0)
+    found: np.ndarray = whole.numpy()
+    return found
+
+
+def check_some_usable(path: Path, kept: np.ndarray) -> None:
+    """Raises StudioError (splat_file.no_usable_splats) if no splat can be rendered."""
+    if not kept.any():
+        raise StudioError(
+            "splat_file.no_usable_splats",
+            f"each of its {len(kept)} splats has a value that is not finite, an infinite scale or a zero quaternion",
+            file=path,
+            value=len(kept),
+            fix=EXPORT_AGAIN,
+        )
 
 
 def quats_of_three(stored: np.ndarray, largest: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ def read_compressed(path: Path, ply: PlyData) -> Gaussians:
         ply: the file as parsed; see `is_compressed`.
 
     Raises:
-        StudioError: as `compressed_size`, or a value that is not finite.
+        StudioError: as `compressed_size`.
     """
     count, degree = compressed_size(path, ply)
     vertices, chunks = ply["vertex"].data, ply["chunk"].data
@@ -100,11 +100,10 @@ def read_compressed(path: Path, ply: PlyData) -> Gaussians:
         # inner codes stand for the middles of 256 equal intervals, the outer two for the ends of the range
         levels = np.where(codes == 0, 0, np.where(codes == 255, 1, (codes + 0.5) / 256))
         sh[:, 1:] = ((levels - 0.5) * _SH_RANGE).reshape(count, 3, rest).transpose(0, 2, 1)
-    with np.errstate(invalid="ignore"):  # a range may be damaged; from_arrays says so
+    with np.errstate(invalid="ignore"):  # a range may be damaged
         means = ranged(_levels(words["packed_position"]), list("xyz"))
         log_scales = ranged(_levels(words["packed_scale"]), ["scale_x", "scale_y", "scale_z"])
     return from_arrays(
-        path,
         {
             "means": means,
             "quats": _quats(words["packed_rotation"]),

@@ -24,6 +24,7 @@ import numpy as np
 from studio.errors import StudioError
 from studio.formats.checks import (
     EXPORT_AGAIN,
+    Note,
     check_count,
     from_arrays,
     log_scales,
@@ -85,18 +86,18 @@ def size(path: Path) -> tuple[int, int]:
     return head.count, max(section.degree for section in _sections(path, data, head))
 
 
-def read(path: Path) -> Gaussians:
+def read(path: Path, note: Note) -> Gaussians:
     """Read a .ksplat file.
 
     Raises:
-        StudioError: missing, damaged or unsupported file, or values that are not finite.
+        StudioError: missing, damaged or unsupported file.
     """
     data = read_bytes(path)
     head = _head(path, data)
     sections = list(_sections(path, data, head))
     coefficients = (max(section.degree for section in sections) + 1) ** 2
     parts = [_splats(path, data, head, section, coefficients) for section in sections if section.count]
-    return from_arrays(path, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    return from_arrays({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
 def _head(path: Path, data: bytes) -> _Head:

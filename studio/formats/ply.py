@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from studio.errors import StudioError
-from studio.formats.checks import check_count, from_arrays, to_arrays
+from studio.formats.checks import LEAST_SCALE, Note, check_count, from_arrays, logits, to_arrays
 from studio.formats.compressed_ply import compressed_size, is_compressed, read_compressed
+from studio.formats.ply_properties import FILTER, NEEDED, THIRD_SCALE, check_properties
+from studio.formats.ply_properties import said_up as up_in_comments
 from studio.gaussians import Gaussians
 
 if TYPE_CHECKING:
@@ -23,10 +25,6 @@ if TYPE_CHECKING:
 
 _HEADER_BYTES = 1 << 20
 _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
-_NEEDED = (
-    *("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
-    *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
-)
 
 
 def write(path: Path, gaussians: Gaussians) -> None:
@@ -64,20 +62,37 @@ def size(path: Path) -> tuple[int, int]:
     ply = _opened(path)
     if is_compressed(ply):
         return compressed_size(path, ply)
-    element = _vertices(path, ply)
+    element = _vertices(path, ply, lambda note: None)
     return element.count, _degree(path, element)
 
 
-def read(path: Path) -> Gaussians:
-    """Read a 3DGS PLY file or a compressed PLY file. Properties that do not belong to splats are ignored.
+def said_up(path: Path) -> tuple[float, float, float] | None:
+    """Direction that points up, if a comment says so: Nerfstudio writes `Vertical Axis: z`."""
+    return up_in_comments(_opened(path).comments)
+
+
+def read(path: Path, note: Note) -> Gaussians:
+    """Read a 3DGS PLY file or a compressed PLY file.
+
+    The filter of Mip-Splatting is merged into scales and opacities; splats with two scales (2DGS) become flat.
+
+    Args:
+        path: the file.
+        note: takes other elements and properties, which are ignored.
 
     Raises:
-        StudioError: the file is missing, damaged, not a PLY, or a point cloud or mesh without splats.
+        StudioError: the file is missing, damaged, not a PLY, a point cloud or mesh without splats, or has splats of
+            another kind.
     """
     ply = _opened(path)
+    others = [element.name for element in ply.elements if element.name not in ("vertex", "chunk", "sh")]
+    if others:
+        note(f"elements that splats do not have are ignored: {', '.join(others)}")
     if is_compressed(ply):
+        check_properties(path, [prop.name for prop in ply["vertex"].properties], note)
         return read_compressed(path, ply)
-    element = _vertices(path, ply)
+    element = _vertices(path, ply, note)
+    names = [prop.name for prop in element.properties]
     degree = _degree(path, element)
     rest = (degree + 1) ** 2 - 1
     data = element.data
@@ -90,16 +105,38 @@ def read(path: Path) -> Gaussians:
     if rest:
         channels = stacked([f"f_rest_{index}" for index in range(3 * rest)]).reshape(element.count, 3, rest)
         sh[:, 1:] = channels.transpose(0, 2, 1)
+    log_scales = stacked([name for name in ("scale_0", "scale_1", THIRD_SCALE) if name in names])
+    if THIRD_SCALE not in names:
+        note("two scales a splat, as in 2DGS: the splats are flat")
+        log_scales = np.pad(log_scales, ((0, 0), (0, 1)), constant_values=np.log(LEAST_SCALE))
+    opacities = np.asarray(data["opacity"], np.float32)
+    if FILTER in names:
+        note(f"{FILTER} of Mip-Splatting is merged into scales and opacities")
+        log_scales, opacities = _filtered(log_scales, opacities, np.asarray(data[FILTER], np.float64))
     return from_arrays(
-        path,
         {
             "means": stacked(["x", "y", "z"]),
             "quats": stacked([f"rot_{index}" for index in range(4)]),
-            "log_scales": stacked([f"scale_{index}" for index in range(3)]),
-            "logit_opacities": np.asarray(data["opacity"], np.float32),
+            "log_scales": log_scales,
+            "logit_opacities": opacities,
             "sh": sh,
-        },
+        }
     )
+
+
+def _filtered(log_scales: np.ndarray, opacities: np.ndarray, filters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log scales and logits of splats convolved with a Gaussian (Yu et al. 2024, Mip-Splatting, section 5.1).
+
+    Args:
+        log_scales: (N, 3).
+        opacities: (N,) logits.
+        filters: (N,) standard deviation of the filter, world units.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        before = np.exp(2 * log_scales.astype(np.float64))
+        after = before + filters[:, None] ** 2
+        opaque = 1 / (1 + np.exp(-opacities.astype(np.float64)))
+        return np.log(after) / 2, logits(opaque * np.sqrt((before / after).prod(axis=1)))
 
 
 def _opened(path: Path) -> PlyData:
@@ -119,7 +156,7 @@ def _opened(path: Path) -> PlyData:
         ) from None
 
 
-def _vertices(path: Path, ply: PlyData) -> PlyElement:
+def _vertices(path: Path, ply: PlyData, note: Note) -> PlyElement:
     """The element with the splats, with validated properties."""
     from plyfile import PlyListProperty
 
@@ -132,12 +169,13 @@ def _vertices(path: Path, ply: PlyData) -> PlyElement:
             missing="vertex",
         )
     element = ply["vertex"]
+    check_properties(path, [prop.name for prop in element.properties], note)
     scalar = {prop.name for prop in element.properties if not isinstance(prop, PlyListProperty)}
-    missing = [name for name in _NEEDED if name not in scalar]
+    missing = [name for name in NEEDED if name not in scalar]
     if missing:
         raise StudioError(
             "splat_file.not_splats",
-            f"the PLY file has no property '{missing[0]}', so it does not contain splats",
+            f"the PLY file has no property '{missing[0]}', so it does not contain plain 3D splats",
             file=path,
             fix="Choose a file written by 3DGS or a compatible tool.",
             missing=missing[0],

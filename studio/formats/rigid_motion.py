@@ -16,20 +16,21 @@ from studio.torch_rotations import quat_multiply
 
 
 def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
-    """Splats rotated about the origin, including their spherical harmonics.
+    """Splats rotated about the origin, or mirrored, including their spherical harmonics.
 
     A camera that is rotated with them sees the same image.
 
     Args:
         gaussians: N splats.
-        rotation: (3, 3), orthonormal, determinant 1: new = rotation @ old.
+        rotation: (3, 3), orthonormal, determinant 1 or -1: new = rotation @ old.
 
     Returns:
         new Gaussians with the same dtype and device and with unit quaternions.
     """
     dtype, device = gaussians.means.dtype, gaussians.device
     matrix = torch.as_tensor(rotation, dtype=torch.float64)
-    turn = torch.from_numpy(matrices_to_quats(rotation))[None]
+    # splats are symmetric about their centers, so a mirrored one is one turned by minus the matrix
+    turn = torch.from_numpy(matrices_to_quats(rotation * np.sign(np.linalg.det(rotation))))[None]
     quats = quat_multiply(turn, gaussians.unit_quats.detach().cpu().double())
     sh = _sh_rotation(matrix, gaussians.sh_degree) @ gaussians.sh.detach().cpu().double()
     return replace(

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
-import re
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.formats import (
-    DEFAULT_FPS,
-    FRAME_FILES,
-    META,
-    READ_SUFFIXES,
-    read_splats,
-    splats_size,
-    suffix_of,
-    write_splats,
-)
+from studio.formats import DEFAULT_FPS, FRAME_FILES, dropped, read_rows, splats_size, up_of, write_splats
+from studio.formats.checks import check_some_usable, usable
+from studio.formats.frame_files import check_one_format, find_frames, formats_in
+from studio.formats.outliers import Bulk, Spread
 from studio.formats.placing import new_file, new_folder
 from studio.formats.rigid_motion import turned, upright
-from studio.formats.sog import is_sog_meta
 from studio.formats.videogs import is_videogs, open_videogs
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
@@ -32,102 +22,6 @@ from studio.splat_video import SplatVideo
 _SAMPLE = 4000  # number of splats compared to decide whether two frames have the same splats in the same order
 # relative to the distance between two random splats: moving splats are far below, shuffled splats near 1
 _SAME_ORDER = 0.3
-
-
-def formats_in(folder: Path) -> dict[str, list[Path]]:
-    """Files of each splat format in a folder, one per frame; hidden files do not count.
-
-    Keys are extensions, `meta.json` for a SOG data set that lies open in the folder, and `*/meta.json` for folders with
-    one each. Formats that are only written count, too, so that a folder with one of them besides another is noticed.
-    """
-    found: dict[str, list[Path]] = {}
-    for path in sorted(folder.iterdir()):
-        if path.name.startswith("."):
-            continue
-        kind = path.suffix.lower()
-        if path.is_dir():
-            kind, path = f"*/{META}", path / META
-        elif path.name.lower() == META:
-            kind = META
-        if (path.name.lower() == META and path.is_file() and is_sog_meta(path)) or kind in FRAME_FILES:
-            found.setdefault(kind, []).append(path)
-    return found
-
-
-def check_one_format(folder: Path, formats: dict[str, list[Path]]) -> None:
-    """Refuse a folder that mixes formats, rather than read a part of it.
-
-    Args:
-        folder: for the message.
-        formats: as `formats_in` returns.
-
-    Raises:
-        StudioError: files of more than one format (import.mixed_formats).
-    """
-    if len(formats) > 1:
-        examples = [str(paths[0].relative_to(folder)) for paths in formats.values()]
-        raise StudioError(
-            "import.mixed_formats",
-            f"the folder mixes formats ({', '.join(formats)}), among them {' and '.join(examples)}",
-            file=folder,
-            value=list(formats),
-            fix="Keep one sequence of one format per folder.",
-            files=examples,
-        )
-
-
-def find_frames(place: Path) -> list[Path]:
-    """The files of a sequence, sorted by the last number in their names; or `place` itself if it is a file.
-
-    A SOG data set that is not bundled is one frame, named by its folder.
-
-    Raises:
-        StudioError: no files were found, more than one format, two files with the same number, or a stream
-            (import.is_a_stream).
-    """
-    if place.is_file():
-        if place.suffix.lower() == ".v3s":
-            raise StudioError(
-                "import.is_a_stream",
-                "is a stream already, not splats of another program",
-                file=place,
-                fix="Play it with `v3studio play`, or write its splats with `v3studio export --format ply`.",
-            )
-        return [place]
-    if not place.is_dir():
-        raise StudioError("import.not_found", "no such file or folder", file=place)
-    formats = formats_in(place)
-    check_one_format(place, formats)
-    paths = [path for found in formats.values() for path in found if suffix_of(path) in READ_SUFFIXES]
-    if not paths:
-        raise StudioError(
-            "import.no_files",
-            f"no {', '.join(READ_SUFFIXES)} files in this folder",
-            file=place,
-            fix="Specify a folder with one file per frame.",
-        )
-    numbered = sorted((_number(_label(path)), _label(path), path) for path in paths)
-    for (number, name, _), (following, other, _) in itertools.pairwise(numbered):
-        if number == following:
-            raise StudioError(
-                "import.duplicate_frame",
-                f"{name} and {other} have the same frame number",
-                file=place,
-                value=number,
-                fix="Keep one sequence per folder.",
-                files=[name, other],
-            )
-    return [path for _, _, path in numbered]
-
-
-def _label(path: Path) -> str:
-    """The name that says which frame it is: that of the folder for a `meta.json`."""
-    return path.parent.name if path.name.lower() == META else path.name
-
-
-def _number(name: str) -> int:
-    digits = re.findall(r"\d+", name.split(".")[0])
-    return int(digits[-1]) if digits else -1
 
 
 def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
@@ -140,52 +34,98 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
         fps: frame rate of playback.
         progress: called with scanned and total files.
 
+    Returns:
+        the video; its notes say what was ignored, dropped or moved. Splats that cannot be rendered in a frame are
+        dropped from its whole group.
+
     Raises:
-        StudioError: there are no files, or a file is damaged. Since files are not read completely here, reading a frame
-            may also raise it.
+        StudioError: there are no files, a file is damaged, or the names do not say the order.
     """
-    paths = find_frames(place)
+    frames = find_frames(place)
+    paths = [path for _, path in frames]
     sizes = [splats_size(path) for path in paths]
-    degrees = {degree for _, degree in sizes}
-    degree = max(degrees)
+    degree = max(degree for _, degree in sizes)
+    notes: dict[str, None] = {}  # in order, each once
+    starts, kept, spreads = _scanned(paths, [count for count, _ in sizes], notes, progress)
+    bulk = Bulk.of(spreads)
 
     def read(index: int) -> Gaussians:
-        return read_splats(paths[index]).with_sh_degree(degree)
+        return bulk.pulled_in(read_rows(paths[index])[kept[index]]).with_sh_degree(degree)
 
-    starts = find_groups([count for count, _ in sizes], read, progress)
-    up = np.array(FRAME_FILES[suffix_of(paths[0])].up)
-    return SplatVideo(str(place), fps, len(paths), starts, read, up=up)
+    missing = [int((~rows).sum()) for rows in kept]
+    several = len({found for _, found in sizes}) > 1
+    for note in (
+        dropped(max(missing)) if any(missing) else None,
+        bulk.note,
+        _gaps([number for number, _ in frames]),
+        f"SH degrees from {min(found for _, found in sizes)} to {degree}: all frames get {degree}" if several else None,
+    ):
+        if note is not None:
+            notes[note] = None
+    return SplatVideo(str(place), fps, len(paths), starts, read, up=np.array(up_of(paths[0])), notes=tuple(notes))
 
 
-def find_groups(
-    counts: list[int], read: Callable[[int], Gaussians], progress: ProgressFn = no_progress
-) -> tuple[int, ...]:
+def _gaps(numbers: list[int]) -> str | None:
+    """A note on frames that are missing, from their ascending numbers."""
+    steps = np.diff(numbers)
+    if len(steps) == 0 or steps.min() == steps.max():
+        return None
+    first = int(np.argmax(steps > steps.min()))
+    return f"frames are missing, first between {numbers[first]} and {numbers[first + 1]}: played without a pause there"
+
+
+def _scanned(
+    paths: list[Path], counts: list[int], notes: dict[str, None], progress: ProgressFn
+) -> tuple[tuple[int, ...], list[np.ndarray], list[Spread]]:
+    """First frames of the groups, which rows of each frame to keep, and where its splats are.
+
+    Within a group, the same rows are kept in all frames: those that are usable in each of them.
+    """
+    usable_rows: list[np.ndarray] = []
+    spreads: list[Spread] = []
+
+    def rows() -> Iterable[np.ndarray]:
+        for path in paths:
+            splats = read_rows(path, lambda note: notes.setdefault(note))
+            usable_rows.append(usable(splats))
+            check_some_usable(path, usable_rows[-1])
+            spreads.append(Spread.of(splats[usable_rows[-1]]))
+            yield splats.means.numpy()
+
+    starts = find_groups(counts, rows(), progress)
+    kept: list[np.ndarray] = []
+    for start, end in zip(starts, (*starts[1:], len(paths)), strict=True):
+        both = np.logical_and.reduce(usable_rows[start:end])
+        check_some_usable(paths[start], both)
+        kept += [both] * (end - start)
+    return starts, kept, spreads
+
+
+def find_groups(counts: list[int], means: Iterable[np.ndarray], progress: ProgressFn = no_progress) -> tuple[int, ...]:
     """The first frames of the groups, which are maximal runs of frames with the same splats in the same order.
 
     Args:
         counts: number of splats per frame.
-        read: reads a frame.
+        means: (N, 3) positions of each frame; those that are not finite are not compared.
         progress: called with scanned and total frames.
     """
-    starts = [0]
-    before: np.ndarray | None = None
+    starts: list[int] = []
+    before = np.zeros((0, 3))
     generator = np.random.default_rng(0)
-    for index, count in enumerate(counts):
+    for index, found in enumerate(means):
         progress(index, len(counts))
-        follows = index + 1 < len(counts) and counts[index + 1] == count
-        if before is None and not follows:
-            if index > 0:
-                starts.append(index)
-            continue
-        means = read(index).means.numpy()
-        if index > 0 and (before is None or not _same_splats(before, means, generator)):
+        if len(found) != len(before) or not _same_splats(before, found, generator):
             starts.append(index)
-        before = means if follows else None
+        before = found
     progress(len(counts), len(counts))
     return tuple(starts)
 
 
 def _same_splats(before: np.ndarray, after: np.ndarray, generator: np.random.Generator) -> bool:
+    finite = np.flatnonzero(np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1))
+    if len(finite) == 0:
+        return False
+    before, after = before[finite].astype(np.float64), after[finite].astype(np.float64)
     picked = generator.integers(len(before), size=min(_SAMPLE, 4 * len(before)))
     others = generator.integers(len(before), size=len(picked))
     moved = np.median(np.linalg.norm(after[picked] - before[picked], axis=1))

@@ -27,6 +27,7 @@ from studio.bounded_files import TextError, parse_json
 from studio.errors import StudioError
 from studio.formats.checks import (
     EXPORT_AGAIN,
+    Note,
     check_count,
     check_expansion,
     from_arrays,
@@ -65,7 +66,7 @@ def size(path: Path) -> tuple[int, int]:
     return meta.count, meta.degree
 
 
-def read(path: Path) -> Gaussians:
+def read(path: Path, note: Note) -> Gaussians:
     """Read a SOG data set.
 
     Args:
@@ -91,7 +92,6 @@ def read(path: Path) -> Gaussians:
     if meta.degree:
         sh = np.concatenate([sh, _harmonics(parts, meta, pixels("shN", 1))], axis=1)
     return from_arrays(
-        path,
         {
             "means": means,
             "quats": _quats(parts, meta, pixels("quats")),
@@ -130,10 +130,11 @@ class _Meta:
         if version != _VERSION:
             raise StudioError(
                 "splat_file.unsupported_version",
-                f"SOG version {version!r}; version {_VERSION} is supported",
+                "SOG of the first version (without 'version')" if version is None else f"SOG version {version!r}",
                 file=self._path,
                 value=version,
-                fix="Convert it, with splat-transform for example.",
+                fix=f"Version {_VERSION} is supported: export it again with a current version of its program.",
+                expected=_VERSION,
             )
         count = self._values.get("count")
         if not isinstance(count, int) or isinstance(count, bool):

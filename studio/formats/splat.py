@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.errors import StudioError
-from studio.formats.checks import EXPORT_AGAIN, check_count, from_arrays, log_scales, logits, read_bytes
+from studio.formats.checks import EXPORT_AGAIN, Note, check_count, from_arrays, log_scales, logits, read_bytes
 from studio.gaussians import SH_C0, Gaussians
 
 _SPLAT = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
@@ -27,17 +27,16 @@ def size(path: Path) -> tuple[int, int]:
     return _count(path, size), 0
 
 
-def read(path: Path) -> Gaussians:
+def read(path: Path, note: Note) -> Gaussians:
     """Read a .splat file.
 
     Raises:
-        StudioError: missing file, a size that is not a multiple of 32 bytes, or values that are not finite.
+        StudioError: missing file, or a size that is not a multiple of 32 bytes.
     """
     data = read_bytes(path)
     _count(path, len(data))
     splats = np.frombuffer(data, _SPLAT)
     return from_arrays(
-        path,
         {
             "means": splats["mean"],
             "quats": (splats["quat"].astype(np.float32) - 128) / 128,

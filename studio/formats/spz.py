@@ -26,6 +26,7 @@ from studio.errors import StudioError
 from studio.formats.checks import (
     EXPORT_AGAIN,
     MAX_SPLATS,
+    Note,
     check_expansion,
     from_arrays,
     logits,
@@ -33,6 +34,7 @@ from studio.formats.checks import (
     to_arrays,
     truncated,
 )
+from studio.formats.rigid_motion import turned
 from studio.gaussians import Gaussians
 
 DEFAULT_VERSION = 4
@@ -53,9 +55,13 @@ _ENTRY = struct.Struct("<QQ")
 _RECORD = struct.Struct("<II")  # type and size of an extension
 _MAGIC = 0x5053474E  # "NGSP"
 _ZSTD_VERSION = 4
-_EXTENSIONS = 0x2  # flag
-# These change what the attributes mean: other quantization of SH, other axes. All others can be skipped.
-_UNREADABLE_EXTENSIONS = {0xADBE0001, 0xADBE0003}
+_ANTIALIASED, _EXTENSIONS = 0x1, 0x2  # flags
+_SH_EXTENSION, _ORBIT_EXTENSION, _AXES_EXTENSION = 0xADBE0001, 0xADBE0002, 0xADBE0003
+_MOST_RECORDS = 1 << 16  # bytes of extensions after the attributes of version 2 or 3
+# Where x, y and z point, by the number in the record: left or right, up or down, front or back. 0: not known
+_AXES = ("RUB", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF",
+         "LFD", "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU")  # fmt: skip
+_DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0), "B": (0, 0, 1), "F": (0, 0, -1)}
 # Of 1 to 22. 31,900 trained splats: 1.5% fewer bytes than level 12, in 0.1 s; more does not help
 _ZSTD_LEVEL = 19
 _LARGEST_WINDOW = 1 << 27  # of Zstandard; what level 22 needs
@@ -161,14 +167,23 @@ def size(path: Path) -> tuple[int, int]:
     return head.count, head.degree
 
 
-def read(path: Path) -> Gaussians:
+def read(path: Path, note: Note) -> Gaussians:
     """Read an SPZ file of version 2, 3 or 4.
+
+    Splats that are stored in other axes than right, up, back are turned to these, and mirrored if need be.
+
+    Args:
+        path: the file.
+        note: takes other extensions, which are skipped, and other axes.
 
     Raises:
         StudioError: the file is missing, damaged, not an SPZ file, of an unsupported version, or has extensions that
             change the meaning of the values.
     """
-    head, attributes = read_container(path)
+    head, attributes, records = read_container(path)
+    axes = _AXES[_axes(path, records, note)]
+    if head.flags & _ANTIALIASED:
+        note("trained with antialiasing, which is not rendered: thin splats look bolder")
     count = head.count
     positions, opacities, colors, scales, rotations, harmonics = (
         np.frombuffer(data, np.uint8).reshape(count, -1) for data in attributes
@@ -192,7 +207,11 @@ def read(path: Path) -> Gaussians:
         "logit_opacities": logits(opacities[:, 0] / 255),
         "sh": sh,
     }
-    return from_arrays(path, arrays)
+    splats = from_arrays(arrays)
+    if axes == "RUB":
+        return splats
+    note(f"stored with x, y and z toward {axes} (right, up, back, ...): turned to RUB")
+    return turned(splats, np.array([_DIRECTIONS[letter] for letter in axes], np.float64).T)
 
 
 @dataclass(frozen=True)
@@ -204,12 +223,14 @@ class Head:
         count: splats, 1 to `MAX_SPLATS`.
         degree: of the spherical harmonics, 0 to 3.
         bits: fractional bits of a position, 0 to 23.
+        flags: 1: trained with antialiasing; 2: has extensions.
     """
 
     version: int
     count: int
     degree: int
     bits: int
+    flags: int = 0
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -223,30 +244,32 @@ def read_head(path: Path) -> Head:
     return _opened(path, read_bytes(path))[0]
 
 
-def read_container(path: Path) -> tuple[Head, list[bytes]]:
-    """The header and the six attributes in the order of `Head.sizes`, of exactly these sizes.
+def read_container(path: Path) -> tuple[Head, list[bytes], bytes]:
+    """The header, the six attributes in the order of `Head.sizes`, of exactly these sizes, and the extension records.
 
     Raises:
-        StudioError: missing or damaged file, not an SPZ file, a header out of range, an unsupported version or
-            extension, or more data than a file of this size can hold.
+        StudioError: missing or damaged file, not an SPZ file, a header out of range, an unsupported version,
+            or more data than a file of this size can hold.
     """
     data = read_bytes(path)
     head, inflater = _opened(path, data)
     size = sum(head.sizes)
     check_expansion(path, size, len(data))
     if head.version == _ZSTD_VERSION:
-        return head, _zstd_streams(path, data, head)
+        return head, *_zstd_streams(path, data, head)
+    records = _MOST_RECORDS if head.flags & _EXTENSIONS else 0
     if inflater is None:
-        body = data[_HEAD.size : _HEAD.size + size]
+        body = data[_HEAD.size : _HEAD.size + size + records]
     else:
         try:
-            body = inflater.decompress(inflater.unconsumed_tail, size)
+            body = inflater.decompress(inflater.unconsumed_tail, size + records)
         except zlib.error as error:
             raise _damaged(path, error) from None
     if len(body) < size:
         raise truncated(path, len(body), size)
     starts = [sum(head.sizes[:index]) for index in range(len(head.sizes))]
-    return head, [body[start : start + size] for start, size in zip(starts, head.sizes, strict=True)]
+    attributes = [body[start : start + length] for start, length in zip(starts, head.sizes, strict=True)]
+    return head, attributes, body[size:]
 
 
 def write_container(path: Path, head: Head, attributes: list[bytes]) -> None:
@@ -307,17 +330,16 @@ def _checked_head(path: Path, head: bytes) -> Head:
             file=path,
             value=(count, degree, bits),
         )
-    if flags & _EXTENSIONS and version != _ZSTD_VERSION:
-        raise _extensions(path)
-    return Head(version, count, degree, bits)
+    return Head(version, count, degree, bits, flags)
 
 
-def _zstd_streams(path: Path, data: bytes, head: Head) -> list[bytes]:
+def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], bytes]:
+    """The attributes, and the extension records."""
     import zstandard
 
     if len(data) < _HEAD_4.size:
         raise truncated(path, len(data), _HEAD_4.size)
-    *_, flags, streams, table = _HEAD_4.unpack_from(data)
+    *_, streams, table = _HEAD_4.unpack_from(data)
     expected = [size for size in head.sizes if size]
     if streams != len(expected) or table < _HEAD_4.size:
         raise StudioError(
@@ -330,8 +352,7 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> list[bytes]:
     position = table + streams * _ENTRY.size
     if position > len(data):
         raise truncated(path, len(data), position)
-    if flags & _EXTENSIONS:
-        _check_extensions(path, data[_HEAD_4.size : table])
+    records = data[_HEAD_4.size : table] if head.flags & _EXTENSIONS else b""
     entries = [_ENTRY.unpack_from(data, table + index * _ENTRY.size) for index in range(streams)]
     end = position + sum(stored for stored, _ in entries)
     if end > len(data):
@@ -357,24 +378,35 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> list[bytes]:
             )
         result.append(values)
         position += stored
-    return [*result, *[b""] * (len(head.sizes) - len(result))]
+    return [*result, *[b""] * (len(head.sizes) - len(result))], records
 
 
-def _check_extensions(path: Path, records: bytes) -> None:
-    position = 0
+def _axes(path: Path, records: bytes, note: Note) -> int:
+    """Index in `_AXES`, from the extension records."""
+    position, axes = 0, 0
     while position < len(records):
         if position + _RECORD.size > len(records):
-            raise _extensions(path)
+            raise _extensions(path, "are cut off")
         kind, size = _RECORD.unpack_from(records, position)
+        content = records[position + _RECORD.size : position + _RECORD.size + size]
         position += _RECORD.size + size
-        if kind in _UNREADABLE_EXTENSIONS or position > len(records):
-            raise _extensions(path)
+        if position > len(records):
+            raise _extensions(path, "are cut off")
+        if kind == _SH_EXTENSION:
+            raise _extensions(path, f"change how SH are coded (0x{kind:08X}), which is not supported")
+        if kind == _AXES_EXTENSION:
+            axes = int.from_bytes(content, "little")
+            if size != 4 or axes >= len(_AXES):
+                raise _extensions(path, f"name an unknown coordinate system ({axes}; 0 to {len(_AXES) - 1} are known)")
+        elif kind != _ORBIT_EXTENSION:
+            note(f"SPZ extension 0x{kind:08X} is skipped")
+    return axes
 
 
-def _extensions(path: Path) -> StudioError:
+def _extensions(path: Path, problem: str) -> StudioError:
     return StudioError(
         "splat_file.extensions",
-        "the SPZ file has extensions that are damaged or not supported",
+        f"the extensions of the SPZ file {problem}",
         file=path,
         fix="Export the file without them.",
     )

@@ -11,10 +11,12 @@ from scipy.spatial.transform import Rotation
 from studio.errors import Cancelled
 from studio.formats import write_splats
 from studio.formats.baking import bake_video, cut
-from studio.formats.sequence import find_frames, open_import
+from studio.formats.frame_files import find_frames, frame_numbers
+from studio.formats.sequence import open_import
 from studio.formats.videogs import export_videogs
 from studio.gaussians import Gaussians
 from studio.playback import play_headless
+from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, StreamReader
 from tests.support.errors import refuses
 
@@ -49,10 +51,123 @@ def folder(tmp_path):
 def test_numbers_say_the_order(folder):
     for name in ("walk10.ply", "walk9.ply", "walk_2.extra.ply", ".hidden_1.ply", "notes.txt"):
         (folder / name).touch()
-    assert [path.name for path in find_frames(folder)] == ["walk_2.extra.ply", "walk9.ply", "walk10.ply"]
+    found = [(number, path.name) for number, path in find_frames(folder)]
+    assert found == [(2, "walk_2.extra.ply"), (9, "walk9.ply"), (10, "walk10.ply")]
     (folder / "other9.ply").touch()
     with refuses("import.duplicate_frame", file=folder, value=9, files=["other9.ply", "walk9.ply"]):
         find_frames(folder)
+
+
+@pytest.mark.parametrize(
+    ("names", "numbers"),
+    [
+        (["frame_0001_iter_30000.ply", "frame_0002_iter_29000.ply"], [1, 2]),
+        (["30000_f1.ply", "7000_f2.ply"], [1, 2]),
+        (["frame_2_v9.ply", "frame_3_v1.ply"], [2, 3]),
+        (["take2.0009.ply", "take2.0010.ply"], [9, 10]),
+        (["1.compressed.ply", "10.compressed.ply", "9.compressed.ply"], [1, 10, 9]),
+        (["a3_b3.spz", "a10_b10.spz"], [3, 10]),
+        (["still.ply"], [-1]),
+        (["scan_7.ply"], [7]),
+        (["0", "10", "2"], [0, 10, 2]),
+    ],
+)
+def test_the_number_that_changes_is_that_of_the_frame(folder, names, numbers):
+    assert frame_numbers(folder, names) == numbers
+
+
+def test_names_that_do_not_say_the_order_are_refused(folder):
+    with refuses("import.ambiguous_order", file=folder, value=["a1_b2.ply", "a2_b1.ply"]):
+        frame_numbers(folder, ["a1_b2.ply", "a2_b1.ply"])
+    with refuses("import.iterations", file=folder) as caught:
+        frame_numbers(folder, ["iteration_30000.ply", "iteration_7000.ply"])
+    assert caught.value.fix.endswith("iteration_30000.ply")
+
+
+def test_checkpoints_of_one_folder_per_frame(folder):
+    """As the released code of VideoGS leaves them: the last iteration of each frame, in the order of the frames."""
+    for frame in (0, 9, 10):
+        for iteration in (7000, 30000):
+            place = folder / str(frame) / "point_cloud" / f"iteration_{iteration}"
+            place.mkdir(parents=True)
+            write_splats(place / "point_cloud.ply", body(frame, splats=100 + iteration // 1000))
+    video = open_import(folder)
+    assert (video.frame_count, len(video.read(2))) == (3, 130)
+    np.testing.assert_allclose(video.read(2).means, body(10, splats=130).means, atol=1e-6)
+    assert any("between 0 and 9" in note for note in video.notes)
+    assert len(open_import(folder / "9").read(0)) == 130
+    assert open_import(folder / "9" / "point_cloud").frame_count == 1
+
+
+def test_a_splat_that_is_unusable_in_one_frame_is_dropped_from_its_group(folder):
+    for index in range(3):
+        frame = body(index)
+        if index == 1:
+            frame.means[7, 0] = torch.nan
+            frame.log_scales[8, 1] = torch.inf
+            frame.log_scales[9, 2] = 100.0  # a scale beyond float32
+            frame.quats[10] = 0
+        write_unchecked(folder / f"f{index}.ply", frame)
+    video = open_import(folder)
+    kept = [index for index in range(120) if index not in (7, 8, 9, 10)]
+    assert video.group_starts == (0,)
+    for index in range(3):
+        assert torch.equal(video.read(index).means, body(index).means[kept])
+    assert any(note.startswith("4 splats") for note in video.notes)
+
+
+def write_unchecked(path: Path, splats: Gaussians) -> None:
+    """A PLY file, whatever the values."""
+    plain = {f"{name}": splats.means[:, index] for index, name in enumerate("xyz")}
+    plain |= {f"f_dc_{index}": splats.sh[:, 0, index] for index in range(3)} | {"opacity": splats.logit_opacities}
+    plain |= {f"scale_{index}": splats.log_scales[:, index] for index in range(3)}
+    plain |= {f"rot_{index}": splats.quats[:, index] for index in range(4)}
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}"]
+    head += [f"property float {name}" for name in plain]
+    path.write_bytes(
+        "\n".join([*head, "end_header", ""]).encode() + torch.stack([*plain.values()], dim=1).numpy().tobytes()
+    )
+
+
+def decoded_errors(video: SplatVideo, stream: Path, meant: Gaussians) -> torch.Tensor:
+    """Distance of each splat of the second frame to the nearest decoded one."""
+    bake_video(video, stream, BakeSettings(quality=0))
+    with StreamReader.open(stream) as reader:
+        found = reader.gaussians(1)
+    return torch.cdist(meant.means.double(), found.means.double()).min(dim=1).values
+
+
+@pytest.mark.parametrize("distance", [1e2, 1e4, 1e6, 1e30])
+def test_far_splats_do_not_cost_the_others_their_precision(folder, tmp_path, distance):
+    frames = [body(index, splats=3000) for index in range(2)]
+    plain = SplatVideo("plain", 30.0, 2, (0,), [frame.clone() for frame in frames].__getitem__)
+    usual = decoded_errors(plain, tmp_path / "plain", frames[1])
+    for frame in frames:
+        for splat in range(3):
+            frame.means[splat, splat] = distance * (-1) ** splat
+    for index, frame in enumerate(frames):
+        write_unchecked(folder / f"f{index}.ply", frame)
+    video = open_import(folder)
+    assert any("3 splats" in note for note in video.notes)
+    errors = decoded_errors(video, tmp_path / "stream", frames[1][3:])
+    assert errors.median() < 1.5 * usual.median()
+    assert errors.quantile(0.99) < 2 * usual.quantile(0.99)
+    assert errors.max() < 0.2 * frames[1].scales.median()
+    pulled = video.read(0)  # seen from the middle, the far ones have the same direction and angular size
+    before, after = frames[0].means[:3].double(), pulled.means[:3].double()
+    assert torch.nn.functional.cosine_similarity(before, after).min() > 0.999
+    sizes = [splats.log_scales[:3, 0].double() - means.norm(dim=1).log() for splats, means in
+             ((frames[0], before), (pulled, after))]  # fmt: skip
+    assert (sizes[0] - sizes[1]).abs().max() < 0.05
+
+
+def test_a_body_without_outliers_is_read_as_it_is(folder):
+    ball = body(0, splats=2000)
+    ball.means[:30] += torch.tensor([5.0, 0.0, 0.0])  # 1.5% of the splats, a few meters away
+    write_splats(folder / "f0.ply", ball)
+    video = open_import(folder)
+    assert torch.equal(video.read(0).means, ball.means)
+    assert video.notes == ()
 
 
 def test_nothing_to_import(folder, tmp_path):
@@ -94,7 +209,7 @@ def test_open_sog_data_sets(folder):
         shutil.copytree(SPLATS / "sog" / "degree1", folder / f"frame{number}")
     (folder / "notes").mkdir()
     (folder / "meta.json").write_text('{"made by": "someone"}')
-    assert [path.parent.name for path in find_frames(folder)] == ["frame9", "frame10"]
+    assert [path.parent.name for _, path in find_frames(folder)] == ["frame9", "frame10"]
     video = open_import(folder)
     assert (video.frame_count, video.group_starts, video.up.tolist()) == (2, (0,), [0, -1, 0])
     shutil.copytree(SPLATS / "sog" / "degree1", folder / "again9")

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from studio.errors import StudioError
 from studio.formats import read_splats, splats_size, write_splats
 from studio.gaussians import Gaussians
+from studio.rasterizer.spherical_harmonics import sh_basis
 from tests.support.errors import refuses
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
@@ -168,7 +169,6 @@ def test_damage(tmp_path, make_splats):
         (with_head(count=0), {"splat_file.invalid_header"}),
         (with_head(count=4_000_000_000), {"splat_file.invalid_header"}),
         (with_head(degree=4), {"splat_file.invalid_header"}),
-        (with_head(flags=2), {"splat_file.extensions"}),
         (with_head(count=1 << 26), {"splat_file.expansion"}),
     ]
     for data, codes in cases:
@@ -177,3 +177,58 @@ def test_damage(tmp_path, make_splats):
             read_splats(path)
         assert caught.value.code in codes
         assert caught.value.file == path
+
+
+LETTERS = {"R": (1, 0, 0), "L": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0), "B": (0, 0, 1), "F": (0, 0, -1)}
+
+
+@pytest.mark.parametrize(
+    ("number", "axes"),
+    [(0, "RUB"), (4, "RUB"), (1, "LDB"), (6, "RDF"), (7, "LUF"), (8, "RUF"), (9, "LFD"), (12, "RFU"), (16, "RBU")],
+)
+def test_other_axes_are_turned_to_those_of_the_format(tmp_path, make_splats, number, axes):
+    """Positions, covariances and colors of the record's axes, against the letters of its name."""
+    splats = make_splats(degree=3)
+    path = tmp_path / "a.spz"
+    write_splats(path, splats)
+    plain = read_splats(path)
+    data = bytearray(path.read_bytes())
+    record = struct.pack("<III", 0xADBE0003, 4, number)
+    data[14] |= 2
+    struct.pack_into("<I", data, 16, 32 + len(record))
+    path.write_bytes(bytes(data[:32]) + record + bytes(data[32:]))
+    notes = []
+    found = read_splats(path, notes.append)
+    matrix = torch.tensor([LETTERS[letter] for letter in axes], dtype=torch.float32).T
+    torch.testing.assert_close(found.means, plain.means @ matrix.T)
+    turns = [Rotation.from_quat(one.unit_quats, scalar_first=True).as_matrix() for one in (plain, found)]
+    axes_of = [
+        torch.from_numpy(turn).float() * one.scales[:, None] for turn, one in zip(turns, (plain, found), strict=True)
+    ]
+    before, after = (one @ one.transpose(1, 2) for one in axes_of)
+    torch.testing.assert_close(after, matrix @ before @ matrix.T, atol=1e-5, rtol=1e-3)
+    direction = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.8]]), dim=1)
+    seen = [torch.einsum("k,nkc->nc", sh_basis(direction @ turn.T, 3)[0], one.sh) for turn, one in
+            ((torch.eye(3), plain), (matrix, found))]  # fmt: skip
+    torch.testing.assert_close(seen[1], seen[0], atol=1e-4, rtol=1e-4)
+    assert len(notes) == (axes != "RUB")
+
+
+def test_extensions_after_the_attributes_of_version_3_and_damaged_ones(tmp_path, make_splats):
+    path = tmp_path / "a.spz"
+    write_splats(path, make_splats(), version=3)
+    plain = bytearray(gzip.decompress(path.read_bytes()))
+    plain[14] |= 2
+    meant = read_splats(path)
+    for record, code in (
+        (struct.pack("<III", 0xADBE0003, 4, 6), None),
+        (struct.pack("<III", 0xADBE0003, 4, 17), "splat_file.extensions"),
+        (struct.pack("<III", 0xADBE0003, 40, 6), "splat_file.extensions"),
+        (b"abc", "splat_file.extensions"),
+    ):
+        path.write_bytes(gzip.compress(bytes(plain) + record))
+        if code is None:
+            torch.testing.assert_close(read_splats(path).means, meant.means * torch.tensor([1.0, -1.0, -1.0]))
+            continue
+        with refuses(code, file=path):
+            read_splats(path)
