@@ -20,7 +20,7 @@ def register(commands: Any) -> None:
     )
     command.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, one .v3s file, or a URL")
     command.add_argument(
-        "target", metavar="TARGET", help="folder, or a URL such as s3://bucket/folder (needs the extra publish)"
+        "target", metavar="TARGET", help="folder, or an address such as s3://bucket/folder (needs the extra s3)"
     )
     command.add_argument(
         "--page",

@@ -29,15 +29,14 @@ def publish(
 
     Args:
         source: folder of a take or a stream, one .v3s file, or a URL.
-        target: folder, or a URL that fsspec knows, such as s3://bucket/folder; needs the extra `publish`.
+        target: folder, or an address in an object store, such as s3://bucket/folder, which needs the extra `s3`.
         text: of the page; what is None is taken from the stream.
         page: also put index.html and the player there.
         progress: called with (files done, files).
 
     Raises:
-        StudioError: a damaged stream, `share.no_player`, or a target that cannot be written
-            (`publish.missing_package`, `publish.no_credentials`, `publish.no_bucket`, `publish.denied`,
-            `publish.failed`).
+        StudioError: a damaged stream, `share.no_player`, or a target that cannot be written (`publish.failed`,
+            `storage.*`).
     """
     from pipelines.share.player_files import read_player
     from pipelines.share.stream_to_share import stream_to_share

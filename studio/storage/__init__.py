@@ -1,4 +1,4 @@
-"""Footage in object storage (S3, Google Cloud Storage, Azure), through fsspec.
+"""Footage and published streams in object storage (S3, Google Cloud Storage, Azure), through fsspec.
 
 Nothing here imports fsspec until an address such as s3://bucket/folder is opened.
 """

@@ -1,4 +1,4 @@
-"""Reads objects of a store: failed requests are repeated, and errors say what to do."""
+"""Reads and writes objects of a store: failed requests are repeated, and errors say what to do."""
 
 from __future__ import annotations
 
@@ -117,6 +117,20 @@ class Store:
 
         return self._repeated("read", path, get) if stop > start else b""
 
+    def write(self, path: str, data: bytes, kind: str, cache: str) -> None:
+        """Write an object.
+
+        Args:
+            path: relative to the store's folder.
+            data: its content.
+            kind, cache: Content-Type and Cache-Control with which S3 serves it; other stores take no such options.
+
+        Raises:
+            StudioError: `storage.*`.
+        """
+        headers = {"CacheControl": cache, "ContentType": kind} if self.address.startswith("s3://") else {}
+        self._repeated("written", path, lambda: self._files.pipe_file(self._path(path), data, **headers))
+
     def _path(self, relative: str) -> str:
         return f"{self._root}/{relative}" if relative else self._root
 
@@ -182,6 +196,7 @@ _NEEDED = {
     "reached": "list this bucket and read its objects",
     "listed": "list this bucket",
     "read": "read objects of this bucket",
+    "written": "write objects of this bucket",
 }
 """Which permission each kind of request needs."""
 
