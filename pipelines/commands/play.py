@@ -31,7 +31,6 @@ def register(commands: Any) -> None:
         "serve`.",
     )
     play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
-    play.add_argument("--headless", action="store_true", help="no effect: this command never opens a window")
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
     play.add_argument("--render", action="store_true", help="also render each frame from the stream's suggested camera")
     play.add_argument("--frames", type=int, metavar="N", help="stop after N frames")

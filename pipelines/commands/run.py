@@ -77,21 +77,12 @@ def _add_stream_options(stage: argparse.ArgumentParser) -> None:
     )
 
 
-class _Live(argparse.Action):
-    """Sets `bake.live`."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
-        """Called by argparse."""
-        namespace.set = [*namespace.set, "bake.live=true"]
-
-
 def _add_live(stage: argparse.ArgumentParser) -> None:
     stage.add_argument(
         "--live",
-        action=_Live,
-        nargs=0,
+        action="append_const",
+        dest="set",
+        const="bake.live=true",
         help="bake and publish each group as soon as it is trained (bake.live); `v3studio serve` shows them meanwhile",
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import hashlib
 import json
 import os
@@ -23,6 +24,7 @@ from studio.json_types import JsonObject
 __all__ = [
     "Result",
     "atomic_path",
+    "changing",
     "digest_of",
     "digest_of_digests",
     "digest_of_file",
@@ -221,6 +223,22 @@ def disk_errors(folder: Path) -> Iterator[None]:
                 fix="Choose another folder.",
             ) from error
         raise
+
+
+@contextmanager
+def changing(path: Path) -> Iterator[None]:
+    """Changes of a file in a take by all processes, one after the other. The kernel releases the lock of a killed
+    process.
+
+    Raises:
+        StudioError: as `disk_errors`.
+    """
+    private = path.parent / ".v3studio"
+    with disk_errors(path.parent):
+        private.mkdir(parents=True, exist_ok=True)
+        with (private / f"{path.stem}.lock").open("a") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
 
 
 _AGAIN = "Delete it and run again."

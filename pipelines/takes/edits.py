@@ -6,16 +6,14 @@ neither loses what the other wrote.
 
 from __future__ import annotations
 
-import fcntl
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipelines.takes.atomic_files import disk_errors, read_json, validated, write_json
+from pipelines.takes.atomic_files import changing, read_json, validated, write_json
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, Trim, World
 from studio.errors import StudioError
 from studio.json_types import JsonData
@@ -108,7 +106,7 @@ def change_edits(path: Path, edits: EditList, words: str, replaces: EditList | N
         StudioError: the edits are others by now (`take.edits_changed`), or the file is damaged (as `read_edits`) or
             cannot be written (`take.disk_full`, `take.not_writable`).
     """
-    with _changing(path):
+    with changing(path):
         found = read_edits_file(path)
         if replaces is not None and found.edits != replaces:
             raise StudioError(
@@ -132,13 +130,7 @@ def undo_edit(path: Path) -> tuple[EditsFile, str]:
     Raises:
         StudioError: there is none (`take.nothing_to_undo`), or as `change_edits`.
     """
-    with _changing(path):
-        found = read_edits_file(path)
-        if not found.undo:
-            raise StudioError("take.nothing_to_undo", "there is no edit to undo", file=path, fix=_SHOW)
-        step = found.undo[-1]
-        redo = (*found.redo, Step(words=step.words, edits=found.edits))[-MOST_STEPS:]
-        return _write(path, EditsFile(edits=step.edits, undo=found.undo[:-1], redo=redo)), step.words
+    return _step(path, "undo", "redo")
 
 
 def redo_edit(path: Path) -> tuple[EditsFile, str]:
@@ -147,13 +139,19 @@ def redo_edit(path: Path) -> tuple[EditsFile, str]:
     Raises:
         StudioError: there is none (`take.nothing_to_redo`), or as `change_edits`.
     """
-    with _changing(path):
+    return _step(path, "redo", "undo")
+
+
+def _step(path: Path, name: str, back: str) -> tuple[EditsFile, str]:
+    """Go one step, of `undo` or `redo`; the other one leads `back`."""
+    with changing(path):
         found = read_edits_file(path)
-        if not found.redo:
-            raise StudioError("take.nothing_to_redo", "there is no edit to redo", file=path, fix=_SHOW)
-        step = found.redo[-1]
-        undo = (*found.undo, Step(words=step.words, edits=found.edits))[-MOST_STEPS:]
-        return _write(path, EditsFile(edits=step.edits, undo=undo, redo=found.redo[:-1])), step.words
+        steps: tuple[Step, ...] = getattr(found, name)
+        if not steps:
+            raise StudioError(f"take.nothing_to_{name}", f"there is no edit to {name}", file=path, fix=_SHOW)
+        step = steps[-1]
+        kept = (*getattr(found, back), Step(words=step.words, edits=found.edits))[-MOST_STEPS:]
+        return _write(path, EditsFile.model_validate({"edits": step.edits, name: steps[:-1], back: kept})), step.words
 
 
 def _write(path: Path, file: EditsFile) -> EditsFile:
@@ -165,17 +163,6 @@ def _write(path: Path, file: EditsFile) -> EditsFile:
     file = file.model_copy(update={"undo": tuple(undo)})
     write_json(path, file.model_dump(mode="json", exclude_defaults=True) | {"format": file.format}, durable=True)
     return file
-
-
-@contextmanager
-def _changing(path: Path) -> Iterator[None]:
-    """Changes by all processes, one after the other. The kernel releases the lock of a killed process."""
-    private = path.parent / ".v3studio"
-    with disk_errors(path.parent):
-        private.mkdir(parents=True, exist_ok=True)
-        with (private / "edits.lock").open("a") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            yield
 
 
 PREFIX = "edits."

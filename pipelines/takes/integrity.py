@@ -91,8 +91,8 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
     return Integrity(files=len(files), bytes=size, damage=tuple(damage), unchecked=tuple(unchecked))
 
 
-def refuse_damage(take: Take, stage: str) -> None:
-    """Check the results of a finished stage before another one uses them.
+def refuse_damage(take: Take, stage: str, fix: str = "") -> None:
+    """Check the results of a finished stage before they are used.
 
     Raises:
         StudioError: a file is not as it was recorded (`take.damaged`).
@@ -101,9 +101,9 @@ def refuse_damage(take: Take, stage: str) -> None:
     for found in filter(None, changed_files(take, record) if record else ()):
         raise StudioError(
             "take.damaged",
-            f"the file is {found.problem}: it is not what the stage {stage} wrote",
+            f"the file is {found.problem}: it is not what the stage {stage} wrote when it last finished",
             file=take.root / found.file,
-            fix=f"Run `v3studio {stage} --force`.",
+            fix=fix or f"Run `v3studio {stage} --force`.",
             stage=stage,
         )
 

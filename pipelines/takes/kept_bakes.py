@@ -18,7 +18,7 @@ from pydantic import JsonValue
 from pipelines.takes.atomic_files import link_or_copy, write_text
 from pipelines.takes.edits import PREFIX, edit_params, read_edits
 from pipelines.takes.evaluation import read_evaluation
-from pipelines.takes.integrity import changed_files
+from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.records import StageRecord, read_record, result_of
 from pipelines.takes.settings_file import changed_text
 from pipelines.takes.take import Take
@@ -181,7 +181,7 @@ def keep_bake(take: Take, name: str) -> KeptBake:
         )
     records = [record, *_evaluation_of(take, record)]
     for one in records:
-        _refuse_changed(take, one, f"Run `v3studio {one.stage}` again, with --force if it finds nothing to do.")
+        refuse_damage(take, one.stage, f"Run `v3studio {one.stage}` again, with --force if it finds nothing to do.")
     settings = {name: value for name, value in record.params.items() if name.startswith("bake.")}
     with atomic_path(take.bakes / name, durable=True) as folder:
         for path in _files_of(take, records):
@@ -217,21 +217,9 @@ def note_evaluation(take: Take) -> None:
         before = result_of(kept.take, "evaluate")
         for record in _evaluation_of(take, kept.record):
             if record.result != before:
-                _refuse_changed(take, record, "Run `v3studio evaluate --force`.")
+                refuse_damage(take, "evaluate")
                 for path in (*(take.root / name for name in record.files), take.record("evaluate")):
                     _link(path, kept.take.root / path.relative_to(take.root))
-
-
-def _refuse_changed(take: Take, record: StageRecord, fix: str) -> None:
-    """Raises StudioError if a file is not as it was recorded (`take.damaged`)."""
-    for found in filter(None, changed_files(take, record)):
-        raise StudioError(
-            "take.damaged",
-            f"the file is {found.problem}: it is not what the stage {record.stage} wrote when it last finished",
-            file=take.root / found.file,
-            fix=fix,
-            stage=record.stage,
-        )
 
 
 def _link(source: Path, target: Path) -> None:

@@ -6,15 +6,12 @@ lock, and says what it replaces, so that neither loses what the other wrote.
 
 from __future__ import annotations
 
-import fcntl
 import unicodedata
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from pydantic import Field, model_validator
 
-from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
+from pipelines.takes.atomic_files import Result, changing, read_model, write_model
 from studio.errors import StudioError
 
 MAX_NOTE, MAX_AUTHOR = 2000, 80
@@ -112,7 +109,7 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
     """
     if mark is not None:
         mark = _plain(path, mark)
-    with disk_errors(path.parent), _locked(path.parent):
+    with changing(path):
         found = _read(path)
         marks = {one.frame: one for one in found.marks}
         if _content(marks.get(frame)) != _content(replaces):
@@ -181,13 +178,3 @@ def _read(path: Path) -> Marks:
             file=path,
             fix="Fix the file, or move it elsewhere to start over.",
         ) from None
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Changes of marks by all processes, one after the other. The kernel releases the lock of a killed process."""
-    private = folder / ".v3studio"
-    private.mkdir(parents=True, exist_ok=True)
-    with (private / "marks.lock").open("a") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield

@@ -5,12 +5,15 @@ from __future__ import annotations
 import contextlib
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import Field, JsonValue, model_validator
 
 from pipelines.takes.atomic_files import Result, digest_of_digests, digest_of_file, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
+
+Record = TypeVar("Record", bound=Result)
 
 
 class StageRecord(Result):
@@ -74,13 +77,7 @@ def read_record(take: Take, stage: str) -> StageRecord | None:
     Returns:
         None if the stage never finished, or its record is damaged: then it runs again.
     """
-    path = take.record(stage)
-    if not path.is_file():
-        return None
-    try:
-        return read_model(path, StageRecord)
-    except StudioError:
-        return None
+    return _read(take.record(stage), StageRecord)
 
 
 def note_rewritten(take: Take, stage: str) -> None:
@@ -137,10 +134,11 @@ def write_failure(take: Take, stage: str, error: Message) -> None:
 
 def read_failure(take: Take, stage: str) -> FailureRecord | None:
     """Why the stage's last attempt failed; None if it did not, or the record is damaged."""
-    path = take.failure(stage)
-    if not path.is_file():
-        return None
+    return _read(take.failure(stage), FailureRecord)
+
+
+def _read(path: Path, model: type[Record]) -> Record | None:
     try:
-        return read_model(path, FailureRecord)
+        return read_model(path, model) if path.is_file() else None
     except StudioError:
         return None

@@ -93,7 +93,7 @@ COMMANDS = {
     "status": ("status", "{take}", "--json"),
     "compare": ("compare", "{take}", "--out", "{out}", "--json"),
     "check": ("check", "{take}", "--json"),
-    "play": ("play", "{take}", "--headless", "--json"),
+    "play": ("play", "{take}", "--json"),
     "export": ("export", "{take}", "--format", "ply", "--of", "trained", "--out", "{out}", "--json"),
     "import": ("import", "{frame}", "--out", "{out}", "--json"),
     "publish": ("publish", "{take}", "{out}", "--json"),

@@ -125,7 +125,7 @@ def test_exports_and_imports(place: Path, run_in: Callable, tmp_path: Path, kind
         stream = tmp_path / "importé 影"
         done = run_in("C", "import", out, "--out", stream, "--json")
         assert done.returncode == 0, done.stderr.decode()
-        report = json.loads(run_in("C", "play", stream, "--headless", "--json").stdout)
+        report = json.loads(run_in("C", "play", stream, "--json").stdout)
         assert len(report["frames"]) == 5
 
 

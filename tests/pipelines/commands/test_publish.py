@@ -40,7 +40,7 @@ def test_a_stream_in_one_file_plays(here, stream, tmp_path):
     done = here("export", stream, "--format", "v3", "--out", out)
     assert done.returncode == 0, done.stderr
     assert "4 frames" in done.stdout
-    done = here("play", out, "--headless")
+    done = here("play", out)
     assert done.returncode == 0, done.stderr
     assert here("export", out, "--format", "ply", "--out", tmp_path / "plys").returncode == 0
     assert len(list((tmp_path / "plys").iterdir())) == 4

@@ -86,11 +86,9 @@ def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_p
         assert urllib.parse.urlsplit(address).geturl() == address.encode("ascii").decode()
         with urllib.request.urlopen(address) as answer:
             assert answer.read() == (stream / "manifest.json").read_bytes()
-    report = json.loads(
-        here("play", addresses[str(tmp_path / names[1])], "--headless", "--frames", "2", "--json").stdout
-    )
+    report = json.loads(here("play", addresses[str(tmp_path / names[1])], "--frames", "2", "--json").stdout)
     assert len(report["frames"]) == 2
-    as_typed = here("play", f"{host}/{names[0]}", "--headless", "--frames", "2")
+    as_typed = here("play", f"{host}/{names[0]}", "--frames", "2")
     assert as_typed.returncode == 0, as_typed.stderr
     process.send_signal(signal.SIGINT)
 
@@ -379,7 +377,7 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     missing = {"path": f"files/{'1' * 32}.mp4", "sha256": "1" * 64}  # these groups share their files
     edit_manifest(folder, lambda values: best_of(values["groups"][0])["components"][0]["planes"][0].update(missing))
     _, address = served(start, folder)
-    done = here("play", "--headless", "--json", address)
+    done = here("play", "--json", address)
     report = json.loads(done.stdout)
     assert [row["frame"] for row in report["frames"]] == [*range(5, 40)]
     assert all(row["fetch_ms"] > 0 for row in report["frames"])
@@ -388,7 +386,7 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     assert done.stderr.startswith("warning: Group 0, frames 0 to 4, was skipped: http://127.0.0.1:")
     done = here("check", address)
     assert (done.returncode, done.stdout.splitlines()[0].partition(":")[0]) == (1, f"{missing['path']} (group 0)")
-    done = here("play", "--headless", address + "nowhere")
+    done = here("play", address + "nowhere")
     assert done.returncode == 1
     assert "404" in done.stderr
 
