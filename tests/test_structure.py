@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -61,6 +62,15 @@ def tracked_files() -> list[Path]:
         check=True,
     )
     return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+def test_no_folder_has_more_files_than_a_reader_can_survey() -> None:
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    files = [Path(name) for name in listed if name.endswith((".py", ".ts", ".cpp", ".h"))]
+    assert files
+    assert {str(one): count for one, count in Counter(path.parent for path in files).items() if count > 25} == {}
 
 
 def test_every_imported_package_is_declared() -> None:

@@ -1,22 +1,65 @@
-"""The table of what the stream stores of each splat: names, order, bits, steps.
+"""The table of what the stream stores of each splat: names, order, bits, steps, and how values become those of splats.
 
 The encoders, the decoders, the manifest and the training losses read it. In `planes`, each number of a splat is a
 *component* with a range; in `motion`, each is a *channel* with a step. To add an attribute, add its row here, and its
-values in `layout.component_frames` and `layout.ComponentArrays` (planes), and in `encode/motion.py`,
-`decoders/motion.py` and `profiles/` (motion and losses).
+result to the kernel `dequantize`. Means and rotations follow blocks that move, in `encode/motion.py` and
+`decoders/motion.py`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
+
+import numpy as np
 
 MAX_VALUE = 1e9
 """Largest magnitude of any value."""
 
 MAX_LOG_SCALE = math.log(MAX_VALUE)
+
+OPACITY_MARGIN = 1e-6
+"""Opacities are clamped to this distance from 0 and 1, so that their logits are finite."""
+
+Values: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""Converts values of an attribute; the array keeps its shape and dtype."""
+
+
+def _same(values: np.ndarray) -> np.ndarray:
+    return values
+
+
+def _sigmoid(values: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):  # exp overflows to inf and the result is 0, as intended
+        return 1 / (1 + np.exp(-values))
+
+
+def _logit(opacities: np.ndarray) -> np.ndarray:
+    opacities = np.clip(opacities, OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+    return np.log(opacities / (1 - opacities))
+
+
+def to_ycocg(colors: np.ndarray) -> np.ndarray:
+    """Luma, orange and green chroma of red, green and blue, which alternate in the rows of (..., 3K, N)."""
+    red, green, blue = (colors[..., row::3, :] for row in range(3))
+    found = np.empty_like(colors)
+    found[..., 0::3, :] = (red + 2 * green + blue) / 4
+    found[..., 1::3, :] = (red - blue) / 2
+    found[..., 2::3, :] = (2 * green - red - blue) / 4
+    return found
+
+
+def from_ycocg(values: np.ndarray) -> np.ndarray:
+    """Inverse of `to_ycocg`."""
+    luma, orange, green = (values[..., row::3, :] for row in range(3))
+    found = np.empty_like(values)
+    found[..., 0::3, :] = luma + orange - green
+    found[..., 1::3, :] = luma + green
+    found[..., 2::3, :] = luma - orange - green
+    return found
+
 
 QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
 """Attributes that can have a QP of their own; `means_low`: the low bytes of the means, or their residuals."""
@@ -29,6 +72,8 @@ class Attribute:
     Attributes:
         name: means, quats, scales, opacities or sh.
         label: what people read.
+        tensor: in `Gaussians`.
+        shape: of a splat in that tensor; -1: SH coefficients.
         components: names in `planes`; {k} stands for each SH coefficient.
         channels: names in `motion`, likewise.
         steps: of the channels. An error of one step is about equally visible in every channel (found by rendering
@@ -36,27 +81,45 @@ class Attribute:
         bits: of a component: 16, in two planes, or 8.
         held: whether `planes` keeps it at QP 22 where the QP is higher (paper, "Compression QP Setting").
         largest: the largest value that can be rendered.
+        activate, inverse: from the tensor to components, and back.
+        to_channels, from_channels: from components to channels, rows of (..., C, N), and back.
     """
 
     name: str
     label: str
+    tensor: str
+    shape: tuple[int, ...]
     components: tuple[str, ...]
     channels: tuple[str, ...]
     steps: tuple[float, ...]
     bits: int = 8
     held: bool = False
     largest: float = MAX_VALUE
+    activate: Values = _same
+    inverse: Values = _same
+    to_channels: Values = _same
+    from_channels: Values = _same
 
     @property
     def qp_name(self) -> str:
         """Its name in `attribute_qps`."""
         return "means_low" if self.name == "means" else self.name
 
+    def repeats(self, sh_degree: int) -> int:
+        """How often its components and channels occur: for each SH coefficient, or once."""
+        return (sh_degree + 1) ** 2 if -1 in self.shape else 1
+
+    def tensor_shape(self, splats: int, sh_degree: int) -> list[int]:
+        """Of the whole tensor."""
+        return [splats, *(self.repeats(sh_degree) if size == -1 else size for size in self.shape)]
+
 
 ATTRIBUTES = (
     Attribute(
         "means",
         "positions",
+        "means",
+        (3,),
         ("mean_x", "mean_y", "mean_z"),
         ("residual_x", "residual_y", "residual_z"),
         (0.08,) * 3,
@@ -65,6 +128,8 @@ ATTRIBUTES = (
     Attribute(
         "quats",
         "rotation",
+        "quats",
+        (4,),
         ("quat_w", "quat_x", "quat_y", "quat_z"),
         ("rotation_0", "rotation_1", "rotation_2"),
         (0.0015,) * 3,
@@ -73,20 +138,36 @@ ATTRIBUTES = (
     Attribute(
         "scales",
         "scale",
+        "log_scales",
+        (3,),
         ("log_scale_0", "log_scale_1", "log_scale_2"),
         ("log_scale_0", "log_scale_1", "log_scale_2"),
         (0.017,) * 3,
         held=True,
         largest=MAX_LOG_SCALE,
     ),
-    Attribute("opacities", "opacity", ("opacity",), ("opacity",), (0.0096,)),
+    Attribute(
+        "opacities",
+        "opacity",
+        "logit_opacities",
+        (),
+        ("opacity",),
+        ("opacity",),
+        (0.0096,),
+        activate=_sigmoid,
+        inverse=_logit,
+    ),
     Attribute(
         "sh",
         "color",
+        "sh",
+        (-1, 3),
         ("sh_{k}_r", "sh_{k}_g", "sh_{k}_b"),
         ("sh_{k}_y", "sh_{k}_co", "sh_{k}_cg"),
         (0.0069, 0.0072, 0.0072),
         held=True,
+        to_channels=to_ycocg,
+        from_channels=from_ycocg,
     ),
 )
 """In the order of the channels, and of the values that losses act on."""
@@ -127,33 +208,32 @@ class Component:
 def components(sh_degree: int) -> tuple[Component, ...]:
     """All 11 + 3 (degree + 1)^2 components, in the order of the manifest. SH are coefficient-major."""
     found = (BY_NAME[name] for name in _COMPONENT_ORDER)
-    return tuple(Component(name, one) for one in found for name in _names(one.components, sh_degree))
+    return tuple(Component(name, one) for one in found for name in _names(one, one.components, sh_degree))
 
 
 def channels(sh_degree: int) -> tuple[str, ...]:
     """All 10 + 3 (degree + 1)^2 channels of the profile `motion`, in the order of the manifest."""
-    return tuple(name for one in ATTRIBUTES for name in _names(one.channels, sh_degree))
+    return tuple(name for one in ATTRIBUTES for name in _names(one, one.channels, sh_degree))
 
 
 def component_rows(sh_degree: int) -> dict[str, slice]:
     """Rows of each attribute among the components."""
-    return _rows((name, _names(BY_NAME[name].components, sh_degree)) for name in _COMPONENT_ORDER)
+    found = (BY_NAME[name] for name in _COMPONENT_ORDER)
+    return _rows((one.name, len(one.components) * one.repeats(sh_degree)) for one in found)
 
 
 def channel_rows(sh_degree: int) -> dict[str, slice]:
     """Rows of each attribute among the channels."""
-    return _rows((one.name, _names(one.channels, sh_degree)) for one in ATTRIBUTES)
+    return _rows((one.name, len(one.channels) * one.repeats(sh_degree)) for one in ATTRIBUTES)
 
 
-def _names(names: tuple[str, ...], sh_degree: int) -> tuple[str, ...]:
-    if "{k}" not in names[0]:
-        return names
-    return tuple(name.format(k=k) for k in range((sh_degree + 1) ** 2) for name in names)
+def _names(one: Attribute, names: tuple[str, ...], sh_degree: int) -> tuple[str, ...]:
+    return tuple(name.format(k=k) for k in range(one.repeats(sh_degree)) for name in names)
 
 
-def _rows(parts: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, slice]:
+def _rows(parts: Iterable[tuple[str, int]]) -> dict[str, slice]:
     found, start = {}, 0
-    for attribute, names in parts:
-        found[attribute] = slice(start, start + len(names))
-        start += len(names)
+    for attribute, count in parts:
+        found[attribute] = slice(start, start + count)
+        start += count
     return found

@@ -14,7 +14,7 @@ import torch
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.attributes import component_rows
+from studio.stream.attributes import ATTRIBUTES, BY_NAME, component_rows
 
 _SHORTEST_QUAT = 1e-6
 
@@ -112,17 +112,12 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
                     frame=number,
                     attribute=name,
                 )
-        columns = {
-            "means": arrays["means"].T,
-            "sh": arrays["sh"].reshape(len(frame), -1).T,
-            "opacities": _sigmoid(arrays["logit_opacities"])[None],
-            "scales": arrays["log_scales"].T,
-            "quats": arrays["quats"].T,
-        }
-        values = np.concatenate([columns[name] for name in component_rows(frame.sh_degree)])
+        rows = component_rows(frame.sh_degree)
+        columns = (BY_NAME[name].activate(arrays[BY_NAME[name].tensor]) for name in rows)
+        values = np.concatenate([column.reshape(len(frame), -1).T for column in columns])
         if order is not None:
             values = np.take(values, order, axis=1)
-        quats = values[component_rows(frame.sh_degree)["quats"]]
+        quats = values[rows["quats"]]
         quats /= np.maximum(np.linalg.norm(quats, axis=0), 1e-12)
         likeness = quats[0] if previous is None else (quats * previous).sum(axis=0)
         quats *= np.where(likeness < 0, np.float32(-1), np.float32(1))
@@ -144,11 +139,6 @@ def scale_floor(typical: float) -> float:
     return math.log(typical / 16)
 
 
-def _sigmoid(values: np.ndarray) -> np.ndarray:
-    with np.errstate(over="ignore"):  # exp overflows to inf and the result is 0, as intended
-        return 1 / (1 + np.exp(-values))
-
-
 class ComponentArrays:
     """Buffers for the components of one frame, in the memory layout of `Gaussians`.
 
@@ -157,36 +147,20 @@ class ComponentArrays:
     """
 
     def __init__(self, splats: int, sh_degree: int) -> None:
-        self._means = np.empty((splats, 3), dtype=np.float32)
-        self._sh = np.empty((splats, (sh_degree + 1) ** 2, 3), dtype=np.float32)
-        self._opacities = np.empty(splats, dtype=np.float32)
-        self._log_scales = np.empty((splats, 3), dtype=np.float32)
-        self._quats = np.empty((splats, 4), dtype=np.float32)
-        colors = self._sh.reshape(splats, -1)
-        columns = {
-            "means": self._means.T,
-            "sh": colors.T,
-            "opacities": self._opacities[None],
-            "scales": self._log_scales.T,
-            "quats": self._quats.T,
-        }
-        self.rows: list[np.ndarray] = [row for name in component_rows(sh_degree) for row in columns[name]]
+        shapes = {name: BY_NAME[name].tensor_shape(splats, sh_degree) for name in component_rows(sh_degree)}
+        self._arrays = {name: np.empty(shape, dtype=np.float32) for name, shape in shapes.items()}
+        columns = (array.reshape(splats, -1).T for array in self._arrays.values())
+        self.rows: list[np.ndarray] = [row for rows in columns for row in rows]
 
     def gaussians(self, dilation: float) -> Gaussians:
         """Gaussians that share the memory. Quaternions are as stored: close to unit length, not normalized.
 
         One that is too short to describe a rotation, which no baker writes, becomes the identity, its splat invisible.
         """
-        opacities = np.clip(self._opacities, 1e-6, 1 - 1e-6)
-        none = np.einsum("ni,ni->n", self._quats, self._quats) < _SHORTEST_QUAT**2
+        quats = self._arrays["quats"]
+        none = np.einsum("ni,ni->n", quats, quats) < _SHORTEST_QUAT**2
         if none.any():
-            self._quats[none] = (1, 0, 0, 0)
-            opacities[none] = 1e-6
-        return Gaussians(
-            means=torch.from_numpy(self._means),
-            quats=torch.from_numpy(self._quats),
-            log_scales=torch.from_numpy(self._log_scales),
-            logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
-            sh=torch.from_numpy(self._sh),
-            dilation=dilation,
-        )
+            quats[none] = (1, 0, 0, 0)
+            self._arrays["opacities"][none] = 0
+        found = {one.tensor: torch.from_numpy(one.inverse(self._arrays[one.name])) for one in ATTRIBUTES}
+        return Gaussians(**found, dilation=dilation)

@@ -1,4 +1,4 @@
-// Splats of a frame of the stream's profile `motion`. The definition is studio/stream/decode_motion.py.
+// Splats of a frame of the stream's profile `motion`. The definition is studio/stream/decoders/motion.py.
 //
 // Compiled once, without fused multiply-add: positions have the same bits as in Python and in the browser, whatever the
 // processor. So the order of the operations matters, too.
@@ -15,7 +15,7 @@ namespace vs::VS_ISA {
 
 constexpr int DEQUANTIZE_BLOCK = 256;  // splats whose channels fit into the cache; a multiple of LANES
 constexpr int DEQUANTIZE_CHANNELS = 10;  // means, rotations, log scales, opacity; then 3 for each SH coefficient
-constexpr float OPACITY_MARGIN = 1e-6f;  // as in decode_motion.py
+constexpr float OPACITY_MARGIN = 1e-6f;  // as in attributes.py
 
 // Values of one channel of the block's splats.
 static void dequantize_channel(const DequantizeJob& job, int channel, std::int64_t begin, int n, float* out) {

@@ -11,17 +11,13 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer.kernels import kernels_for
 from studio.rotations import mrp_to_quats, quat_multiply
-from studio.stream.attributes import channel_rows
+from studio.stream.attributes import ATTRIBUTES, channel_rows
 from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
 from studio.stream.manifest import MotionRendition
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
-from studio.stream.profiles.motion import from_ycocg
 from studio.stream.sources.source import BAKE_AGAIN
 from studio.stream.video import PlaneDecoder
-
-OPACITY_MARGIN = 1e-6
-"""Opacities are clamped to this distance from 0 and 1, so that their logits are finite."""
 
 
 class GroupTables:
@@ -66,12 +62,13 @@ class GroupTables:
 
         Opacities differ by rounding; all else has the same bits. More than one thread helps where nothing else decodes.
         """
-        group, count = self.group, self.group.splats
+        group = self.group
         kernels = kernels_for(torch.empty(0))
         if kernels is None:
             return self.gaussians_numpy(index, picture)
-        shapes = ([count, 3], [count, 4], [count, 3], [count], [count, (group.sh_degree + 1) ** 2, 3])
-        means, quats, log_scales, logits, sh = map(kernels.empty_float, shapes)
+        shapes = {one.tensor: one.tensor_shape(group.splats, group.sh_degree) for one in ATTRIBUTES}
+        found = {name: kernels.empty_float(shape) for name, shape in shapes.items()}
+        results = {"logits" if name == "logit_opacities" else name: one for name, one in found.items()}
         turned = self.state.rotations(index)
         turned = turned if turned is None else np.ascontiguousarray(turned)
         begin, end = self._starts[index : index + 2]
@@ -81,9 +78,9 @@ class GroupTables:
             escape_starts=np.searchsorted(channel, np.arange(len(group.channels) + 1)).astype(np.int64),
             escape_splats=splat.astype(np.int32), escape_codes=code, gains=self.gains, keyframe=self.state.keyframe,
             local=self.state.blocks.local, maps=self.state.maps(index), turned=turned,
-            means=means, quats=quats, log_scales=log_scales, logits=logits, sh=sh, threads=threads,
+            **results, threads=threads,
         )  # fmt: skip
-        return Gaussians(means, quats, log_scales, logits, sh, dilation=group.dilation)
+        return Gaussians(**found, dilation=group.dilation)
 
     def gaussians_numpy(self, index: int, picture: np.ndarray) -> Gaussians:
         """`gaussians` in plain NumPy. This is the definition."""
@@ -94,17 +91,12 @@ class GroupTables:
         turned = self.state.rotations(index)
         if turned is not None:
             quats = quat_multiply(turned[self.state.labels], quats)
-        opacities = np.clip(values[rows["opacities"]][0], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
-        colors = values[rows["sh"]]
-        sh = np.stack(from_ycocg(colors[0::3].T, colors[1::3].T, colors[2::3].T), axis=-1)  # (N, K) each
-        return Gaussians(
-            means=torch.from_numpy(means),
-            quats=torch.from_numpy(quats),
-            log_scales=torch.from_numpy(np.ascontiguousarray(values[rows["scales"]].T)),
-            logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
-            sh=torch.from_numpy(sh),
-            dilation=self.group.dilation,
-        )
+        found = {"means": means, "quats": quats}
+        for one in ATTRIBUTES:
+            if one.tensor not in found:
+                columns = np.ascontiguousarray(one.from_channels(values[rows[one.name]]).T)
+                found[one.tensor] = one.inverse(columns).reshape(len(means), *one.shape)
+        return Gaussians(**{name: torch.from_numpy(one) for name, one in found.items()}, dilation=self.group.dilation)
 
     def values(self, index: int, picture: np.ndarray) -> np.ndarray:
         """(C, N) float32 values of the channels in frame `index` of the group, classes not yet applied."""

@@ -15,7 +15,7 @@ import numpy as np
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
 from studio.rotations import quat_conjugate, quat_multiply, quats_to_mrp
-from studio.stream.attributes import BY_NAME, channels, component_rows
+from studio.stream.attributes import ATTRIBUTES, BY_NAME, channels, component_rows
 from studio.stream.codecs import CODECS
 from studio.stream.encode.files import named_by_content
 from studio.stream.encode.paths import carry_hidden_splats, smooth_paths
@@ -24,7 +24,7 @@ from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, Motio
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
-from studio.stream.profiles.motion import channel_range, channel_steps, nearest_form, to_ycocg
+from studio.stream.profiles.motion import channel_range, channel_steps, nearest_form
 from studio.stream.settings import BakeSettings
 from studio.stream.video import PlaneEncoder
 
@@ -102,10 +102,9 @@ class MotionBake:
             quats[frame] *= np.where(likeness < 0, -1.0, 1.0)
         scales = np.take_along_axis(parts["scales"], axes.T[None], axis=1)
         np.maximum(scales, np.float32(self._floor), out=scales)
-        sh = parts["sh"]
-        colors = np.empty(sh.shape, dtype=np.float32)
-        colors[:, 0::3], colors[:, 1::3], colors[:, 2::3] = to_ycocg(sh[:, 0::3], sh[:, 1::3], sh[:, 2::3])
-        return np.concatenate([scales, parts["opacities"], colors], axis=1), quats
+        parts["scales"] = scales
+        coded = [one.to_channels(parts[one.name]) for one in ATTRIBUTES if one.name not in ("means", "quats")]
+        return np.concatenate(coded, axis=1), quats
 
     def write(
         self,

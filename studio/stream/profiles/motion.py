@@ -1,4 +1,4 @@
-"""Coding of the profile `motion`: rotations as MRP of the nearest equivalent form, YCoCg colors, fixed steps."""
+"""Coding of the profile `motion`: rotations as MRP of the nearest equivalent form, fixed steps."""
 
 from __future__ import annotations
 
@@ -27,9 +27,8 @@ def channel_steps(sh_degree: int, position_step: float, settings: BakeSettings) 
     result: list[float] = []
     for attribute in ATTRIBUTES:
         base: tuple[float, ...] = (position_step / 2,) * 3 if attribute.name == "means" else attribute.steps
-        repeats = (sh_degree + 1) ** 2 if attribute.name == "sh" else 1
         qp = settings.qp_overrides.get(attribute.qp_name, settings.qp)
-        result += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * repeats
+        result += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * attribute.repeats(sh_degree)
     return result
 
 
@@ -59,16 +58,6 @@ def _without_outliers(values: np.ndarray) -> tuple[float, float]:
     width = high - low
     near = splats[(splats >= low - width) & (splats <= high + width)]
     return float(near.min()), float(near.max())
-
-
-def to_ycocg(red: np.ndarray, green: np.ndarray, blue: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Luma, orange and green chroma of a color or an SH coefficient."""
-    return (red + 2 * green + blue) / 4, (red - blue) / 2, (2 * green - red - blue) / 4
-
-
-def from_ycocg(luma: np.ndarray, orange: np.ndarray, green: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Inverse of `to_ycocg`: red, green, blue."""
-    return luma + orange - green, luma + green, luma - orange - green
 
 
 def _cube() -> tuple[np.ndarray, np.ndarray]:
