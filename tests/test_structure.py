@@ -354,7 +354,7 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    shipped = ("cuda", "matting", "publish", "s3", "gs", "azure", "cluster")
+    shipped = ("cuda", "matting", "s3", "gs", "azure", "cluster")
     wanted = [*project["dependencies"], *(text for name in shipped for text in extras[name])]
     names = {Requirement(text).name for text in wanted} - NEVER_IMPORTED
     declared = {MODULES.get(name, name) for name in names}
