@@ -276,24 +276,23 @@ class Camera:
 class Rig:
     """The cameras of a capture, in a fixed order, with unique names.
 
+    Attributes:
+        cameras: the cameras.
+        notes: what the reader of a camera file assumed or left out, one sentence each.
+
     Raises:
         StudioError: two cameras have the same name (camera.duplicate_name).
     """
 
     cameras: tuple[Camera, ...]
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
         seen: set[str] = set()
         for camera in self.cameras:
             if camera.name in seen:
-                raise StudioError(
-                    "camera.duplicate_name",
-                    f"two cameras are named '{camera.name}'",
-                    value=camera.name,
-                    fix="Use unique camera names.",
-                    camera=camera.name,
-                )
+                raise duplicate_name(camera.name)
             seen.add(camera.name)
 
     def __len__(self) -> int:
@@ -341,7 +340,18 @@ class Rig:
 
     def subset(self, names: Sequence[str]) -> Rig:
         """The named cameras, in the given order. Raises StudioError for an unknown name (camera.unknown)."""
-        return Rig(tuple(self[name] for name in names))
+        return Rig(tuple(self[name] for name in names), self.notes)
+
+
+def duplicate_name(camera: str) -> StudioError:
+    """The error for two cameras of one name (camera.duplicate_name)."""
+    return StudioError(
+        "camera.duplicate_name",
+        f"two cameras are named '{camera}'",
+        value=camera,
+        fix="Use unique camera names.",
+        camera=camera,
+    )
 
 
 def focal_length_error(camera: str, value: float) -> StudioError:

@@ -22,8 +22,11 @@ READERS_AND_WRITERS = {
     "studio/calibration/manual/file.py",
     "studio/camera_files/annots_npy.py",
     "studio/camera_files/common.py",
+    "studio/camera_files/dynamic_gaussians.py",
+    "studio/camera_files/easymocap.py",
+    "studio/camera_files/json_rigs.py",
+    "studio/camera_files/opencv_storage.py",
     "studio/camera_files/rig_json.py",
-    "studio/camera_files/thuman.py",
     "studio/camera_files/toml_rigs.py",
     "studio/camera_files/transforms_json.py",
     "studio/cameras.py",  # a camera of rig.json

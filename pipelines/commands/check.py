@@ -8,11 +8,15 @@ import shlex
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.arguments import invalid_option
 from studio.counts import counted
+from studio.errors import StudioError, shown
 from studio.progress import ProgressFn
+
+if TYPE_CHECKING:
+    from pipelines.takes.take import Take
 
 
 def register(commands: Any) -> None:
@@ -82,10 +86,30 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
         print(
             f"Not made by a run: {', '.join(own)}. Copy back a backup, or move what is damaged elsewhere to start over."
         )
+    for line in _assumed(take):
+        print(line)
     if any(damage.stage for damage in found.damage):
         first = "" if arguments.remove else f"v3studio check {name} --remove && "
         print(f"To make them again: {first}v3studio run {name}")
     return 1 if found.damage else 0
+
+
+def _assumed(take: Take) -> list[str]:
+    """How the take's footage and camera file are read, one sentence each."""
+    from pipelines.config import load_config
+    from pipelines.stages.footage import TakeFootage
+    from pipelines.takes.stage_files import CamerasFromFile, read_cameras_report
+
+    lines: list[str] = []
+    try:
+        report = read_cameras_report(take)
+        if isinstance(report, CamerasFromFile):
+            lines += [f"Cameras: {shown(report.file)}.", *report.notes]
+        footage = TakeFootage(take, load_config(take.config))
+        lines += (footage.calibrated if take.rig.is_file() else footage.raw).description.splitlines()
+    except StudioError as error:  # damage is reported above; footage may be elsewhere
+        lines.append(f"Not known how the footage is read: {error}")
+    return lines
 
 
 def _check_stream(arguments: argparse.Namespace) -> int:

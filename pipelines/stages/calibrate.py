@@ -103,6 +103,9 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
             reporter.log(sentence)
         for warning in calibration_warnings(report):
             reporter.warn(warning)
+    else:
+        for note in report.notes:
+            reporter.log(note)
     inputs.footage.forget_cameras()
     reporter.progress(1.0, "done")
     summary = CalibrateSummary(cameras=len(rig), source=report.source or "")
@@ -117,15 +120,14 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
 def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
     from studio.camera_files import read_rig
     from studio.cameras import Rig
-    from studio.capture import match_rig
+    from studio.capture import match_rig, rig_notes
 
-    names = inputs.footage.raw.camera_names
-    rig = read_rig(path)
-    if inputs.config.capture.cameras:
-        rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
-    rig = Rig(tuple(match_rig(rig, names).values()))
+    footage = inputs.footage.raw
+    given = read_rig(path)
+    notes = rig_notes(given, inputs.config.capture, footage.camera_names)
+    rig = Rig(tuple(match_rig(given, footage.camera_names).values()))
     check_sizes(inputs, rig, path)
-    return rig, CamerasFromFile(source="file", file=str(path))
+    return rig, CamerasFromFile(source="file", file=str(path), notes=notes)
 
 
 def calibrated_frames(inputs: Inputs) -> list[int]:
@@ -333,5 +335,8 @@ def _digest(path: Path) -> str | dict[str, str]:
     if several:
         return {f"{file.parent.name}/{file.name}": digest_of_file(file) for file in several}
     if path.is_dir():
-        return {file.name: digest_of_file(file) for file in sorted(path.iterdir()) if file.is_file()}
+        files = [
+            file for pattern in ("*", "[0-9]*/cameras.*", "[0-9]*/images.*") for file in sorted(path.glob(pattern))
+        ]
+        return {file.relative_to(path).as_posix(): digest_of_file(file) for file in files if file.is_file()}
     return digest_of_file(path)

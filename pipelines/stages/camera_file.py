@@ -8,7 +8,7 @@ from studio.capture.settings import FileSettings
 from studio.errors import StudioError
 
 _FOLDERS = (
-    ".", "calibration", "cameras", "cams", "sparse/0", "sparse", "colmap/sparse/0", "sparse_full_resolution",
+    ".", "calibration", "cameras", "cams", "sparse", "colmap/sparse", "sparse_full_resolution",
     "image_white",
 )  # fmt: skip
 _ONE_PER_CAMERA = tuple(

@@ -109,6 +109,8 @@ class CamerasFromFile(Result):
     source: Literal["file"] = "file"
     file: str
     """The calibration file."""
+    notes: tuple[str, ...] = ()
+    """What its reader assumed or left out, one sentence each."""
 
 
 CamerasReport: TypeAlias = CalibrationReport | CamerasFromFile

@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
-from studio.camera_files import annots_npy, easymocap, mvsnet, poses_bounds, rerf
+from studio.camera_files import annots_npy, dynamic_gaussians, easymocap, mvsnet, poses_bounds, rerf
 from studio.camera_files.actorshq import COLUMNS as ACTORSHQ_COLUMNS
 from studio.camera_files.actorshq import read_actorshq, write_actorshq
-from studio.camera_files.colmap_model import read_colmap, write_colmap
-from studio.camera_files.common import read_json, read_text
+from studio.camera_files.colmap_model import numbered_models, read_colmap, write_colmap
+from studio.camera_files.common import read_json_value, read_text
+from studio.camera_files.json_rigs import rig_from_json
 from studio.camera_files.metashape import rig_from_metashape
-from studio.camera_files.opencv_storage import read_opencv_cameras
+from studio.camera_files.opencv_storage import read_opencv_cameras, read_storage, rig_from_mc_calib
 from studio.camera_files.qualisys import rig_from_qualisys
 from studio.camera_files.realityscan import read_realityscan
-from studio.camera_files.rig_json import rig_from_values, write_rig_json
-from studio.camera_files.thuman import is_thuman, rig_from_thuman
+from studio.camera_files.rig_json import check_format, write_rig_json
 from studio.camera_files.toml_rigs import read_toml, write_toml
 from studio.camera_files.transforms_json import rig_from_transforms, write_transforms
 from studio.cameras import Rig
@@ -24,27 +24,29 @@ from studio.errors import StudioError
 __all__ = ["find_camera_files", "read_rig", "write_rig"]
 
 _KNOWN = (
-    "rig.json, cameras.json (K, R, t), transforms.json, a COLMAP model folder, intri.yml and extri.yml, "
-    "calibration.csv (ActorsHQ, RealityScan), calibration.json (THuman4.0), *.toml (Pose2Sim, Caliscope), *.xml "
-    "(Metashape), a Qualisys .qca.txt, CamPose.inf and Intrinsic.inf, poses_bounds.npy (N3DV), annots.npy (ZJU-MoCap), "
+    "rig.json, cameras.json (K, R, t; 3DGS), transforms.json, a COLMAP model folder, intri.yml and extri.yml, "
+    "calibration.csv (ActorsHQ, RealityScan), calibration.json (THuman4.0, multical, CMU Panoptic), train_meta.json "
+    "(Dynamic 3D Gaussians), calibrated_cameras_data.yml (MC-Calib), *.toml (Pose2Sim, Caliscope), *.xml (Metashape), "
+    "a Qualisys .qca.txt, CamPose.inf and Intrinsic.inf, poses_bounds.npy (N3DV), annots.npy (ZJU-MoCap), "
     "a folder of *_cam.txt (MVSNet), or OpenCV's XML or YAML with one file per camera, '{camera}/config.xml'"
 )
 _COLMAP_FILES = {f"{stem}.{suffix}" for stem in ("cameras", "images", "points3D") for suffix in ("bin", "txt")}
 _USUAL_NAMES = (
     "rig.json", "cameras.json", "calibration.json", "calibration_full.json", "transforms.json",
     "transforms_train.json", "calibration.csv", "camera_array.toml", "cameras.xml", easymocap.INTRINSICS, rerf.POSES,
+    dynamic_gaussians.TRAIN, "calibrated_cameras_data.yml",
 )  # fmt: skip
 _LESS_EXACT = (annots_npy.NAME, poses_bounds.NAME)  # often next to one of the above, with the same cameras
-_USUAL_PATTERNS = ("*.qca.txt", "Calib*.toml")
+_USUAL_PATTERNS = ("*.qca.txt", "Calib*.toml", "calibration_*.json")
 
 
 def find_camera_files(folder: Path) -> list[Path]:
     """Camera files with common names in a folder, or the folder itself if it contains a COLMAP model."""
     found = [folder / name for name in _USUAL_NAMES if (folder / name).is_file()]
     for pattern in _USUAL_PATTERNS:
-        found += sorted(folder.glob(pattern))
+        found += [path for path in sorted(folder.glob(pattern)) if path not in found]
     colmap = any((folder / f"cameras.{suffix}").is_file() for suffix in ("txt", "bin"))
-    if colmap or any(folder.glob(f"*{mvsnet.SUFFIX}")):
+    if colmap or numbered_models(folder) or any(folder.glob(f"*{mvsnet.SUFFIX}")):
         found.append(folder)
     return found or [folder / name for name in _LESS_EXACT if (folder / name).is_file()][:1]
 
@@ -53,15 +55,17 @@ def read_rig(path: Path | str) -> Rig:
     """Read cameras; the format is detected from the file's name and content.
 
     Args:
-        path: rig.json, a cameras.json with K, R, t, a transforms.json (instant-ngp, nerfstudio, NeuS2, VideoGS), a
-            COLMAP model folder (text or binary, or any file in it), intri.yml or extri.yml (EasyMocap), calibration.csv
-            (ActorsHQ), RealityScan's CSV, a TOML of Pose2Sim or Caliscope, Metashape's XML, a Qualisys .qca.txt,
-            CamPose.inf (ReRF, NHR), calibration.json (THuman4.0, AvatarReX), poses_bounds.npy (LLFF, N3DV), annots.npy
-            (ZJU-MoCap); a folder with exactly one of these, with *_cam.txt (MVSNet), or with one folder per frame
-            (VideoGS); or a pattern with {camera} of OpenCV's XML or YAML files, one per camera.
+        path: rig.json, a cameras.json with K, R, t or of 3DGS, a transforms.json (instant-ngp, nerfstudio, NeuS2,
+            VideoGS), a COLMAP model folder (text or binary, or any file in it), intri.yml or extri.yml (EasyMocap),
+            calibration.csv (ActorsHQ), RealityScan's CSV, a TOML of Pose2Sim or Caliscope, Metashape's XML, a Qualisys
+            .qca.txt, CamPose.inf (ReRF, NHR), calibration.json (THuman4.0, AvatarReX, multical, CMU Panoptic),
+            train_meta.json (Dynamic 3D Gaussians), calibrated_cameras_data.yml (MC-Calib), poses_bounds.npy (LLFF,
+            N3DV), annots.npy (ZJU-MoCap); a folder with exactly one of these, with *_cam.txt (MVSNet), or with one
+            folder per frame (VideoGS); or a pattern with {camera} of OpenCV's XML or YAML files, one per camera.
 
     Returns:
-        the rig, in the conventions of `studio.cameras` (OpenCV axes, pixel origin at the image corner).
+        the rig, in the conventions of `studio.cameras` (OpenCV axes, pixel origin at the image corner); its notes say
+        what was assumed and what was left out.
 
     Raises:
         StudioError: the file is missing, of an unknown format, truncated or otherwise unusable (camera_file.*), or one
@@ -92,18 +96,29 @@ def read_rig(path: Path | str) -> Rig:
         return read_actorshq(path) if len(heads & set(ACTORSHQ_COLUMNS)) > 9 else read_realityscan(path)
     if start == "<":
         return _read_xml(path, text)
-    if text.startswith("%YAML:"):
+    if text.startswith("%YAML"):  # OpenCV writes "%YAML:1.0" or, since version 5, "%YAML 1.2"
+        values = read_storage(path)
+        if "nb_camera" in values:
+            return rig_from_mc_calib(path, values)
         raise _one_camera(path)
     if start not in "{[":
         raise _unknown_format("not a camera file of a supported format", path)
-    values = read_json(path)
-    if isinstance(values.get("cameras"), list):  # a cameras.json may also have "frames", the number of frames
-        return rig_from_values(path, values)
-    if "frames" in values:
-        return rig_from_transforms(path, values)
-    if is_thuman(values):
-        return rig_from_thuman(path, values)
-    raise _unknown_format("the JSON object has neither 'cameras' nor 'frames'", path)
+    return _read_json(path)
+
+
+def _read_json(path: Path) -> Rig:
+    values = read_json_value(path)
+    if isinstance(values, dict):
+        if isinstance(values.get("frames"), list) and "cameras" not in values:
+            return rig_from_transforms(path, values)
+        if dynamic_gaussians.is_meta(values):
+            return dynamic_gaussians.read_meta(path)
+        check_format(path, values)
+    rig = rig_from_json(path, values)
+    if rig is not None:
+        return rig
+    keys = ", ".join(f"'{key}'" for key in list(values)[:8]) if isinstance(values, dict) else "a list"
+    raise _unknown_format(f"the JSON has no cameras under a known key ({keys or 'empty'})", path)
 
 
 def _unknown_format(problem: str, path: Path) -> StudioError:

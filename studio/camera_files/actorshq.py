@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.camera_files.common import naming, read_csv, rigid_inverse, write_atomic
+from studio.camera_files.keyed import NO_DISTORTION
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.validation import number
@@ -27,7 +28,7 @@ def read_actorshq(path: Path) -> Rig:
     """
     rows = read_csv(path, COLUMNS)
     with naming(path):
-        return Rig(tuple(_camera(row) for row in rows))
+        return Rig(tuple(_camera(row) for row in rows), (NO_DISTORTION,))
 
 
 def _camera(row: dict[str, str]) -> Camera:

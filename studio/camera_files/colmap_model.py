@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,7 @@ OTHER_MODELS = {
     9: "RADIAL_FISHEYE",
     10: "THIN_PRISM_FISHEYE",
 }
+"""Names for errors."""
 
 
 def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +128,7 @@ def read_colmap(folder: Path) -> Rig:
 
     Args:
         folder: contains cameras and images as .bin or .txt (binary is preferred, as in COLMAP), either directly or in
-            `sparse/0` or `sparse`.
+            `sparse` or numbered folders in it, of which the one with the most images is read.
 
     Returns:
         one camera per registered image, sorted by name and named after the image.
@@ -136,20 +137,42 @@ def read_colmap(folder: Path) -> Rig:
         StudioError: there is no model (camera_file.no_model), a file is truncated or unreadable (camera_file.*), or a
             camera is invalid (camera.*).
     """
-    for candidate in (folder, folder / "sparse" / "0", folder / "sparse"):
-        for suffix in (".bin", ".txt"):
-            cameras, images = candidate / f"cameras{suffix}", candidate / f"images{suffix}"
-            if cameras.is_file() and images.is_file():
-                binary = suffix == ".bin"
-                by_id = _intrinsics_binary(cameras) if binary else _intrinsics_text(cameras)
-                poses = _poses_binary(images) if binary else _poses_text(images)
-                return _rig(cameras, images, by_id, poses)
+    for candidates in ([folder], numbered_models(folder), [folder / "sparse"], numbered_models(folder / "sparse")):
+        models = [(part, rig) for part, rig in ((part, _read_one(part)) for part in candidates) if rig is not None]
+        if not models:
+            continue
+        largest, rig = max(models, key=lambda model: len(model[1]))
+        if len(models) == 1:
+            return rig
+        counts = ", ".join(f"{part.name} has {len(own)}" for part, own in models)
+        note = (
+            f"COLMAP made {len(models)} models without common cameras; the largest is used, {largest.name} ({counts})."
+        )
+        return replace(rig, notes=(*rig.notes, note))
     raise StudioError(
         "camera_file.no_model",
         "no camera file or COLMAP model in the folder",
         file=folder,
         fix="A COLMAP model is cameras.bin and images.bin, or cameras.txt and images.txt.",
     )
+
+
+def numbered_models(folder: Path) -> list[Path]:
+    """The folders 0, 1, ... with cameras.bin or cameras.txt: COLMAP writes several if it cannot connect all images."""
+    numbered = [part for part in folder.glob("[0-9]*") if part.name.isdecimal() and part.is_dir()]
+    numbered = [part for part in numbered if any((part / f"cameras.{form}").is_file() for form in ("bin", "txt"))]
+    return sorted(numbered, key=lambda part: int(part.name))
+
+
+def _read_one(folder: Path) -> Rig | None:
+    for suffix in (".bin", ".txt"):
+        cameras, images = folder / f"cameras{suffix}", folder / f"images{suffix}"
+        if cameras.is_file() and images.is_file():
+            binary = suffix == ".bin"
+            by_id = _intrinsics_binary(cameras) if binary else _intrinsics_text(cameras)
+            poses = _poses_binary(images) if binary else _poses_text(images)
+            return _rig(cameras, images, by_id, poses)
+    return None
 
 
 def _rig(camera_path: Path, image_path: Path, by_id: dict[int, _Intrinsics], poses: list[_Pose]) -> Rig:
@@ -238,18 +261,35 @@ def _intrinsics_text(path: Path) -> dict[int, _Intrinsics]:
 
 
 def _poses_text(path: Path) -> list[_Pose]:
+    """Two lines per image, as COLMAP reads them; the second lists its points (x, y, id) and may be empty."""
     poses = []
-    # Two lines per image; the second lists its points and may be empty.
-    lines = [(n, line) for n, line in enumerate(read_text(path).splitlines(), 1) if not line.lstrip().startswith("#")]
-    while lines and not lines[0][1].strip():
-        lines.pop(0)
-    for number, line in lines[::2]:
-        if not line.strip():
+    lines = iter(enumerate(read_text(path).splitlines(), 1))
+    for number, line in lines:
+        if not line.strip() or line.lstrip().startswith("#"):
             continue
         values = _fields(path, number, line, "ifffffffir")
         q, t = [float(v) for v in values[1:5]], [float(v) for v in values[5:8]]
         poses.append(_Pose(str(values[9]), int(values[8]), q, t))
+        number, points = next(lines, (0, ""))
+        if not _is_points(points):
+            raise StudioError(
+                "camera_file.no_points_line",
+                f"line {number} is not a list of points (x, y, id) of the image in the line above",
+                file=path,
+                value=points.split()[:12],
+                fix="Put an empty line after the line of each image, also the last one.",
+                line=number,
+            )
     return poses
+
+
+def _is_points(line: str) -> bool:
+    words = line.split()
+    try:
+        numbers = [float(word) for word in words]
+        return len(numbers) % 3 == 0 and all(key == int(key) >= -1 for key in numbers[2::3])
+    except (ValueError, OverflowError):
+        return False
 
 
 _MAX_BYTES = 4 << 30  # images.bin also has every feature of every image

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+import csv
+import re
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -11,6 +13,7 @@ import numpy as np
 
 from studio.atomic_files import write_bytes
 from studio.bounded_files import TextError, parse_json, read_bounded
+from studio.capture.patterns import without_extension
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, check_finite
@@ -65,15 +68,14 @@ def no_cameras(problem: str, file: Path | None = None) -> StudioError:
     return StudioError("camera_file.no_cameras", problem, file=file, fix="Export the cameras again.")
 
 
-def read_json(path: Path) -> JsonObject:
-    """A JSON object.
+def read_json_value(path: Path) -> Any:
+    """A JSON value of any kind.
 
     Raises:
-        StudioError: the file is not valid JSON (camera_file.syntax, with line and column) or not an object
-            (camera_file.not_an_object).
+        StudioError: the file is not valid JSON (camera_file.syntax, with line and column).
     """
     try:
-        value = parse_json(read_text(path))
+        return parse_json(read_text(path))
     except TextError as error:
         where = f" at line {error.line}, column {error.column}" if error.line else ""
         raise StudioError(
@@ -84,6 +86,15 @@ def read_json(path: Path) -> JsonObject:
             line=error.line,
             column=error.column,
         ) from None
+
+
+def read_json(path: Path) -> JsonObject:
+    """A JSON object.
+
+    Raises:
+        StudioError: as `read_json_value`, or not an object (camera_file.not_an_object).
+    """
+    value = read_json_value(path)
     if not isinstance(value, dict):
         raise StudioError(
             "camera_file.not_an_object",
@@ -107,15 +118,26 @@ def write_atomic(path: Path, data: bytes) -> None:
         ) from None
 
 
-def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ()) -> list[dict[str, str]]:
     """The rows of a CSV file, each as column to text. The header may start with #; other lines with # are comments.
 
+    Cells are separated by commas, semicolons or tabs; without commas as separators, numbers may have decimal commas,
+    which are replaced by periods.
+
+    Args:
+        path: the file.
+        columns: required columns; the first one names the row.
+        optional: other known columns.
+
     Raises:
-        StudioError: a column is missing (camera_file.missing_column), a row is too short (camera_file.truncated) or
-            has an empty first column (camera_file.empty_cell), or there are no rows (camera_file.no_cameras).
+        StudioError: a column is missing (camera_file.missing_column) or unknown and not 0 (camera_file.unknown_column),
+            a row has another number of cells (camera_file.truncated) or has an empty first column
+            (camera_file.empty_cell), or there are no rows (camera_file.no_cameras).
     """
     lines = [line for line in read_text(path).splitlines() if line.strip()]
-    heads = [head.strip().lstrip("#").strip() for head in lines[0].split(",")]
+    separator = max(",;\t", key=lambda mark: max(len(set(columns) & set(_heads(line, mark))) for line in lines[:20]))
+    first = max(range(min(20, len(lines))), key=lambda index: len(set(columns) & set(_heads(lines[index], separator))))
+    heads = _heads(lines[first], separator)
     missing = [column for column in columns if column not in heads]
     if missing:
         raise StudioError(
@@ -127,11 +149,10 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             key=missing[0],
         )
     rows = []
-    for count, line in enumerate(lines[1:], 1):
-        cells = [cell.strip() for cell in line.split(",")]
-        if line.startswith("#"):
-            continue
-        if len(cells) < len(heads):
+    body = [line for line in lines[first + 1 :] if not line.startswith("#")]
+    for count, cells in enumerate(csv.reader(body, delimiter=separator, skipinitialspace=True), 1):
+        cells = [cell.strip() for cell in cells]
+        if len(cells) < len(heads) or any(cells[len(heads) :]):
             raise StudioError(
                 "camera_file.truncated",
                 f"row {count} ('{cells[0]}') has {len(cells)} values, expected {len(heads)}",
@@ -141,6 +162,8 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
                 row=count,
                 expected=len(heads),
             )
+        if separator != ",":
+            cells = [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]
         row = dict(zip(heads, cells, strict=False))
         if not row[columns[0]]:
             raise StudioError(
@@ -154,7 +177,24 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
         rows.append(row)
     if not rows:
         raise no_cameras("no cameras in the file", path)
+    for head in heads:
+        if head not in {*columns, *optional} and any(row[head].strip("+-0.") for row in rows):
+            raise StudioError(
+                "camera_file.unknown_column",
+                f"the column '{head or '(without a name)'}' is not known and may change how the cameras project",
+                file=path,
+                value=head,
+                fix="Delete the column if it does not belong to the lens.",
+                key=head,
+            )
     return rows
+
+
+_DECIMAL_COMMA = re.compile(r"^([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)$")
+
+
+def _heads(line: str, separator: str) -> list[str]:
+    return [head.strip().lstrip("#").strip() for head in line.split(separator)]
 
 
 def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: str) -> np.ndarray:
@@ -202,9 +242,9 @@ def camera_names(paths: Sequence[str]) -> list[str]:
     `images/cam00.png` gives `cam00`; `cam00/000000.png`, `cam01/000000.png` give `cam00`, `cam01`. If neither is
     unique, the path without extension is used (equal paths stay equal, and `Rig` rejects them).
     """
-    parts = [PurePosixPath(path.replace("\\", "/")) for path in paths]
-    whole = [str(part.with_suffix("")) if part.name else str(part) for part in parts]
-    stems = [part.stem for part in parts]
+    parts = [PurePosixPath(without_extension(path)) for path in paths]
+    whole = [str(part) for part in parts]
+    stems = [part.name for part in parts]
     if len(set(stems)) == len(stems):
         return stems
     folders = [part.parent.name for part in parts]

@@ -1,8 +1,9 @@
-"""intri.yml and extri.yml of EasyMocap, written with OpenCV's FileStorage.
+"""intri.yml and extri.yml of EasyMocap and EasyVolcap, written with OpenCV's FileStorage.
 
-`names` lists the cameras. intri.yml has `K_<name>` (3 x 3) and `dist_<name>` (OpenCV order); extri.yml has `R_<name>`
-(rotation vector), `Rot_<name>` (matrix) and `T_<name>`: x ~ K (R X + T) with OpenCV axes. The pixel origin is OpenCV's,
-the center of the first pixel. Newer files also have the image size, `H_<name>` and `W_<name>`.
+`names` lists the cameras. intri.yml has `K_<name>` (3 x 3) and `dist_<name>` or `D_<name>` (OpenCV order); extri.yml
+has `R_<name>` (rotation vector), `Rot_<name>` (matrix) and `T_<name>`: x ~ K (R X + T) with OpenCV axes. The pixel
+origin is OpenCV's, the center of the first pixel. Newer files also have the image size, `H_<name>` and `W_<name>`.
+EasyVolcap adds times, bounds and a color matrix, and `rdist_<name>` for fisheye lenses.
 """
 
 from __future__ import annotations
@@ -11,14 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import naming, write_atomic
+from studio.camera_files.common import no_cameras, write_atomic
+from studio.camera_files.keyed import KeyedForm, keyed_rig, normal_key
 from studio.camera_files.nearby import size_nearby
-from studio.camera_files.opencv_storage import Storage
-from studio.cameras import Camera, Rig
+from studio.camera_files.opencv_storage import read_storage
+from studio.cameras import Rig
 from studio.errors import StudioError
-from studio.validation import missing_key
+from studio.json_types import JsonObject
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+_LOWER_CASE = {"t": "time", "v": "view", "n": "near", "f": "far", "bounds": "bounds"}
+"""EasyVolcap's keys that differ only in case from others."""
 
 
 def read_easymocap(folder: Path) -> Rig:
@@ -36,34 +40,22 @@ def read_easymocap(folder: Path) -> Rig:
                 file=folder / name,
                 fix=f"EasyMocap cameras need both {INTRINSICS} and {EXTRINSICS} in one folder.",
             )
-    intrinsics, pose = Storage(folder / INTRINSICS), Storage(folder / EXTRINSICS)
-    cameras = [_camera(folder, name, intrinsics, pose) for name in intrinsics.names()]
-    with naming(folder / INTRINSICS):
-        return Rig(tuple(cameras))
+    files = [read_storage(folder / name) for name in (INTRINSICS, EXTRINSICS)]
+    names = files[0].get("names")
+    if not isinstance(names, list) or not names:
+        raise no_cameras("the list 'names' is missing or empty", folder / INTRINSICS)
+    cameras: list[tuple[str, JsonObject]] = [(str(name), {}) for name in names]
+    for key, value in [pair for file in files for pair in file.items()]:
+        owners = [camera for camera in cameras if key.endswith(f"_{camera[0]}")]
+        if owners:  # of the cameras 1 and left_1, K_left_1 belongs to the second
+            max(owners, key=lambda camera: len(camera[0]))[1][key] = value
+    form = KeyedForm(harmless=("view",), spelling=_spelling, size_of=lambda name: size_nearby(folder, name, name))
+    return keyed_rig(folder, cameras, form)
 
 
-def _camera(folder: Path, name: str, intrinsics: Storage, pose: Storage) -> Camera:
-    import cv2
-
-    K = intrinsics.needed(f"K_{name}", name, ((3, 3),)).copy()
-    K[:2, 2] += 0.5
-    distortion = intrinsics.matrix(f"dist_{name}", name)
-    vector = pose.matrix(f"R_{name}", name, ((3, 1), (1, 3), (3, 3)))
-    rotation = pose.matrix(f"Rot_{name}", name, ((3, 3),))
-    if vector is not None:  # preferred, as in EasyMocap: it has more digits than the matrix
-        rotation = cv2.Rodrigues(vector)[0] if vector.size == 3 else vector
-    if rotation is None:
-        with naming(pose.path):
-            raise missing_key(f"R_{name}", name)
-    transform = np.eye(4)
-    transform[:3, :3] = rotation
-    transform[:3, 3] = pose.needed(f"T_{name}", name, ((3, 1), (1, 3))).ravel()
-    width, height = intrinsics.whole(f"W_{name}", name), intrinsics.whole(f"H_{name}", name)
-    with naming(intrinsics.path):
-        if width is None or height is None or width < 1 or height < 1:
-            width, height = size_nearby(folder, name, name)
-        coefficients = distortion.ravel() if distortion is not None and distortion.any() else np.zeros(0)
-        return Camera(name, width, height, K, transform, coefficients)
+def _spelling(key: str, camera: str) -> str:
+    own = key.removesuffix(f"_{camera}")
+    return normal_key(_LOWER_CASE.get(own, own))
 
 
 def write_easymocap(rig: Rig, folder: Path) -> None:

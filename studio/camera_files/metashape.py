@@ -4,18 +4,21 @@ Follows the manual's appendix "Camera models" and exported files. A camera's `tr
 with OpenCV axes; the `transform` of the component (in older files, of the chunk) contains rotation, translation and
 scale from chunk to world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f; the center of the upper left
 pixel is (0.5, 0.5), as in `studio.cameras`. x' and y' follow Brown's model, with p1 and p2 swapped relative to OpenCV.
-Cameras without a transform were not aligned and are skipped. OpenCV has no k4 r^8 term: if a camera uses it, OpenCV's
-rational model is fitted.
+Cameras without a transform are either slaves of a master, or were not aligned and are left out. A slave's sensor has
+`rotation` (slave to master) and `location` (in the master's axes, in the units of the chunk). OpenCV has no k4 r^8
+term: if a camera uses it, OpenCV's rational model is fitted.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
 from studio.camera_files.common import camera_names, naming, rigid_inverse, wrong_shape
+from studio.camera_files.keyed import names_of
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig, focal_length_error
 from studio.errors import StudioError
@@ -23,6 +26,9 @@ from studio.validation import array, check_finite, missing_key
 
 Element = ElementTree.Element
 _NOTICEABLE = 0.25  # pixels
+_TERMS = frozenset({
+    "resolution", "f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4", "covariance", "date",
+})  # fmt: skip
 
 
 def rig_from_metashape(path: Path, root: Element) -> Rig:
@@ -42,7 +48,10 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
             )
         sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
         worlds = {part.get("id"): part.find("transform") for part in chunk.iter("component")}
-        entries = [camera for camera in chunk.iter("camera") if camera.find("transform") is not None]
+        by_id = {camera.get("id"): camera for camera in chunk.iter("camera")}
+        poses = {key: _in_chunk(camera, by_id, sensors) for key, camera in by_id.items()}
+        entries = [camera for key, camera in by_id.items() if poses[key] is not None]
+        skipped = [camera.get("label") or "?" for key, camera in by_id.items() if poses[key] is None]
         if not entries:
             raise StudioError(
                 "camera_file.no_cameras",
@@ -69,8 +78,46 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
                     camera=name,
                 )
             world = worlds.get(entry.get("component_id"))
-            cameras.append(_camera(name, entry, sensor, world if world is not None else own))
-        return Rig(tuple(cameras))
+            pose = poses[entry.get("id")]
+            assert pose is not None
+            cameras.append(_camera(name, pose, sensor, world if world is not None else own))
+        notes = (f"Left out, since Metashape did not align {names_of(skipped)}.",) if skipped else ()
+        return Rig(tuple(cameras), notes)
+
+
+def _in_chunk(
+    entry: Element, by_id: Mapping[str | None, Element], sensors: Mapping[str | None, Element]
+) -> np.ndarray | None:
+    """(4, 4) camera to chunk; None if the camera was not aligned."""
+    name = entry.get("label") or "?"
+    if entry.find("transform") is not None:
+        pose = _numbers(entry, "transform", 16, name).reshape(4, 4)
+        if np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
+            raise StudioError(
+                "camera.not_rigid",
+                f"Camera '{name}': the last row of <transform> is {pose[3].tolist()}, expected 0 0 0 1",
+                value=pose[3].tolist(),
+                fix="Export the cameras again.",
+                camera=name,
+                key="transform",
+            )
+        return pose
+    master, sensor = by_id.get(entry.get("master_id")), sensors.get(entry.get("sensor_id"))
+    if master is None or master is entry or master.find("transform") is None or sensor is None:
+        return None
+    offset = np.eye(4)
+    if _has_text(sensor, "rotation"):
+        offset[:3, :3] = _numbers(sensor, "rotation", 9, name).reshape(3, 3)
+    if _has_text(sensor, "location"):
+        offset[:3, 3] = _numbers(sensor, "location", 3, name)
+    placed = _in_chunk(master, by_id, sensors)
+    assert placed is not None
+    return placed @ offset
+
+
+def _has_text(element: Element, tag: str) -> bool:
+    part = element.find(tag)
+    return part is not None and bool(part.text and part.text.strip())
 
 
 def _numbers(element: Element | None, tag: str, count: int, camera: str) -> np.ndarray:
@@ -84,20 +131,23 @@ def _numbers(element: Element | None, tag: str, count: int, camera: str) -> np.n
     return value
 
 
-def _camera(name: str, entry: Element, sensor: Element, world: Element | None) -> Camera:
-    kind = sensor.get("type", "frame")
-    if kind != "frame":
-        raise StudioError(
-            "camera.lens_model",
-            f"Camera '{name}': its sensor is of type '{kind}'; only frame cameras are supported",
-            value=kind,
-            fix="Undistort the images to a pinhole camera first.",
-            camera=name,
-        )
+def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None) -> Camera:
+    _check_type(name, "sensor", sensor)
     calibrations = {part.get("class", ""): part for part in sensor.findall("calibration")}
     calibration = calibrations.get("adjusted", calibrations.get("", calibrations.get("initial")))
     if calibration is None:
         raise missing_key("calibration", name)
+    _check_type(name, "calibration", calibration)
+    for part in calibration:
+        if part.tag not in _TERMS:
+            raise StudioError(
+                "camera.unknown_key",
+                f"Camera '{name}': <{part.tag}> in <calibration> is not known and may change how the camera projects",
+                value=part.tag,
+                fix="Export the cameras again with Metashape 1.4 or later.",
+                camera=name,
+                key=part.tag,
+            )
     size = calibration.find("resolution")
     size = size if size is not None else sensor.find("resolution")
     if size is None or not (size.get("width", "").isdecimal() and size.get("height", "").isdecimal()):
@@ -129,21 +179,23 @@ def _camera(name: str, entry: Element, sensor: Element, world: Element | None) -
         )
     K = np.array([[focal + term("b1"), 0, width / 2 + term("cx")], [0, focal, height / 2 + term("cy")], [0, 0, 1.0]])
     distortion = _distortion(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
-    pose = _numbers(entry, "transform", 16, name).reshape(4, 4)
-    if np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
-        raise StudioError(
-            "camera.not_rigid",
-            f"Camera '{name}': the last row of <transform> is {pose[3].tolist()}, expected 0 0 0 1",
-            value=pose[3].tolist(),
-            fix="Export the cameras again.",
-            camera=name,
-            key="transform",
-        )
     rotation, translation, scale = _world(world, name)
     placed = np.eye(4)
     placed[:3, :3] = rotation @ pose[:3, :3]
     placed[:3, 3] = scale * rotation @ pose[:3, 3] + translation
     return Camera(name, width, height, K, rigid_inverse(placed), distortion)
+
+
+def _check_type(name: str, tag: str, element: Element) -> None:
+    kind = element.get("type", "frame")
+    if kind != "frame":
+        raise StudioError(
+            "camera.lens_model",
+            f"Camera '{name}': its {tag} is of type '{kind}'; only frame cameras are supported",
+            value=kind,
+            fix="Undistort the images to a pinhole camera first.",
+            camera=name,
+        )
 
 
 def _distortion(K: np.ndarray, width: int, height: int, k: list[float], p1: float, p2: float, name: str) -> np.ndarray:

@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from studio.camera_files.common import naming, no_cameras, read_text
+from studio.camera_files.keyed import NO_DISTORTION
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -29,7 +30,7 @@ def read_mvsnet(folder: Path) -> Rig:
     if not files:
         raise no_cameras(f"no file *{SUFFIX} in the folder", folder)
     with naming(folder):
-        return Rig(tuple(_camera(file) for file in files))
+        return Rig(tuple(_camera(file) for file in files), (NO_DISTORTION,))
 
 
 def _camera(path: Path) -> Camera:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.camera_files.common import naming, rigid_inverse
+from studio.camera_files.keyed import NO_DISTORTION
 from studio.cameras import Camera, Rig
 from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
 from studio.errors import StudioError
@@ -46,7 +47,9 @@ def read_poses_bounds(path: Path) -> Rig:
             height, width, focal = matrix[:, 4]
             K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
             cameras.append(Camera(name, round(width), round(height), K, rigid_inverse(pose)))
-        return Rig(tuple(cameras))
+        order = f"The rows of {NAME} are taken in the order of the names: {', '.join(names[:3])}, ..."
+        middle = "It has no principal points: they are taken to be the image centers."
+        return Rig(tuple(cameras), (NO_DISTORTION, middle, order))
 
 
 def _names(folder: Path, count: int) -> list[str]:

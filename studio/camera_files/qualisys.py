@@ -18,10 +18,22 @@ from xml.etree import ElementTree
 import numpy as np
 
 from studio.camera_files.common import naming, no_cameras
+from studio.camera_files.keyed import Found
 from studio.cameras import Camera, Rig
 from studio.validation import missing_key, number
 
 _SUBPIXELS = 64.0
+_DISTORTION = (
+    "radialDistortion1",
+    "radialDistortion2",
+    "tangentalDistortion1",  # spelled like this in the format
+    "tangentalDistortion2",
+    "radialDistortion3",
+)
+_INTRINSICS = {
+    "focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew", "focallength",
+    "sensorMinU", "sensorMaxU", "sensorMinV", "sensorMaxV", *_DISTORTION,
+}  # fmt: skip
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
@@ -36,7 +48,9 @@ def rig_from_qualisys(path: Path, root: ElementTree.Element) -> Rig:
         video = [entry for entry in entries if _records_video(entry)]
         if not entries:
             raise no_cameras("no active cameras (calibration/cameras/camera)")
-        return Rig(tuple(_camera(entry, index) for index, entry in enumerate(video or entries)))
+        found = Found()
+        cameras = tuple(_camera(entry, index, found) for index, entry in enumerate(video or entries))
+        return Rig(cameras, found.notes)
 
 
 def _records_video(entry: ElementTree.Element) -> bool:
@@ -44,7 +58,7 @@ def _records_video(entry: ElementTree.Element) -> bool:
     return "video" in model or model == "none"
 
 
-def _camera(entry: ElementTree.Element, index: int) -> Camera:
+def _camera(entry: ElementTree.Element, index: int, found: Found) -> Camera:
     name = entry.get("serial")
     if not name:
         raise missing_key("serial", f"number {index + 1}")
@@ -64,18 +78,11 @@ def _camera(entry: ElementTree.Element, index: int) -> Camera:
     K[0, 1] = number(intrinsics, "skew", name, 0.0) / _SUBPIXELS
     K[0, 2] = number(intrinsics, "centerPointU", name) / _SUBPIXELS - left + 0.5
     K[1, 2] = number(intrinsics, "centerPointV", name) / _SUBPIXELS - top + 0.5
-    distortion = np.array(
-        [
-            number(intrinsics, key, name, 0.0)
-            for key in (
-                "radialDistortion1",
-                "radialDistortion2",
-                "tangentalDistortion1",  # spelled like this in the format
-                "tangentalDistortion2",
-                "radialDistortion3",
-            )
-        ]
-    )
+    bent = any(key in intrinsics for key in _DISTORTION)
+    missing = "" if bent else "lens distortion"
+    found.check_unknown(name, {key: intrinsics[key] for key in intrinsics.keys() - _INTRINSICS}, missing)
+    (found.bent if bent else found.straight).append(name)
+    distortion = np.array([number(intrinsics, key, name, 0.0) for key in _DISTORTION])
     rotation = _FLIP @ np.array([[number(pose, f"r{row}{column}", name) for column in (1, 2, 3)] for row in (1, 2, 3)])
     center = np.array([number(pose, axis, name) for axis in "xyz"]) / 1000.0
     world_to_camera = np.eye(4)

@@ -3,8 +3,8 @@
 One row per image: #name, x, y, alt (center), heading, pitch, roll in degrees, f in millimeters for a longer image side
 of 36 mm, px, py (principal point relative to the image center, as fractions of the longer side), k1 to k4. Camera to
 world is Rz(-heading) Rx(pitch) Ry(roll) with x right, y up, z back, as in the importers of other programs. The file
-does not contain image sizes, so the images must be next to it. The tangential terms t1 and t2, whose order is not
-documented, must be 0 (the default lens model does not have them).
+does not contain image sizes, so the images must be next to it; rows without an image are left out. The tangential terms
+t1 and t2, whose order is not documented, must be 0 (the default lens model does not have them).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.camera_files.common import camera_names, naming, read_csv, rigid_inverse
+from studio.camera_files.keyed import NO_DISTORTION, names_of
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig, focal_length_error
@@ -21,6 +22,7 @@ from studio.errors import StudioError
 from studio.validation import number
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
+_LENS = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
@@ -31,15 +33,29 @@ def read_realityscan(path: Path) -> Rig:
         StudioError: the file is unreadable or lacks these columns (camera_file.*), or a value is invalid or an image is
             missing (camera.*).
     """
-    rows = read_csv(path, COLUMNS)
+    rows = read_csv(path, COLUMNS, _LENS)
     with naming(path):
-        names = camera_names([row["name"] for row in rows])
-        return Rig(tuple(_camera(path.parent, name, row) for name, row in zip(names, rows, strict=True)))
+        cameras, missing = [], []
+        for name, row in zip(camera_names([row["name"] for row in rows]), rows, strict=True):
+            try:
+                size = size_nearby(path.parent, row["name"], name)
+            except StudioError as error:
+                if error.code != "camera.size_unknown":
+                    raise
+                missing.append((name, error))
+                continue
+            cameras.append(_camera(name, row, size))
+        if not cameras:
+            raise missing[0][1]
+        left_out = names_of([name for name, _ in missing])
+        notes = (f"Left out, since there are no images to give the size of {left_out}.",) if missing else ()
+        bent = any(row.get(key, "").strip("+-0.") for row in rows for key in _LENS[2:])
+        return Rig(tuple(cameras), notes if bent else (NO_DISTORTION, *notes))
 
 
-def _camera(folder: Path, name: str, row: dict[str, str]) -> Camera:
+def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
     value = {key: number(row, key, name) for key in COLUMNS[1:]}
-    value |= {key: number(row, key, name, 0.0) for key in ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")}
+    value |= {key: number(row, key, name, 0.0) for key in _LENS}
     if value["t1"] or value["t2"]:
         raise StudioError(
             "camera.lens_model",
@@ -49,7 +65,7 @@ def _camera(folder: Path, name: str, row: dict[str, str]) -> Camera:
             fix="Export with the lens model Brown3 or Brown4.",
             camera=name,
         )
-    width, height = size_nearby(folder, row["name"], name)
+    width, height = size
     side = max(width, height)
     focal = value["f"] * side / 36.0
     if focal <= 0:

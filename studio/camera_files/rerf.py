@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.camera_files.common import naming, read_text, rigid_inverse
+from studio.camera_files.keyed import NO_DISTORTION
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
 from studio.counts import counted
@@ -52,7 +53,7 @@ def read_rerf(folder: Path) -> Rig:
         with naming(folder / POSES):
             name, size = _footage(folder, index)
             cameras.append(Camera(name, *size, K, rigid_inverse(pose)))
-    return Rig(tuple(cameras))
+    return Rig(tuple(cameras), (NO_DISTORTION,))
 
 
 def _rows(path: Path) -> list[tuple[int, list[float]]]:

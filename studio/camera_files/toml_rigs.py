@@ -4,6 +4,7 @@ Pose2Sim (Calib_*.toml): one table per camera with `name`, `size`, `matrix`, `di
 (rotation vector) and `translation`, world to camera with OpenCV axes, and a table [metadata]. Caliscope
 (camera_array.toml): the same in [cameras.<id>], with `cam_id` or `port`, `ignore`, and a matrix or vector `rotation`;
 its older config.toml has [cam_<id>] among other tables. The pixel origin is OpenCV's, the center of the first pixel.
+Cameras without a pose are left out.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from studio.bounded_files import TextError, parse_toml
-from studio.camera_files.common import fisheye, naming, no_cameras, read_text, write_atomic, wrong_shape
-from studio.cameras import Camera, Rig
+from studio.camera_files.common import no_cameras, read_text, write_atomic
+from studio.camera_files.keyed import KeyedForm, is_camera, keyed_rig
+from studio.cameras import Rig
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.validation import array, check_finite, missing_key
+
+_FORM = KeyedForm(harmless=("verified_resolutions",))
 
 
 def read_toml(path: Path) -> Rig:
@@ -36,46 +39,18 @@ def read_toml(path: Path) -> Rig:
             file=path,
             fix="Two cameras may have the same name, or the file may be truncated: export it again.",
         ) from None
-    with naming(path):
-        nested = values.get("cameras")
-        tables = nested if isinstance(nested, dict) else values
-        found = {
-            key: table
-            for key, table in tables.items()
-            if isinstance(table, dict) and {"matrix", "rotation", "translation", "distortions"} & set(table)
-        }
-        if not found:
-            raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)")
-        used = {key: table for key, table in found.items() if not table.get("ignore")}
-        return Rig(tuple(_camera(key, table, bool(nested)) for key, table in used.items()))
+    nested = values.get("cameras")
+    tables = nested if isinstance(nested, dict) else values
+    found = {key: table for key, table in tables.items() if is_camera(table)}
+    if not found:
+        raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)", path)
+    used = {key: table for key, table in found.items() if not table.get("ignore")}
+    return keyed_rig(path, [(_name(key, table, bool(nested)), table) for key, table in used.items()], _FORM)
 
 
-def _camera(key: str, table: JsonObject, nested: bool) -> Camera:
-    import cv2
-
+def _name(key: str, table: JsonObject, nested: bool) -> str:
     # Caliscope names its videos by number
-    name = str(table.get("name") or (f"cam_{table.get('cam_id', table.get('port', key))}" if nested else key))
-    if table.get("fisheye"):
-        raise fisheye(name)
-    K = _array(table, "matrix", name, ((3, 3),)).copy()
-    K[:2, 2] += 0.5
-    rotation = _array(table, "rotation", name, ((3,), (3, 3), (3, 1), (1, 3)))
-    pose = np.eye(4)
-    pose[:3, :3] = rotation if rotation.shape == (3, 3) else cv2.Rodrigues(rotation.reshape(3))[0]
-    pose[:3, 3] = _array(table, "translation", name, ((3,), (3, 1), (1, 3))).ravel()
-    width, height = _array(table, "size", name, ((2,),))
-    distortion = _array(table, "distortions", name).ravel() if "distortions" in table else np.zeros(0)
-    return Camera(name, round(width), round(height), K, pose, distortion if distortion.any() else np.zeros(0))
-
-
-def _array(table: JsonObject, key: str, camera: str, shapes: tuple[tuple[int, ...], ...] = ()) -> np.ndarray:
-    if key not in table:
-        raise missing_key(key, camera)
-    value = array(table[key], key, camera)
-    if shapes and value.shape not in shapes:
-        raise wrong_shape(key, camera, value.shape, shapes)
-    check_finite(value, key, camera)
-    return value
+    return str(table.get("name") or (f"cam_{table.get('cam_id', table.get('port', key))}" if nested else key))
 
 
 def write_toml(rig: Rig, path: Path) -> None:

@@ -1,16 +1,22 @@
-"""transforms.json of instant-ngp, nerfstudio, NeuS2 and VideoGS.
+"""transforms.json of instant-ngp, nerfstudio, NeuS2 and VideoGS, and pairs of transforms_train.json and _test.json.
 
 Each of the `frames[]` has a `file_path` and a `transform_matrix`, camera to world with OpenGL axes (x right, y up, z
 back); with `"from_na": true` (NeuS2), the axes are OpenCV's. Intrinsics are at the top level or in each frame: `fl_x`,
 `fl_y` or `camera_angle_x`, `camera_angle_y`, or a matrix `intrinsic_matrix` or `K`; `cx`, `cy`, `w`, `h`; distortion
-`k1 k2 p1 p2 k3` of OpenCV's model (`k4` belongs to fisheye lenses, which are not supported). The pixel origin is the
-image corner, as in COLMAP, since these files are usually converted from COLMAP models.
+`k1 k2 p1 p2 k3` of OpenCV's model, for FULL_OPENCV also `k4 k5 k6`, or nerfstudio's `distortion_params`. The pixel
+origin is the image corner, as in COLMAP, since these files are usually converted from COLMAP models.
+
+Files for scenes with motion have an entry per camera and time; entries with equal cameras are one camera, named after
+what their paths have in common.
 """
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -23,15 +29,33 @@ from studio.camera_files.common import (
     read_json,
     rigid_inverse,
     write_atomic,
+    wrong_shape,
 )
+from studio.camera_files.keyed import TERMS, Found, check_model, names_of
 from studio.cameras import Camera, Rig
 from studio.capture.images import image_size
+from studio.capture.patterns import without_extension
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.validation import missing_key, number
+from studio.validation import array, missing_key, number
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")
+_SPLIT = re.compile(r"transforms_(train|val|test)\.json")
+_KNOWN = frozenset({
+    "fl_x", "fl_y", "cx", "cy", "w", "h", "width", "height", "camera_angle_x", "camera_angle_y", "intrinsic_matrix",
+    "K", "camera_model", "is_fisheye", "distortion_params", "transform_matrix", "file_path", "from_na",
+}) | set(TERMS)  # fmt: skip
+_HARMLESS = frozenset({
+    "frames", "aabb_scale", "aabb", "scale", "offset", "n_frames", "applied_transform", "applied_scale",
+    "orientation_override", "up", "ply_file_path", "colmap_im_id", "sharpness", "time", "mask_path",
+    "depth_file_path", "depth_path", "normal_path", "semantic_path", "alpha_path", "camera_id", "cam_id",
+    "frame_id", "image_id", "timestamp", "rotation", "near", "far", "bounds", "train_filenames", "val_filenames",
+    "test_filenames", "integer_depth_scale", "enable_depth_loading", "depth_unit_scale_factor", "render_aabb",
+    "white_transparent", "black_transparent", "n_extra_learnable_dims", "sharpen", "envmap", "registration_matrix",
+    "camera_label", "semantics", "panoptic_classes", "trajectory",
+})  # fmt: skip
+"""Keys that do not change how a camera projects; `rotation` is the step between views of Blender's synthetic scenes."""
 
 
 def _image_size(path: Path, file: str) -> tuple[int, int] | None:
@@ -93,22 +117,69 @@ def _intrinsics(values: JsonObject, width: int, height: int, camera: str) -> np.
     return np.array([[focal["fl_x"], 0, cx], [0, focal.get("fl_y", focal["fl_x"]), cy], [0, 0, 1]])
 
 
-def _distortion(values: JsonObject, camera: str) -> np.ndarray:
-    model = str(values.get("camera_model", "OPENCV")).upper()
-    if values.get("is_fisheye") or "FISHEYE" in model or number(values, "k4", camera, 0.0) != 0:
+def _distortion(values: JsonObject, camera: str, found: Found) -> np.ndarray:
+    model = str(values.get("camera_model", "OPENCV"))
+    check_model(camera, "camera_model", model)
+    if values.get("is_fisheye"):
         raise fisheye(camera)
-    k1, k2, p1, p2, k3 = (number(values, key, camera, 0.0) for key in ("k1", "k2", "p1", "p2", "k3"))
-    if k3:
-        return np.array([k1, k2, p1, p2, k3])
-    return np.array([k1, k2, p1, p2]) if any((k1, k2, p1, p2)) else np.zeros(0)
+    terms = np.array([number(values, key, camera, 0.0) for key in TERMS])
+    bent = any(key in values for key in TERMS)
+    if "distortion_params" in values:  # nerfstudio: k1 k2 k3 k4 p1 p2
+        given = array(values["distortion_params"], "distortion_params", camera)
+        if given.shape != (6,):
+            raise wrong_shape("distortion_params", camera, given.shape, ((6,),))
+        k1, k2, k3, k4, p1, p2 = given
+        bent, terms = True, np.array([k1, k2, p1, p2, k3, k4, 0.0, 0.0])
+    if terms[5:].any() and model.upper() != "FULL_OPENCV":  # k4 is a fisheye lens's in instant-ngp
+        raise fisheye(camera)
+    (found.bent if bent else found.straight).append(camera)
+    missing = "" if bent else "lens distortion"
+    found.check_unknown(camera, {key: values[key] for key in values.keys() - _KNOWN - _HARMLESS}, missing)
+    count = 8 if terms[5:].any() else 5 if terms[4] else 4
+    return terms[:count] if terms.any() else np.zeros(0)
 
 
 def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
-    """A rig from the JSON object in the file.
+    """A rig from the JSON object in the file, and in the other parts of a split into training and test views.
 
     Raises:
-        StudioError: there are no frames (camera_file.no_cameras), or a camera is invalid (camera.*).
+        StudioError: there are no frames (camera_file.no_cameras), a camera is invalid (camera.*), or the entries of a
+            camera have nothing in common in their paths (camera_file.no_common_name).
     """
+    files = {path: values}
+    if _SPLIT.fullmatch(path.name):
+        others = (path.parent / f"transforms_{part}.json" for part in ("train", "val", "test"))
+        files = {other: values if other == path else read_json(other) for other in others if other.is_file()}
+    entries = [entry for file, content in files.items() for entry in _entries(file, content)]
+    with naming(path):
+        names = camera_names([file_path for _, file_path, _ in entries])
+        found = Found()
+        groups: dict[bytes, list[int]] = {}
+        cameras = []
+        for index, (name, (file, file_path, both)) in enumerate(zip(names, entries, strict=True)):
+            with naming(file):
+                cameras.append(_camera(name, file, file_path, both, found))
+            groups.setdefault(_fingerprint(cameras[-1]), []).append(index)
+        notes = []
+        if 1 < len(groups) < len(cameras):
+            notes.append(f"The camera file has {len(cameras)} entries for {len(groups)} cameras.")
+            paths = [[without_extension(entries[index][1]) for index in group] for group in groups.values()]
+            for name, group in zip(_common_names(paths), groups.values(), strict=True):
+                for index in group:
+                    names[index] = name
+            first = [group[0] for group in groups.values()]
+            cameras = [replace(cameras[index], name=names[index]) for index in first]
+        training = {
+            name for name, (file, *_) in zip(names, entries, strict=True) if file.name == "transforms_train.json"
+        }
+        tested = [camera.name for camera in cameras if camera.name not in training]
+        if training and tested:
+            notes.append(f"Not in transforms_train.json: {names_of(tested)} (capture.held_out).")
+        return Rig(tuple(cameras), (*found.notes, *notes))
+
+
+def _entries(path: Path, values: JsonObject) -> list[tuple[Path, str, JsonObject]]:
+    """File, path of the image and values of each entry."""
     with naming(path):
         frames = values.get("frames")
         if not isinstance(frames, list) or not frames:
@@ -116,32 +187,55 @@ def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
         for index, frame in enumerate(frames):
             if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
                 raise missing_key("file_path", f"number {index}")
-        names = camera_names([frame["file_path"] for frame in frames])
-        cameras = []
-        for name, frame in zip(names, frames, strict=True):
-            if "transform_matrix" not in frame:
-                raise missing_key("transform_matrix", name)
-            pose = matrix(frame["transform_matrix"], (3, 4), 4, "transform_matrix", name)
-            both = {**values, **frame}
-            if not values.get("from_na"):
-                pose = pose @ _FLIP
-            width, height = _size(both, path, frame["file_path"], name)
-            cameras.append(
-                Camera(
-                    name,
-                    width,
-                    height,
-                    _intrinsics(both, width, height, name),
-                    rigid_inverse(pose),
-                    _distortion(both, name),
-                )
-            )
-        return Rig(tuple(cameras))
+    return [(path, frame["file_path"], {**values, **frame}) for frame in frames]
 
 
-def read_transforms(path: Path) -> Rig:
-    """Read transforms.json. Raises StudioError as `rig_from_transforms`."""
-    return rig_from_transforms(path, read_json(path))
+def _camera(name: str, path: Path, file_path: str, values: JsonObject, found: Found) -> Camera:
+    if "transform_matrix" not in values:
+        raise missing_key("transform_matrix", name)
+    pose = matrix(values["transform_matrix"], (3, 4), 4, "transform_matrix", name)
+    if not values.get("from_na"):
+        pose = pose @ _FLIP
+    width, height = _size(values, path, file_path, name)
+    K = _intrinsics(values, width, height, name)
+    return Camera(name, width, height, K, rigid_inverse(pose), _distortion(values, name, found))
+
+
+def _fingerprint(camera: Camera) -> bytes:
+    """Equal for entries of the same camera."""
+    parts = (camera.world_to_camera.ravel(), camera.K.ravel(), camera.distortion)
+    return bytes(np.round(np.concatenate(parts), 6) + 0.0)
+
+
+_TRAILING = re.compile(r"[_.\- ]*(frame|f|t)?[_.\- ]*\d+$", re.IGNORECASE)
+_LEADING = re.compile(r"^(frame|f|t)?[_.\- ]*\d+[_.\- ]+", re.IGNORECASE)
+
+
+def _common_names(groups: Sequence[Sequence[str]]) -> list[str]:
+    """The name that all paths of a group share and no other group has: that of the file, of one of its folders, or the
+    file's name without a number at its end or beginning."""
+
+    def part(level: int) -> Callable[[str], str]:
+        return lambda path: PurePosixPath(path).parts[-1 - level] if level < len(PurePosixPath(path).parts) else ""
+
+    ways = [
+        part(0),
+        lambda path: _TRAILING.sub("", PurePosixPath(path).name),
+        lambda path: _LEADING.sub("", PurePosixPath(path).name),
+        *(part(level) for level in (1, 2, 3)),
+    ]
+    for way in ways:
+        names = [{way(path) for path in group} for group in groups]
+        if all(len(own) == 1 and "" not in own for own in names) and len(set().union(*names)) == len(groups):
+            return [own.pop() for own in names]
+    group = next(group for group in groups if len(group) > 1)
+    raise StudioError(
+        "camera_file.no_common_name",
+        f"'{group[0]}' and '{group[1]}' have the same camera, but no file or folder name in common that no other "
+        "camera has; cameras must not move",
+        value=list(group[:2]),
+        fix="Use footage of fixed cameras, with the name of the camera in the path.",
+    )
 
 
 def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{camera}.png") -> None:

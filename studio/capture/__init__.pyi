@@ -1,6 +1,13 @@
 from .checks import check_footage
 from .footage import Footage, FootageView
-from .open_footage import find_cameras, held_out_cameras, match_rig, open_footage, refuse_unknown_cameras
+from .open_footage import (
+    find_cameras,
+    held_out_cameras,
+    match_rig,
+    open_footage,
+    refuse_unknown_cameras,
+    rig_notes,
+)
 from .settings import CaptureSettings
 
 __all__ = [
@@ -13,4 +20,5 @@ __all__ = [
     "match_rig",
     "open_footage",
     "refuse_unknown_cameras",
+    "rig_notes",
 ]

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from studio.cameras import Camera, Rig
 from studio.capture.detect import detect_images
 from studio.capture.footage import Footage
 from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
-from studio.capture.patterns import Match, find_files, natural_key, number_ranges
+from studio.capture.patterns import Match, find_files, natural_key, number_ranges, without_extension
 from studio.capture.settings import EVERY, CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
@@ -299,7 +300,7 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
 
 
 def _stem(name: str) -> str:
-    return Path(name.replace("\\", "/")).stem if "." in name else name
+    return PurePosixPath(without_extension(name)).name
 
 
 def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
@@ -314,8 +315,8 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
         name in the footage to the camera of the rig, renamed to the name in the footage.
 
     Raises:
-        StudioError: `calibration.camera_missing`: a camera of the footage is not in the rig;
-            `footage.camera_missing`: a camera of the rig is not in the footage.
+        StudioError: `calibration.camera_missing`: a camera of the footage is not in the rig. Other cameras of the rig
+            are left out.
     """
     cameras = {camera.name: camera for camera in rig}
     if not set(names) <= set(cameras):
@@ -332,26 +333,27 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
     without = [name for name in names if name not in cameras]
     if without:
         known = sorted(cameras, key=natural_key)
+        shared = [name for name in names if name in cameras]
+        use = ", ".join(json.dumps(name, ensure_ascii=False) for name in shared)
+        others = f"Set capture.cameras to [{use}] to use only the others, or rename" if shared else "Rename"
         raise StudioError(
             "calibration.camera_missing",
             f"{_and_more('Camera', without)} of the footage not found in the calibration, which has {', '.join(known)}",
             value=without[0],
-            fix="Rename the files, calibrate again, or select cameras with capture.cameras.",
+            fix=f"{others} the files, or calibrate again.",
             cameras=tuple(without),
             known=tuple(known),
             setting="capture.cameras",
         )
-    extra = [name for name in cameras if name not in names]
-    if extra:
-        raise StudioError(
-            "footage.camera_missing",
-            f"{_and_more('Camera', extra)} of the calibration not found in the footage",
-            value=extra[0],
-            fix="Add the missing files, or select cameras with capture.cameras.",
-            cameras=tuple(extra),
-            setting="capture.cameras",
-        )
     return {name: replace(cameras[name], name=name) for name in names}
+
+
+def rig_notes(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> tuple[str, ...]:
+    """What the reader of a rig assumed, and how many of its cameras are not in the footage, one sentence each."""
+    extra = len(rig) - len(names)
+    if extra <= 0 or spec.cameras:
+        return rig.notes
+    return *rig.notes, f"The calibration has {counted(extra, 'more camera')}, which the footage does not have."
 
 
 def _by_number(cameras: Mapping[str, Camera], names: Sequence[str]) -> dict[str, Camera]:
@@ -382,9 +384,7 @@ def _warps(
     spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
 ) -> dict[str, Warp]:
     names = tuple(sources)
-    if spec.cameras:
-        selected = [camera for camera in rig if camera.name in names or _stem(camera.name) in names]
-        rig = Rig(tuple(selected))
+    notes.extend(rig_notes(rig, spec, names))
     warps = {}
     for name, camera in match_rig(rig, names).items():
         source = sources[name]

@@ -11,6 +11,7 @@ from pathlib import Path
 from studio.errors import StudioError
 
 IMAGE_EXTENSIONS = frozenset({".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".exr", ".dpx"})
+_OTHER_IMAGES = frozenset({".heic", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".jp2", ".tga", ".ppm", ".gif"})
 VIDEO_EXTENSIONS = frozenset({".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mxf", ".ts", ".mpg", ".mpeg", ".wmv"})
 
 _TOKEN = re.compile(r"\{camera\}|\{frame(?::0?(\d*)d)?\}|\*\*/|\*|\?|\{[^}]*\}")
@@ -28,6 +29,14 @@ class Match:
 def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sort key that puts cam2 before cam10."""
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+
+
+def without_extension(path: str) -> str:
+    """A path with forward slashes, without the extension of an image or video: `cam.0` stays as it is."""
+    path = path.replace("\\", "/")
+    head, dot, extension = path.rpartition(".")
+    known = f".{extension.lower()}" in IMAGE_EXTENSIONS | VIDEO_EXTENSIONS | _OTHER_IMAGES
+    return head if dot and known else path
 
 
 def _expression(pattern: str, whole: str) -> re.Pattern[str]:

@@ -20,7 +20,7 @@ from gui.pages.calibrate.rig_coverage import RigCoverage
 from gui.pages.report_table import CAMERA, Sorting, table_text
 from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
 from pipelines.takes.point_files import read_points, read_surface
-from pipelines.takes.stage_files import CamerasReport, read_cameras_report
+from pipelines.takes.stage_files import CamerasFromFile, CamerasReport, read_cameras_report
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, CameraReport
 from studio.cameras import Camera, Rig
@@ -74,9 +74,12 @@ class CalibrateView(OrbitView):
 
     @property
     def blocks(self) -> Sequence[Block]:
-        """Figures for the inspector: how well the cameras cover the performer."""
-        covered = self._coverage
-        return [covered.block] if covered is not None else []
+        """For the inspector: how well the cameras cover the performer, and what the reader of their file assumed."""
+        covered, report = self._coverage, self._report
+        blocks = [covered.block] if covered is not None else []
+        if isinstance(report, CamerasFromFile) and report.notes:
+            blocks.append(Block("Camera file", [], "\n".join(report.notes)))
+        return blocks
 
     def state(self) -> Hashable:
         """The calibration files, the view, and the frame whose images are on the frustums."""
@@ -92,7 +95,8 @@ class CalibrateView(OrbitView):
         """See `StageView`."""
         take = self.workspace.take
         if take is None or not take.rig.is_file():
-            self._coverage = self._coverage_of = None  # or the inspector would show those of the last take
+            # or the inspector would show those of the last take
+            self._coverage = self._coverage_of = self._report = self._read_of = None
             raise StudioError("take.no_cameras", "no cameras yet", fix="Run Calibrate.")
         self._read(take)
         self._cover(take)

@@ -182,8 +182,9 @@ def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
     picture = shown(views, lambda picture: has(picture, GOOD) > 0)
     assert has(picture, GOOD) > has(picture, FAIR) > 0
     assert has(picture, HELD_OUT) > 0
-    (block,) = views.stage_views["calibrate"].blocks
-    told = dict(block.rows)
+    coverage, file = views.stage_views["calibrate"].blocks
+    assert "no lens distortion" in file.note
+    told = dict(coverage.rows)
     assert told["training cameras"] == "5"
     assert int(told["farthest view"].split()[0]) == pytest.approx(60, abs=3)
     assert "surface seen by 0 or 1" in told
@@ -212,7 +213,7 @@ def test_cameras_are_shown_when_the_points_of_the_first_group_are_damaged(views:
     for mode in ("cameras", "report", "coverage"):
         calibrate.mode = mode
         assert calibrate.draw(SIZE, calibrate.state()).std() > 0
-    assert not calibrate.blocks
+    assert [block.title for block in calibrate.blocks] == ["Camera file"]
 
 
 def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_project: Path) -> None:

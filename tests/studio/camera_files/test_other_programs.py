@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -393,8 +394,8 @@ def written(name: str, rig: Rig) -> Callable[[Path], Path]:
     [
         (written("Calib.toml", BENT), "330.75", "nan", "Calib.toml", "camera.not_finite",
          {"camera": "cam00", "key": "matrix", "index": "[0][2]"}),
-        (written("Calib.toml", BENT), "translation", "x", "Calib.toml", "camera.missing_key",
-         {"camera": "cam00", "key": "translation"}),
+        (written("Calib.toml", BENT), "translation", "x", "Calib.toml", "camera.unknown_key",
+         {"camera": "cam00", "key": "x"}),
         (written("Calib.toml", BENT), '["cam01"]', '["cam00"]', "Calib.toml", "camera_file.syntax", {}),
         (written("Calib.toml", BENT), 'name = "cam01"', 'name = "cam00"', "Calib.toml", "camera.duplicate_name",
          {"camera": "cam00"}),
@@ -402,13 +403,16 @@ def written(name: str, rig: Rig) -> Callable[[Path], Path]:
          {"camera": "cam00", "value": "fisheye"}),
         (written("Calib.toml", BENT), "size = [640.0, 360.0]", "size = [640.0]", "Calib.toml", "camera.wrong_shape",
          {"camera": "cam00", "key": "size", "value": [1], "expected": [[2]]}),
-        (written("intri.yml", BENT), "330.75", ".Nan", "intri.yml", "camera.not_finite",
+        (written("intri.yml", BENT), "330.75", ".Nan", "", "camera.not_finite",
          {"camera": "cam00", "key": "K_cam00", "index": "[0][2]"}),
-        (written("intri.yml", BENT), "K_cam01", "x", "intri.yml", "camera.missing_key",
-         {"camera": "cam01", "key": "K_cam01"}),
-        (written("intri.yml", BENT), '"cam01"', '"cam00"', "intri.yml", "camera.duplicate_name", {"camera": "cam00"}),
+        (written("intri.yml", BENT), "K_cam01", "x", "", "camera.missing_key",
+         {"camera": "cam01", "key": "K"}),
+        (written("intri.yml", BENT), "dist_cam01", "bend_cam01", "", "camera.unknown_key",
+         {"camera": "cam01", "key": "bend_cam01"}),
+        (written("intri.yml", BENT), '"cam01"', '"cam00"', "", "camera.duplicate_name", {"camera": "cam00"}),
         (written("intri.yml", BENT), "names:", "x:", "intri.yml", "camera_file.no_cameras", {}),
-        (written("intri.yml", BENT), "W_cam02: 640", "", "intri.yml", "camera.size_unknown", {"camera": "cam02"}),
+        (written("intri.yml", BENT), "W_cam02: 640", "", "", "camera.missing_key",
+         {"camera": "cam02", "key": "width"}),
         (written("calibration.csv", STRAIGHT), "fx,", "gx,", "calibration.csv", "camera_file.missing_column",
          {"key": "fx"}),
         (written("calibration.csv", STRAIGHT), "cam01", "cam00", "calibration.csv", "camera.duplicate_name",
@@ -451,10 +455,10 @@ def test_broken_extrinsics_of_easymocap(tmp_path: Path) -> None:
     path = tmp_path / "extri.yml"
     whole = path.read_text()
     path.write_text(whole.replace("T_cam01", "x"))
-    with refuses("camera.missing_key", file=path, camera="cam01", key="T_cam01"):
+    with refuses("camera.missing_key", file=tmp_path, camera="cam01", key="translation"):
         read_rig(tmp_path)
     path.write_text(whole.replace("R_cam02", "x").replace("Rot_cam02", "y"))
-    with refuses("camera.missing_key", file=path, camera="cam02", key="R_cam02"):
+    with refuses("camera.missing_key", file=tmp_path, camera="cam02", key="rotation"):
         read_rig(tmp_path)
     path.unlink()
     with refuses("camera_file.missing", file=path):
@@ -494,8 +498,6 @@ def test_cut_short_anywhere(tmp_path: Path, name: str) -> None:
 
 def test_a_nan_in_cameras_json_is_named(tmp_path: Path) -> None:
     """The error names the entry, not only the matrix."""
-    import json
-
     camera = BENT["cam01"]
     entry = {"name": "cam01", "width": 640, "height": 360, "K": camera.K.tolist(), "R": camera.rotation.tolist()}
     path = tmp_path / "cameras.json"
@@ -507,3 +509,153 @@ def test_a_nan_in_cameras_json_is_named(tmp_path: Path) -> None:
         path.write_text(json.dumps({"cameras": [{**entry, "t": [0, 0, 1.0], key: change}]}))
         with refuses("camera.not_finite", file=path, camera="cam01", key=key, index=index):
             read_rig(path)
+
+
+# Variants that other programs and people write ------------------------------------------------------------------------
+
+
+def colmap_text(folder: Path, between: str, count: int = 4) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "cameras.txt").write_text("1 PINHOLE 640 360 500 500 320 180\n")
+    lines = [f"{index + 1} 1 0 0 0 {index} 0 0 1 cam{index}.png" for index in range(count)]
+    (folder / "images.txt").write_text("# images\n" + between.join(lines) + between)
+    (folder / "points3D.txt").write_text("")
+    return folder
+
+
+@pytest.mark.parametrize("between", ["\n\n", "\n\n\n", "\n1.5 2.5 -1 3 4 7\n", "\n\n# a comment\n"])
+def test_lines_of_images_txt_as_colmap_reads_them(tmp_path: Path, between: str) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    folder = colmap_text(tmp_path, between)
+    wanted = {image.name.removesuffix(".png") for image in pycolmap.Reconstruction(folder).images.values()}
+    assert set(read_rig(folder).names) == wanted
+    assert len(wanted) == 4
+
+
+@pytest.mark.parametrize("between", ["\n", "\n1 2\n", "\n1 2 x\n", "\n1 2 1e400\n"])
+def test_images_txt_without_lines_of_points(tmp_path: Path, between: str) -> None:
+    with refuses("camera_file.no_points_line", file=tmp_path / "images.txt", line=3):
+        read_rig(colmap_text(tmp_path, between))
+
+
+def test_the_largest_model_of_colmap_is_used(tmp_path: Path) -> None:
+    colmap_text(tmp_path / "sparse" / "0", "\n\n", 2)
+    colmap_text(tmp_path / "sparse" / "1", "\n\n", 4)
+    for path in (tmp_path, tmp_path / "sparse"):
+        rig = read_rig(path)
+        assert len(rig) == 4
+        assert any("2 models" in note for note in rig.notes)
+    assert len(read_rig(tmp_path / "sparse" / "0")) == 2
+
+
+def test_metashape_slaves_are_placed_from_their_master(tmp_path: Path) -> None:
+    """The offset is in the master's axes and in units of the chunk, whose scale is 12.35; dots are no extensions."""
+    turn = cv2.Rodrigues(np.array([0.1, -0.2, 0.05]))[0]
+    slave = METASHAPE.format(k4="").split('<sensors next_id="1">')[1].split("</sensors>")[0]
+    offset = f"<rotation>{' '.join(map(str, turn.ravel()))}</rotation><location>0.2 0.01 -0.03</location></sensor>"
+    slave = slave.replace('sensor id="0"', 'sensor id="1" master_id="0"').replace("</sensor>", offset)
+    text = METASHAPE.format(k4="").replace("</sensors>", f"{slave}</sensors>")
+    text = text.replace("nadir/000001-01_00001.JPG", "rig.0.left")
+    entry = '<camera id="2" sensor_id="1" component_id="0" master_id="0" label="rig.0.right"/>'
+    (tmp_path / "cameras.xml").write_text(text.replace("</group>", f"{entry}</group>"))
+    rig = read_rig(tmp_path / "cameras.xml")
+    assert rig.names == ("rig.0.left", "rig.0.right")
+    assert any("'not aligned'" in note for note in rig.notes)
+    left, right = rig
+    inside = (right.center - left.center) @ left.rotation.T
+    np.testing.assert_allclose(inside, 12.354192447331316 * np.array([0.2, 0.01, -0.03]), atol=1e-6)
+    np.testing.assert_allclose(left.rotation.T @ turn, right.rotation.T, atol=1e-6)
+
+
+def test_metashape_terms_that_are_not_known(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.xml"
+    path.write_text(METASHAPE.format(k4="<k5>0.1</k5>"))
+    with refuses("camera.unknown_key", file=path, key="k5"):
+        read_rig(path)
+
+
+def test_realityscan_with_semicolons_and_rows_without_images(tmp_path: Path) -> None:
+    path = realityscan_file(tmp_path)
+    expected = read_rig(path)
+    text = path.read_text()
+    row = text.splitlines()[1]
+    path.write_text(text + row.replace("a.jpg", "missing.jpg") + "\n")
+    found = read_rig(path)
+    assert_same_images(found, expected)
+    assert any("'missing'" in note for note in found.notes)
+    path.write_text(text.replace(",", ";").replace(".", ",").replace("a,jpg", "a.jpg"))
+    assert_same_images(read_rig(path), expected)
+
+
+@pytest.mark.parametrize("value", ["0.3", "x"])
+def test_columns_that_are_not_known(tmp_path: Path, value: str) -> None:
+    write_rig(STRAIGHT, tmp_path / "calibration.csv")
+    path = tmp_path / "calibration.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([f"{lines[0]},k1", *(f"{line},{value}" for line in lines[1:])]))
+    with refuses("camera_file.unknown_column", file=path, key="k1"):
+        read_rig(path)
+    path.write_text("\n".join([f"{lines[0]},k1", *(f"{line},0.0" for line in lines[1:])]))
+    assert_same_images(read_rig(path), STRAIGHT)
+
+
+def transforms_entries(folder: Path, name: str, paths: dict[str, list[str]], **top: object) -> Path:
+    """A file with the given paths for each camera of STRAIGHT."""
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
+    frames = []
+    for camera, files in paths.items():
+        back = (np.linalg.inv(STRAIGHT[camera].world_to_camera) @ flip).tolist()
+        own = STRAIGHT[camera]
+        values = {"fl_x": own.fx, "fl_y": own.fy, "cx": own.cx, "cy": own.cy, "w": 640, "h": 360}
+        frames += [{"file_path": file, "transform_matrix": back, "time": t, **values} for t, file in enumerate(files)]
+    (folder / name).write_text(json.dumps({**top, "frames": frames}))
+    return folder / name
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["images/{c}/{t:03d}.png", "{t:04d}/{c}.png", "images/{c}_{t:04d}.png", "images/{c}_frame{t}.jpg", "{c}/rgb/{t}",
+     "frame{t:04d}_{c}.png", "images/{c}.{t:04d}.png"],
+)  # fmt: skip
+def test_transforms_with_an_entry_per_camera_and_time(tmp_path: Path, form: str) -> None:
+    paths = {name: [form.format(c=name, t=t) for t in range(3)] for name in STRAIGHT.names}
+    rig = read_rig(transforms_entries(tmp_path, "transforms.json", paths))
+    assert_same_images(rig, STRAIGHT)
+    assert any("9 entries" in note for note in rig.notes)
+
+
+def test_transforms_in_parts_for_training_and_test(tmp_path: Path) -> None:
+    path = transforms_entries(
+        tmp_path, "transforms_train.json", {name: [f"images/{name}/0"] for name in ("cam00", "cam01")}
+    )
+    transforms_entries(tmp_path, "transforms_test.json", {"cam02": ["images/cam02/0"]})
+    for part in (path, tmp_path, tmp_path / "transforms_test.json"):
+        rig = read_rig(part)
+        assert_same_images(rig, STRAIGHT)
+        assert any("'cam02'" in note and "capture.held_out" in note for note in rig.notes)
+
+
+@pytest.mark.parametrize(
+    ("top", "code"),
+    [
+        ({"camera_model": "EQUIRECTANGULAR"}, "camera.lens_model"),
+        ({"camera_model": "FISHEYE624"}, "camera.lens_model"),
+        ({"camera_model": "ORTHOPHOTO"}, "camera.lens_model"),
+        ({"is_fisheye": True}, "camera.lens_model"),
+        ({"k4": 0.1}, "camera.lens_model"),
+        ({"ftheta_p0": 0.1}, "camera.unknown_key"),
+        ({"latlong": True}, "camera.unknown_key"),
+        ({"dist": [0.1, 0, 0, 0]}, "camera.unknown_key"),
+        ({"k1": 0.1, "lens_shift": 3}, "camera.unknown_key"),
+    ],
+)
+def test_transforms_of_other_lenses_are_refused(tmp_path: Path, top: dict, code: str) -> None:
+    path = transforms_entries(tmp_path, "transforms.json", {"cam00": ["cam00.png"]}, **top)
+    with refuses(code, file=path, camera="cam00"):
+        read_rig(path)
+
+
+def test_distortion_of_nerfstudio_in_a_list(tmp_path: Path) -> None:
+    top = {"distortion_params": [0.1, 0.02, 0.003, 0.0, 0.004, 0.005]}
+    rig = read_rig(transforms_entries(tmp_path, "transforms.json", {"cam00": ["cam00.png"]}, **top))
+    np.testing.assert_allclose(rig["cam00"].distortion, [0.1, 0.02, 0.004, 0.005, 0.003])

@@ -58,10 +58,9 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, rig: Ri
     ("key", "value", "code", "found", "index"),
     [
         ("width", "abc", "camera.not_a_number", "abc", ""),
-        ("width", [], "camera.not_a_number", [], ""),
+        ("width", [1], "camera.not_a_number", [1], ""),
         ("width", True, "camera.not_a_number", True, ""),
         ("height", 120.5, "camera.not_an_integer", 120.5, None),
-        ("height", None, "camera.missing_key", None, None),
         ("K", [[1, 2, 3], [1, "x", 3], [0, 0, 1]], "camera.not_a_number", "x", "[1][1]"),
         ("K", [[1, 2, 3], [1, 3], [0, 0, 1]], "camera.ragged", None, None),
         ("K", {"fx": 3}, "camera.not_a_number", {"fx": 3}, ""),
@@ -101,7 +100,8 @@ def test_other_formats_name_the_value(tmp_path: Path) -> None:
         path = tmp_path / file
         assert old in path.read_text()
         path.write_text(path.read_text().replace(old, new, 1))
-        with refuses(code, file=path, value=found, **fields):
+        # of the two files of EasyMocap, the error names their folder
+        with refuses(code, file=tmp_path if name == "intri.yml" else path, value=found, **fields):
             read_rig(tmp_path / name)
 
 

@@ -1,3 +1,5 @@
+import json
+import re
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -171,10 +173,21 @@ def test_rig_and_footage_must_have_the_same_cameras(three_videos: Path, make: Si
     with refuses("calibration.camera_missing", value="cam10", cameras=("cam10",), known=("cam1", "cam2")):
         open_footage(spec, rig.subset(["cam1", "cam2"]))
     assert open_footage(spec.replace(cameras=("cam1", "cam2")), rig).rig.names == ("cam1", "cam2")
-    more = Rig((*rig.cameras, make.camera("cam11")))
-    with refuses("footage.camera_missing", value="cam11", cameras=("cam11",)) as caught:
-        open_footage(spec, more)
-    assert str(caught.value).startswith("Camera 'cam11' of the calibration not found in the footage. Add the missing")
+    more = open_footage(spec, Rig((*rig.cameras, make.camera("cam11"))))
+    assert more.rig.names == ("cam1", "cam2", "cam10")
+    assert "1 more camera" in more.description
+
+
+def test_the_suggested_cameras_work(three_videos: Path, make: SimpleNamespace) -> None:
+    """The list in the error can be pasted into the settings."""
+    spec = CaptureSettings(root=three_videos, masks="none")
+    rig = Rig((make.camera("cam10"), make.camera("cam2")))
+    with refuses("calibration.camera_missing", value="cam1") as caught:
+        open_footage(spec, rig)
+    found = re.search(r"capture\.cameras to (\[.*?\])", str(caught.value))
+    assert found is not None
+    names = json.loads(found[1])
+    assert open_footage(spec.replace(cameras=tuple(names)), rig).rig.names == ("cam2", "cam10")
 
 
 def test_held_out_cameras(three_videos: Path) -> None:

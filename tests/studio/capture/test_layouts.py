@@ -251,7 +251,7 @@ def test_a_file_of_one_camera_names_the_pattern(tmp_path: Path, make: SimpleName
     with refuses("settings.file_not_found"):
         camera_file(CaptureSettings(root=tmp_path, rig="{camera}/other.xml"))
     (tmp_path / "cam2" / "config.xml").write_text('<?xml version="1.0"?><opencv_storage><a>1</a></opencv_storage>')
-    with refuses("camera.missing_key", camera="cam2"):
+    with refuses("camera.unknown_key", camera="cam2", key="a"):
         read_rig(tmp_path / "{camera}/config.xml")
 
 

@@ -1,0 +1,97 @@
+"""train_meta.json and test_meta.json of Dynamic 3D Gaussians.
+
+Lists with one entry per frame, each with one per camera: `k` (3 x 3), `w2c` (4 x 4, OpenCV axes), `fn` (path of the
+image, `CAMERA/FRAME.jpg`) and `cam_id`; `w` and `h` are for all. The images are undistorted, and the program renders
+with the principal point relative to the image corner. The cameras of test_meta.json are meant for evaluation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from studio.camera_files.common import naming, no_cameras, read_json
+from studio.camera_files.keyed import NO_DISTORTION, KeyedForm, keyed_rig, names_of
+from studio.cameras import Rig
+from studio.errors import StudioError
+from studio.json_types import JsonObject
+from studio.validation import missing_key
+
+TRAIN, TEST = "train_meta.json", "test_meta.json"
+_LISTS = ("k", "w2c", "fn", "cam_id")
+_KNOWN = {*_LISTS, "w", "h"}
+
+
+def is_meta(values: JsonObject) -> bool:
+    """Whether a JSON object has this form."""
+    return {"w2c", "fn"} <= set(values)
+
+
+def read_meta(path: Path) -> Rig:
+    """Read the cameras of both files in the folder, in the order of the training file, then the test file.
+
+    Raises:
+        StudioError: a list is missing or of another length (camera_file.*), a camera moves (camera.moves), or a value
+            is invalid (camera.*).
+    """
+    names = [name for name in (TRAIN, TEST) if (path.parent / name).is_file()]
+    files = [path.parent / name for name in names] if path.name in (TRAIN, TEST) else [path]
+    rigs = [_cameras(file) for file in files]
+    test = [camera.name for file, rig in zip(files, rigs, strict=True) if file.name == TEST for camera in rig]
+    notes = [NO_DISTORTION]
+    if test and len(rigs) > 1:
+        notes.append(f"For evaluation in {TEST}: {names_of(test)} (capture.held_out).")
+    with naming(path):
+        return Rig(tuple(camera for rig in rigs for camera in rig), tuple(notes))
+
+
+def _cameras(path: Path) -> Rig:
+    values = read_json(path)
+    with naming(path):
+        unknown = sorted(set(values) - _KNOWN)
+        if unknown:
+            raise StudioError(
+                "camera.unknown_key",
+                f"the key '{unknown[0]}' is not known and may be the lens distortion",
+                value=unknown[0],
+                fix="Delete it if it does not belong to the cameras.",
+                key=unknown[0],
+            )
+        lists = {key: values.get(key) for key in _LISTS if key != "cam_id" or key in values}
+        for key, value in lists.items():
+            if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
+                raise missing_key(key, "0")
+        shapes = {tuple(len(row) for row in value) for value in lists.values()}
+        if len(shapes) > 1:
+            raise no_cameras("the lists " + ", ".join(f"'{key}'" for key in lists) + " differ in length")
+        found: dict[str, JsonObject] = {}
+        for frame in range(len(lists["fn"])):
+            for index, file in enumerate(lists["fn"][frame]):
+                _add(found, file, {"k": lists["k"][frame][index], "w2c": lists["w2c"][frame][index]})
+    size = {key: values[key] for key in ("w", "h") if key in values}
+    rig = keyed_rig(path, [(name, {**entry, **size}) for name, entry in found.items()], KeyedForm(corner=True))
+    return replace(rig, notes=())
+
+
+def _add(found: dict[str, JsonObject], file: Any, entry: JsonObject) -> None:
+    parts = PurePosixPath(str(file).replace("\\", "/")).parts
+    name = parts[-2] if len(parts) > 1 else PurePosixPath(str(file)).stem
+    before = found.setdefault(name, entry)
+    if before is not entry and before != entry and not np.allclose(_numbers(before), _numbers(entry), atol=1e-6):
+        raise StudioError(
+            "camera.moves",
+            f"Camera '{name}' has different values in '{file}' than in earlier frames; cameras must not move",
+            value=str(file),
+            fix="Use footage of fixed cameras.",
+            camera=name,
+        )
+
+
+def _numbers(entry: JsonObject) -> np.ndarray:
+    try:
+        return np.concatenate([np.array(entry[key], np.float64).ravel() for key in ("k", "w2c")])
+    except (TypeError, ValueError):
+        return np.full(1, np.nan)  # not equal to anything; named when the camera is read

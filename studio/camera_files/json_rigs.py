@@ -1,0 +1,132 @@
+"""Cameras in the JSON files of other programs that name their values.
+
+- cameras.json: `{"cameras": [{"name", "width", "height", "K", "R", "t", "distortion"}, ...]}`, x ~ K (R X + t), with
+  the pixel origin at the image corner.
+- CMU Panoptic's calibration_*.json: the same with `resolution` and `distCoef`, in centimeters.
+- multical's calibration.json: `cameras` by name, and `camera_poses`, of which `b_to_a` maps points of a to b.
+- calibration.json of THuman4.0 and AvatarReX, and others: one entry per camera with K, R, T, `distCoeff`, `imgSize`.
+- cameras.json of 3DGS: a list with `img_name`, `position` (center), `rotation` (camera to world), `fx`, `fy`; without
+  a principal point, for which 3DGS takes the image center.
+
+Panoptic, multical and THuman4.0 have OpenCV's pixel origin, the center of the first pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.camera_files.common import camera_names, matrix, naming, no_cameras, rigid_inverse
+from studio.camera_files.keyed import KeyedForm, is_camera, keyed_rig
+from studio.cameras import Rig
+from studio.errors import StudioError
+from studio.json_types import JsonObject
+from studio.validation import array, missing_key, number, whole
+
+_PANOPTIC = KeyedForm(unit=0.01, harmless=("calibDataSource",))
+_CORNER = "Principal points are taken relative to the image corner."
+
+
+def rig_from_json(path: Path, values: Any) -> Rig | None:
+    """A rig from the JSON value in the file; None if it is in none of these forms.
+
+    Raises:
+        StudioError: there are no cameras (camera_file.no_cameras), or one is invalid (camera.*).
+    """
+    if isinstance(values, list):
+        return (
+            _of_3dgs(path, values) if values and all("img_name" in _object(path, entry) for entry in values) else None
+        )
+    cameras = values.get("cameras")
+    if isinstance(cameras, list):
+        return _of_list(path, values, cameras)
+    if isinstance(cameras, dict):
+        return _of_multical(path, values, cameras)
+    if values and any(map(is_camera, values.values())) and all(isinstance(entry, dict) for entry in values.values()):
+        return keyed_rig(path, list(values.items()))
+    return None
+
+
+def _object(path: Path, entry: Any) -> JsonObject:
+    if not isinstance(entry, dict):
+        raise StudioError(
+            "camera_file.not_an_object",
+            f"an entry of the list of cameras is {type(entry).__name__}, not an object",
+            file=path,
+            value=entry,
+            fix="Export the cameras again.",
+        )
+    return entry
+
+
+def _of_list(path: Path, values: JsonObject, cameras: list[Any]) -> Rig:
+    if not cameras:
+        raise no_cameras("the list 'cameras' is empty", path)
+    entries = []
+    for index, entry in enumerate(_object(path, camera) for camera in cameras):
+        if "name" not in entry:
+            with naming(path):
+                raise missing_key("name", f"number {index}")
+        entries.append((str(entry["name"]), entry))
+    if "calibDataSource" in values or all("panel" in entry and "node" in entry for _, entry in entries):
+        rig = keyed_rig(path, entries, _PANOPTIC)
+        return replace(rig, notes=(*rig.notes, "CMU Panoptic: centimeters are converted to meters."))
+    rig = keyed_rig(path, entries, KeyedForm(corner=True))
+    return rig if "format" in values else replace(rig, notes=(*rig.notes, _CORNER))
+
+
+def _of_multical(path: Path, values: JsonObject, cameras: JsonObject) -> Rig:
+    poses = values.get("camera_poses", values.get("extrinsics"))
+    with naming(path):
+        if not isinstance(poses, dict):
+            raise missing_key("camera_poses", next(iter(cameras), "?"))
+        found: dict[str, np.ndarray] = {}
+        relative: dict[str, tuple[str, np.ndarray]] = {}
+        for key, entry in poses.items():
+            pose = np.eye(4)
+            pose[:3, :3] = matrix(_object(path, entry).get("R"), (3,), 3, "R", key)
+            pose[:3, 3] = array(entry.get("T"), "T", key).reshape(-1)[:3]
+            name, joint, base = key.rpartition("_to_")
+            base = entry.get("parent") or base
+            if key in cameras or not joint:
+                name = key
+            if base in cameras and base != name:
+                relative[name] = (str(base), pose)
+            else:
+                found[name] = pose
+        for _ in relative:  # each pass places the cameras whose base is placed
+            for name, (base, pose) in relative.items():
+                if base in found:
+                    found[name] = pose @ found[base]
+        entries = []
+        for name, entry in cameras.items():
+            pose = {"world_to_camera": found[name].tolist()} if name in found else {}
+            entries.append((name, {**_object(path, entry), **pose}))
+    return keyed_rig(path, entries)
+
+
+def _of_3dgs(path: Path, entries: list[JsonObject]) -> Rig:
+    """3DGS's own list; values that it does not write are known or rejected as in other files."""
+    notes = ["3DGS's cameras.json has no lens distortion: the images are taken as undistorted."]
+    with naming(path):
+        converted = []
+        for name, entry in zip(camera_names([str(entry["img_name"]) for entry in entries]), entries, strict=True):
+            for key in ("position", "rotation"):
+                if key not in entry:
+                    raise missing_key(key, name)
+            pose = np.eye(4)
+            pose[:3, :3] = matrix(entry["rotation"], (3,), 3, "rotation", name)
+            pose[:3, 3] = array(entry["position"], "position", name).reshape(3)
+            middle = {"cx": whole(entry, "width", name) / 2, "cy": whole(entry, "height", name) / 2}
+            for key in middle:
+                middle[key] = number(entry, key, name, middle[key])
+            rest = {key: value for key, value in entry.items() if key not in ("position", "rotation", "img_name")}
+            pose = {"world_to_camera": rigid_inverse(pose).tolist()}
+            converted.append((name, {**rest, **middle, **pose}))
+    if not any("cx" in entry for entry in entries):
+        notes.append("3DGS's cameras.json has no principal points: they are taken to be the image centers.")
+    rig = keyed_rig(path, converted, KeyedForm(corner=True))
+    return replace(rig, notes=(*notes, *rig.notes[1:]))

@@ -1,0 +1,398 @@
+"""Cameras as named values, as in JSON, TOML and OpenCV's FileStorage: one table of the keys that programs use.
+
+A key that is not in the table may be another program's name for the lens. It is therefore rejected if it looks like
+that, or if the camera has no distortion under a known key; otherwise it is ignored, and the rig's notes name it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.camera_files.common import fisheye, naming, no_cameras, rigid_inverse, wrong_shape
+from studio.camera_files.nearby import size_nearby
+from studio.cameras import Camera, Rig, duplicate_name
+from studio.errors import StudioError
+from studio.validation import array, check_finite, missing_key, number, whole
+
+KEYS = {
+    "K": ("cameramatrix", "intrinsicmatrix", "intrinsics", "intrinsic", "k", "mtx", "m", "matrix"),
+    "fx": ("fx", "flx", "focalx"),
+    "fy": ("fy", "fly", "focaly"),
+    "cx": ("cx", "ppx", "principalx"),
+    "cy": ("cy", "ppy", "principaly"),
+    "distortion": (
+        "distortioncoefficients", "distortioncoeffs", "distortioncoeff", "distortionvector", "distortions",
+        "distortion", "distcoefficients", "distcoeffs", "distcoeff", "distcoefs", "distcoef", "dist", "d", "kc",
+    ),
+    "rotation": ("rotationvalues", "rotationmatrix", "rotationvector", "rotation", "rvec", "rot", "r"),
+    "translation": ("translationvalues", "translationvector", "translation", "tvec", "trans", "t"),
+    "world_to_camera": ("extrinsicmatrix", "extrinsics", "extrinsic", "worldtocamera", "worldtocam", "w2c", "rt"),
+    "camera_to_world": ("cameratoworld", "camtoworld", "c2w"),
+    "width": ("imagewidth", "imgwidth", "width", "w"),
+    "height": ("imageheight", "imgheight", "height", "h"),
+    "size": ("imagesize", "imgsize", "size", "resolution"),
+    "type": ("type", "cameratype", "lens"),
+    "model": ("cameramodel", "model", "distortionmodel", "distortiontype", "lensmodel", "projection"),
+    "fisheye": ("fisheye", "isfisheye", "fisheyelens", "rdist"),
+}  # fmt: skip
+"""Canonical key to the spellings in lower case without `_`, `-` and spaces; the first one found wins."""
+TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""OpenCV's order; a camera may have them as separate keys."""
+HARMLESS = frozenset({
+    "name", "camera", "cameraname", "camid", "cameraid", "id", "index", "port", "serial", "serialnumber", "label",
+    "comment", "description", "fps", "framerate", "frame", "frames", "nframes", "nrofframes", "framecount", "time",
+    "date", "calibrationtime", "calibrationdate", "exposure", "gain", "whitebalance", "colorcorrection", "ccm",
+    "gridcount", "rotationcount", "ignore", "error", "rmse", "rms", "adjusted", "reprojectionerror",
+    "avgreprojectionerror", "meanreprojectionerror", "perviewreprojectionerrors", "boardwidth", "boardheight",
+    "boardsize", "squaresize", "flags", "flag", "flagvalue", "extrinsicparameters", "imagepoints", "gridpoints",
+    "objectpoints", "near", "far", "bounds", "group", "panel", "node", "rectifyalpha", "projectionmatrix",
+    "fundamental", "essential",
+})  # fmt: skip
+"""Keys that do not change how a camera projects."""
+_CHANGES_THE_CAMERA = re.compile(
+    r"dist|fish|lens|model|omni|equi|project|skew|scale|unit|flip|mirror|crop|shift|offset|rolling|pose|radial|tangent"
+    r"|^(xi|alpha|beta|gamma|cc|fc|[kps]\d+|tau[xy])$"
+)
+_NOT_PINHOLE = re.compile(r"fish|omni|equi|spher|cylind|pano|ortho")
+MODELS = frozenset({
+    "pinhole", "simplepinhole", "perspective", "standard", "opencv", "fullopencv", "brown", "brownconrady",
+    "plumbbob", "radtan", "radial", "simpleradial", "rational", "rationalpolynomial", "thinprism", "tilted", "none",
+})  # fmt: skip
+"""Lens models whose coefficients are OpenCV's, in its order."""
+
+
+_RENAME = (
+    "Rename it to a known key such as 'distortion', 'K', 'R', 't', 'width', or delete it if it is not about the lens."
+)
+NO_DISTORTION = "The camera file has no lens distortion: the images are taken as undistorted."
+
+
+def normal_key(key: str, camera: str = "") -> str:
+    """A key in the spelling of `KEYS`."""
+    return re.sub(r"[_\- .]", "", key).lower()
+
+
+@dataclass(frozen=True)
+class KeyedForm:
+    """How a program writes a camera.
+
+    Attributes:
+        corner: whether the pixel origin is the image corner, not the center of the first pixel as in OpenCV.
+        unit: length of its unit in the rig's unit.
+        harmless: keys, in addition to `HARMLESS`, that do not change how a camera projects.
+        spelling: (key, camera) -> the key as in `KEYS`.
+        size_of: (name) -> width and height in pixels of a camera without them; None: from the footage next to the file.
+    """
+
+    corner: bool = False
+    unit: float = 1.0
+    harmless: Collection[str] = ()
+    spelling: Callable[[str, str], str] = normal_key
+    size_of: Callable[[str], tuple[int, int]] | None = None
+
+
+@dataclass
+class Found:
+    """What the cameras of a file had.
+
+    Attributes:
+        ignored: key to the cameras for which it was ignored.
+        bent, straight: cameras with and without lens distortion in the file, also if it is 0.
+    """
+
+    ignored: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+    bent: list[str] = field(default_factory=list)
+    straight: list[str] = field(default_factory=list)
+
+    def check_unknown(self, camera: str, values: Mapping[str, Any], missing: str) -> None:
+        """Reject keys that may belong to the lens or stand for a missing value, and record others.
+
+        Args:
+            camera: name of the camera.
+            values: key to value, of keys that the reader does not know.
+            missing: what the camera has under no known key; "" if nothing is missing.
+
+        Raises:
+            StudioError: camera.unknown_key.
+        """
+        for key, value in values.items():
+            spelling = normal_key(key)
+            if spelling in HARMLESS or _is_empty(value):
+                continue
+            if missing or _CHANGES_THE_CAMERA.search(spelling):
+                why = f"there is no {missing} under a known key" if missing else "it may change how the camera projects"
+                raise StudioError(
+                    "camera.unknown_key",
+                    f"Camera '{camera}': the key '{key}' is not known, and {why}",
+                    value=key,
+                    fix=_RENAME,
+                    camera=camera,
+                    key=key,
+                )
+            self.ignored[key].append(camera)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """For `Rig.notes`."""
+        straight = (NO_DISTORTION,) if self.straight else ()
+        return *straight, *(
+            f"Ignored in the camera file: '{key}' ({names_of(own)})." for key, own in self.ignored.items()
+        )
+
+
+def is_camera(values: object) -> bool:
+    """Whether a value is an object with intrinsics or a pose under one of the keys."""
+    wanted = {spelling for key in ("K", "rotation", "translation", "distortion") for spelling in KEYS[key]}
+    return isinstance(values, Mapping) and bool(wanted & {normal_key(str(key)) for key in values})
+
+
+def keyed_rig(path: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form: KeyedForm = KeyedForm()) -> Rig:
+    """A rig from the named values of its cameras. Cameras that have intrinsics but no pose are left out and noted.
+
+    Args:
+        path: the file, for errors and for footage next to it.
+        entries: name and values of each camera.
+        form: conventions of the program.
+
+    Raises:
+        StudioError: no camera has a pose (camera_file.no_cameras); a key is unknown (camera.unknown_key) or missing
+            (camera.missing_key), two keys contradict each other (camera.conflict), or a value is invalid (camera.*).
+    """
+    with naming(path):
+        found = Found()
+        names = [name for name, _ in entries]
+        for name in names:
+            if names.count(name) > 1:
+                raise duplicate_name(name)
+        cameras = [(name, _camera(path, name, values, form, found)) for name, values in entries]
+        without = [name for name, camera in cameras if camera is None]
+        if len(without) == len(cameras):
+            raise no_cameras("no camera has a pose (rotation and translation)")
+        if found.bent and found.straight:
+            raise missing_key("distortion", found.straight[0])
+        notes = list(found.notes)
+        if without:
+            notes.append(f"Left out, since the camera file has no pose for {names_of(without)}.")
+        return Rig(tuple(camera for _, camera in cameras if camera is not None), tuple(notes))
+
+
+def names_of(names: Sequence[str]) -> str:
+    """`camera 'a'`, `cameras 'a', 'b'`, or the first four and the number of the others."""
+    shown = ", ".join(f"'{name}'" for name in names[:4])
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return f"camera{'s' * (len(names) > 1)} {shown}{more}"
+
+
+def _camera(path: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:
+    given = _known(name, values, form, found)
+    _check_model(name, given)
+    pose = _pose(name, given, form.unit)
+    if pose is None:
+        return None
+    K = _K(name, given)
+    if not form.corner:
+        K[:2, 2] += 0.5
+    width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(path.parent, name, name))
+    distortion = _distortion(name, given)
+    (found.straight if distortion is None else found.bent).append(name)
+    coefficients = np.zeros(0) if distortion is None or not distortion.any() else distortion
+    return Camera(name, width, height, K, pose, coefficients)
+
+
+_Given = dict[str, list[tuple[str, Any]]]
+"""Canonical key to the keys of the file and their values, in the order of `KEYS`."""
+
+
+def _known(name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> _Given:
+    """The values under known keys; null and empty ones count as missing."""
+    by_spelling: dict[str, list[str]] = defaultdict(list)
+    for key, value in values.items():
+        spelling = form.spelling(str(key), name)
+        if not _is_empty(value) or spelling in KEYS["distortion"]:  # an empty list says that there is none
+            by_spelling[spelling].append(key)
+    given: _Given = {}
+    for canonical, spellings in [*KEYS.items(), *((term, (term,)) for term in TERMS)]:
+        own = [(key, values[key]) for spelling in spellings for key in by_spelling.pop(spelling, ())]
+        if own:
+            given[canonical] = own
+    harmless = {normal_key(key) for key in form.harmless}
+    unknown = {key: values[key] for spelling, keys in by_spelling.items() if spelling not in harmless for key in keys}
+    found.check_unknown(name, unknown, _missing(given))
+    return given
+
+
+_NEEDED = (
+    ("lens distortion", {"distortion"}, *({term} for term in TERMS)),
+    ("intrinsic matrix", {"K"}, {"fx", "fy", "cx", "cy"}),
+    ("pose", {"rotation", "translation"}, {"world_to_camera"}, {"camera_to_world"}),
+    ("image size", {"size"}, {"width", "height"}),
+)
+"""What a camera needs, and the sets of canonical keys of which one gives it."""
+
+
+def _missing(given: _Given) -> str:
+    """The first thing that a camera needs and does not have; "" if it has everything."""
+    for what, *ways in _NEEDED:
+        if not any(way <= given.keys() for way in ways):
+            return what
+    return ""
+
+
+def _is_empty(value: Any) -> bool:
+    return value is None or (isinstance(value, str) and value in ("", "null")) or value in ([], {}, [[]])
+
+
+def check_model(camera: str, key: str, model: object) -> None:
+    """Check a lens model's name against `MODELS`. Raises StudioError (camera.lens_model)."""
+    if normal_key(str(model)) not in MODELS:
+        raise StudioError(
+            "camera.lens_model",
+            f"Camera '{camera}': '{key}' is {model!r}; only pinhole cameras with OpenCV's distortion are supported",
+            value=model,
+            fix="Undistort the images to a pinhole camera first.",
+            camera=camera,
+            key=key,
+        )
+
+
+def _check_model(name: str, given: _Given) -> None:
+    for key, value in given.get("fisheye", ()):
+        if value in (False, 0, "false", "False"):
+            continue
+        if not isinstance(value, list) or np.any(array(value, key, name)):  # EasyVolcap's coefficients may be 0
+            raise fisheye(name)
+    models = given.get("model", [])
+    models += [pair for pair in given.get("type", ()) if _NOT_PINHOLE.search(normal_key(str(pair[1])))]
+    for key, value in models:
+        check_model(name, key, value)
+
+
+def _agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
+    """The first of several values, which must be equal up to the digits of the file."""
+    first_key, first = parsed[0]
+    for key, value in parsed[1:]:
+        size = max(first.size, value.size)
+        both = [np.pad(part.ravel(), (0, size - part.size)) for part in (first, value)]
+        if not np.allclose(*both, rtol=1e-3, atol=1e-3):
+            raise StudioError(
+                "camera.conflict",
+                f"Camera '{name}': '{first_key}' and '{key}' differ",
+                fix="Delete the wrong one from the camera file.",
+                camera=name,
+                key=key,
+                other=first_key,
+            )
+    return first
+
+
+def _arrays(
+    name: str, given: _Given, canonical: str, shapes: tuple[tuple[int, ...], ...] = ()
+) -> list[tuple[str, np.ndarray]]:
+    """The finite values of a canonical key; each has one of the shapes, or of their counts if it is flat."""
+    found = []
+    for key, value in given.get(canonical, ()):
+        matrix = array([] if value is None else value, key, name)
+        flat = matrix.size if matrix.ndim == 1 else None
+        if shapes and matrix.shape not in shapes:
+            fitting = [shape for shape in shapes if len(shape) == 2 and flat == shape[0] * shape[1]]
+            if not fitting:
+                raise wrong_shape(key, name, matrix.shape, shapes)
+            matrix = matrix.reshape(fitting[0])
+        check_finite(matrix, key, name)
+        found.append((key, matrix))
+    return found
+
+
+def _K(name: str, given: _Given) -> np.ndarray:
+    matrices = _arrays(name, given, "K", ((3, 3),))
+    if any(key in given for key in ("fx", "fy", "cx", "cy")):
+        fx, fy, cx, cy = (_scalar(name, given, key) for key in ("fx", "fy", "cx", "cy"))
+        matrices.append(("fx", np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])))
+    if not matrices:
+        raise missing_key("K", name)
+    return _agreeing(name, matrices).copy()
+
+
+def _scalar(name: str, given: _Given, canonical: str) -> float:
+    if canonical not in given:
+        raise missing_key(canonical, name)
+    parsed = [(key, np.array([number({key: value}, key, name)])) for key, value in given[canonical]]
+    return float(_agreeing(name, parsed)[0])
+
+
+def _distortion(name: str, given: _Given) -> np.ndarray | None:
+    """OpenCV's coefficients; None without a key for them."""
+    lists = [(key, value.ravel()) for key, value in _arrays(name, given, "distortion")]
+    if any(term in given for term in TERMS):
+        terms = np.array([_scalar(name, given, term) if term in given else 0.0 for term in TERMS])
+        count = 8 if terms[5:].any() else 5 if terms[4] else 4
+        lists.append((next(term for term in TERMS if term in given), terms[:count]))
+    return _agreeing(name, lists) if lists else None
+
+
+def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
+    """(4, 4) world to camera; None if the camera has neither a rotation nor a translation."""
+    import cv2
+
+    poses: list[tuple[str, np.ndarray]] = []
+    has = [key in given for key in ("rotation", "translation")]
+    if any(has) and not (all(has) or "world_to_camera" in given or "camera_to_world" in given):
+        raise _half(name, given, *(("rotation", "translation") if has[0] else ("translation", "rotation")))
+    if all(has):
+        rotations = []
+        given_rotations = _arrays(name, given, "rotation", ((3, 3), (3,), (3, 1), (1, 3)))
+        # vectors first, as in EasyMocap: they have more digits than the matrices
+        for key, value in sorted(given_rotations, key=lambda pair: pair[1].size):
+            rotations.append((key, value if value.size == 9 else cv2.Rodrigues(value.reshape(3))[0]))
+        translations = _arrays(name, given, "translation", ((3,), (3, 1), (1, 3)))
+        pose = np.eye(4)
+        pose[:3, :3] = _agreeing(name, rotations)
+        pose[:3, 3] = _agreeing(name, translations).ravel()
+        poses.append((rotations[0][0], pose))
+    for canonical in ("world_to_camera", "camera_to_world"):
+        for key, value in _arrays(name, given, canonical, ((4, 4), (3, 4))):
+            pose = np.eye(4)
+            pose[:3] = value[:3]
+            poses.append((key, pose if canonical == "world_to_camera" else rigid_inverse(pose)))
+    if not poses:
+        return None
+    result = _agreeing(name, poses).copy()
+    result[:3, 3] *= unit
+    return result
+
+
+def _half(name: str, given: _Given, has: str, lacks: str) -> StudioError:
+    """The error for one of two values that belong together."""
+    return StudioError(
+        "camera.missing_key",
+        f"Camera '{name}': '{given[has][0][0]}' is given, but no {lacks}",
+        fix="Export the cameras again.",
+        camera=name,
+        key=lacks,
+    )
+
+
+def _size(name: str, given: _Given) -> tuple[int, int] | None:
+    """Width and height; None if they are missing or not positive, as programs write unknown ones."""
+    sizes = []
+    for key, value in _arrays(name, given, "size", ((2,),)):
+        sizes.append((key, np.array([whole({key: part}, key, name) for part in value.tolist()])))
+    if "width" in given or "height" in given:
+        pair = []
+        for canonical in ("width", "height"):
+            if canonical not in given:
+                raise _half(name, given, "height" if canonical == "width" else "width", canonical)
+            key, value = given[canonical][0]
+            pair.append(whole({key: value}, key, name))
+        sizes.append((given["width"][0][0], np.array(pair)))
+    if not sizes:
+        return None
+    width, height = (int(side) for side in _agreeing(name, sizes))
+    return (width, height) if min(width, height) > 0 else None

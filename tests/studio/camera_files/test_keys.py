@@ -1,0 +1,318 @@
+"""Camera files of many programs, in which keys are renamed, added and dropped: the same cameras, or an error."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from studio.camera_files import read_rig
+from studio.cameras import Rig
+from studio.errors import StudioError
+from studio.json_types import JsonObject
+from tests.support.errors import refuses
+from tests.support.rigs import on_circle, pose
+
+BEND = [-0.3, 0.1, 0.001, -0.002, 0.02]
+POINTS = np.random.default_rng(5).uniform(-0.3, 0.3, (20, 3))
+K = [[700.0, 0, 320.0], [0, 710.0, 180.0], [0, 0, 1]]
+NAMES = ("cam0", "cam1", "cam2")
+POSES = [pose(on_circle(0.3 + 1.7 * index, 3.0, 0.4)) for index in range(3)]
+
+
+def projected(world: np.ndarray, bend: list[float], corner: bool) -> np.ndarray:
+    """What OpenCV computes, with the origin at the image corner."""
+    pixels = cv2.projectPoints(POINTS, cv2.Rodrigues(world[:3, :3])[0], world[:3, 3], np.array(K), np.array(bend))[0]
+    return pixels.reshape(-1, 2) + (0 if corner else 0.5)
+
+
+def assert_projects(rig: Rig, bend: list[float], corner: bool, names: tuple[str, ...] = NAMES) -> None:
+    assert rig.names == names
+    for camera, world in zip(rig, POSES, strict=False):
+        assert (camera.width, camera.height) == (640, 360)
+        np.testing.assert_allclose(camera.project(POINTS)[0], projected(world, bend, corner), atol=1e-5)
+
+
+def entry(world: np.ndarray) -> JsonObject:
+    return {"width": 640, "height": 360, "K": K, "R": world[:3, :3].tolist(), "t": world[:3, 3].tolist()}
+
+
+def cameras_json(folder: Path, change: Callable[[JsonObject], JsonObject]) -> Path:
+    entries = [change({"name": name, **entry(world), "dist": BEND}) for name, world in zip(NAMES, POSES, strict=True)]
+    (folder / "cameras.json").write_text(json.dumps({"cameras": entries}))
+    return folder / "cameras.json"
+
+
+def per_camera(folder: Path, change: Callable[[JsonObject], JsonObject]) -> Path:
+    cameras = {
+        name: change(
+            {"K": K, "R": world[:3, :3].tolist(), "T": world[:3, 3].tolist(), "imgSize": [640, 360], "distCoeff": BEND}
+        )
+        for name, world in zip(NAMES, POSES, strict=True)
+    }
+    (folder / "calibration.json").write_text(json.dumps(cameras))
+    return folder / "calibration.json"
+
+
+def toml(folder: Path, change: Callable[[JsonObject], JsonObject]) -> Path:
+    text = ""
+    for name, world in zip(NAMES, POSES, strict=True):
+        vector = cv2.Rodrigues(world[:3, :3])[0].ravel().tolist()
+        table = {
+            "name": name, "size": [640, 360], "matrix": K, "distortions": BEND, "rotation": vector,
+            "translation": world[:3, 3].tolist(), "fisheye": False,
+        }  # fmt: skip
+        text += f"[{name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in change(table).items())
+    (folder / "Calib.toml").write_text(text)
+    return folder / "Calib.toml"
+
+
+def panoptic(folder: Path, change: Callable[[JsonObject], JsonObject]) -> Path:
+    """Centimeters, and a column for t."""
+    entries = []
+    for index, (name, world) in enumerate(zip(NAMES, POSES, strict=True)):
+        camera = {
+            "name": name, "type": "hd", "resolution": [640, 360], "panel": 0, "node": index, "K": K, "distCoef": BEND,
+            "R": world[:3, :3].tolist(), "t": (100 * world[:3, 3:]).tolist(),
+        }  # fmt: skip
+        entries.append(change(camera))
+    (folder / "calibration_170407.json").write_text(json.dumps({"calibDataSource": "x", "cameras": entries}))
+    return folder / "calibration_170407.json"
+
+
+def opencv(folder: Path, change: Callable[[JsonObject], JsonObject]) -> Path:
+    for name, world in zip(NAMES, POSES, strict=True):
+        (folder / name).mkdir(exist_ok=True)
+        values = {
+            "image_width": 640, "image_height": 360, "camera_matrix": K, "distortion_coefficients": [BEND],
+            "rotation": world[:3, :3].tolist(), "translation": world[:3, 3:].tolist(),
+        }  # fmt: skip
+        storage = cv2.FileStorage(str(folder / name / "c.yml"), cv2.FILE_STORAGE_WRITE)
+        for key, value in change(values).items():
+            storage.write(key, np.array(value, np.float64) if isinstance(value, list) else value)
+        storage.release()
+    return folder / "{camera}" / "c.yml"
+
+
+def transforms(folder: Path, change: Callable[[JsonObject], JsonObject]) -> Path:
+    frames = [
+        {
+            "file_path": f"images/{name}.png",
+            "transform_matrix": (np.linalg.inv(world) @ np.diag([1, -1, -1, 1])).tolist(),
+        }
+        for name, world in zip(NAMES, POSES, strict=True)
+    ]
+    top = {"fl_x": 700.0, "fl_y": 710.0, "cx": 320.0, "cy": 180.0, "w": 640, "h": 360}
+    top |= dict(zip(("k1", "k2", "p1", "p2", "k3"), BEND, strict=True))
+    (folder / "transforms.json").write_text(json.dumps(change({**top, "frames": frames})))
+    return folder / "transforms.json"
+
+
+FORMS = {
+    "cameras.json": (cameras_json, True), "calibration.json": (per_camera, False), "toml": (toml, False),
+    "panoptic": (panoptic, False), "opencv": (opencv, False), "transforms": (transforms, True),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_read_as_opencv_projects(tmp_path: Path, form: str) -> None:
+    make, corner = FORMS[form]
+    assert_projects(read_rig(make(tmp_path, lambda values: values)), BEND, corner)
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["dist", "D", "distCoef", "distCoeff", "distortion", "dist_coeffs", "distortion_vector", "kc", "Dist-Coeffs",
+     "distortions", "distortion_coefficients", "DistortionCoeffs"],
+)  # fmt: skip
+def test_names_of_the_distortion(tmp_path: Path, key: str) -> None:
+    def rename(values: JsonObject) -> JsonObject:
+        return {key if name in ("dist", "distCoeff", "distortions") else name: value for name, value in values.items()}
+
+    assert_projects(read_rig(cameras_json(tmp_path, rename)), BEND, corner=True)
+    assert_projects(read_rig(per_camera(tmp_path, rename)), BEND, corner=False)
+    assert_projects(read_rig(toml(tmp_path, rename)), BEND, corner=False)
+
+
+def test_terms_as_separate_keys(tmp_path: Path) -> None:
+    def separate(values: JsonObject) -> JsonObject:
+        terms = dict(zip(("k1", "k2", "p1", "p2", "k3"), values.pop("dist"), strict=True))
+        return values | terms
+
+    assert_projects(read_rig(cameras_json(tmp_path, separate)), BEND, corner=True)
+
+
+MEANING = {
+    "R": "rotation", "t": "translation", "T": "translation", "matrix": "K", "camera_matrix": "K",
+    "distortions": "distortion", "distCoeff": "distortion", "dist": "distortion",
+    "image_width": "width", "image_height": "height", "distCoef": "distortion", "distortion_coefficients": "distortion",
+}  # fmt: skip
+"""Errors about missing keys use these names."""
+
+
+def read_or_problem(path: Path) -> tuple[Rig | None, str]:
+    try:
+        return read_rig(path), ""
+    except StudioError as error:
+        return None, str(error)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@given(data=st.data())
+@settings(max_examples=25, deadline=None)
+def test_changed_keys_give_the_same_cameras_or_are_named(
+    tmp_path_factory: pytest.TempPathFactory, form: str, data: st.DataObject
+) -> None:
+    make, corner = FORMS[form]
+    words = st.from_regex("[a-z_][a-z_0-9]{0,7}", fullmatch=True) | st.sampled_from(["D", "R", "size", "k1", "w2c"])
+    way, word = data.draw(st.sampled_from(["rename", "add", "drop"])), data.draw(words)
+    number = data.draw(st.sampled_from([0, 0.25, [0.1, 0.2, 0.0, 0.0], "text"]))
+    changed: list[str] = []
+
+    def change(values: JsonObject) -> JsonObject:
+        key = data.draw(st.sampled_from(sorted(values))) if not changed else changed[0]
+        changed[:] = [key]
+        if way == "add":
+            return values if word in values else {**values, word: number}
+        rest = {name: value for name, value in values.items() if name != key}
+        return rest if way == "drop" else {**rest, word: values[key]}
+
+    rig, problem = read_or_problem(make(tmp_path_factory.mktemp("form"), change))
+    if rig is None:
+        known = MEANING.get(changed[0], changed[0])
+        assert way == "drop" or any(
+            re.search(rf"\b{key}\b", problem.split(": ", 1)[1]) for key in (word, changed[0], known)
+        ), problem
+        return
+    if way == "drop" and MEANING.get(changed[0]) == "distortion":
+        assert any("no lens distortion" in note for note in rig.notes)
+    elif way == "add" or changed[0] not in ("fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "name"):
+        # transforms.json has default values for the others, and in TOML the table's name is the default
+        assert_projects(rig, BEND, corner)
+
+
+def test_unknown_keys_are_named_in_the_notes(tmp_path: Path) -> None:
+    rig = read_rig(cameras_json(tmp_path, lambda values: {**values, "operator": "Ann", "serial": 3}))
+    assert any("'operator'" in note for note in rig.notes)
+    assert not any("serial" in note for note in rig.notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"model": "equirectangular"}, "camera.lens_model"),
+        ({"camera_model": "OPENCV_FISHEYE"}, "camera.lens_model"),
+        ({"distortion_model": "equidistant"}, "camera.lens_model"),
+        ({"type": "fisheye"}, "camera.lens_model"),
+        ({"fisheye": True}, "camera.lens_model"),
+        ({"rdist": [0.1, 0.0, 0.0, 0.0]}, "camera.lens_model"),
+        ({"xi": 1.2}, "camera.unknown_key"),
+        ({"fisheye_coefficients": [0.1, 0, 0, 0]}, "camera.unknown_key"),
+        ({"pose": [[1.0, 0, 0, 0]]}, "camera.unknown_key"),
+        ({"distortion": [0.5, 0, 0, 0]}, "camera.conflict"),
+        ({"world_to_camera": np.eye(4).tolist()}, "camera.conflict"),
+    ],
+)
+def test_other_lenses_and_contradictions_are_refused(tmp_path: Path, change: JsonObject, code: str) -> None:
+    path = cameras_json(tmp_path, lambda values: {**values, **change})
+    with refuses(code, file=path, camera="cam0"):
+        read_rig(path)
+
+
+@pytest.mark.parametrize("empty", ["missing", "[]", '"null"'])
+def test_a_camera_without_pose_is_left_out(tmp_path: Path, empty: str) -> None:
+    def change(values: JsonObject) -> JsonObject:
+        if values["name"] != "cam2":
+            return values
+        kept = {key: value for key, value in values.items() if key not in ("rotation", "translation")}
+        return kept if empty == "missing" else kept | dict.fromkeys(("rotation", "translation"), json.loads(empty))
+
+    rig = read_rig(toml(tmp_path, change))
+    assert_projects(rig, BEND, corner=False, names=NAMES[:2])
+    assert any("'cam2'" in note for note in rig.notes)
+
+
+@pytest.mark.parametrize("master", [None, "cam1"])
+def test_multical(tmp_path: Path, master: str | None) -> None:
+    """With a master, the world is its camera: poses differ by that of the master."""
+    base = POSES[1] if master else np.eye(4)
+    poses, cameras = {}, {}
+    for name, world in zip(NAMES, POSES, strict=True):
+        own = world @ np.linalg.inv(base)
+        key = name if master in (None, name) else f"{name}_to_{master}"
+        poses[key] = {"R": own[:3, :3].tolist(), "T": own[:3, 3].tolist()}
+        cameras[name] = {"model": "standard", "image_size": [640, 360], "K": K, "dist": [BEND]}
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps({"cameras": cameras, "camera_poses": poses, "image_sets": {"rgb": []}}))
+    rig = read_rig(path)
+    for camera, world in zip(rig, POSES, strict=True):
+        np.testing.assert_allclose(camera.world_to_camera @ base, world, atol=1e-9)
+        np.testing.assert_allclose(camera.distortion, BEND)
+
+
+def test_mc_calib(tmp_path: Path) -> None:
+    """The program writes the inverse of its world-to-camera matrices; groups have no common world."""
+    path = tmp_path / "calibrated_cameras_data.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("nb_camera", 4)
+    for index, world in enumerate([*POSES, np.eye(4)]):
+        storage.startWriteStruct(f"camera_{index}", cv2.FileNode_MAP)
+        storage.write("camera_matrix", np.array(K))
+        storage.write("distortion_vector", np.array([BEND]))
+        storage.write("distortion_type", 0)
+        storage.write("camera_group", 0 if index < 3 else 1)
+        storage.write("img_width", 640)
+        storage.write("img_height", 360)
+        storage.write("camera_pose_matrix", np.linalg.inv(world))
+        storage.endWriteStruct()
+    storage.release()
+    rig = read_rig(path)
+    assert_projects(rig, BEND, corner=False, names=("camera_0", "camera_1", "camera_2"))
+    assert any("'camera_3'" in note for note in rig.notes)
+    path.write_text(path.read_text().replace("distortion_type: 0", "distortion_type: 1"))
+    with refuses("camera.lens_model", camera="camera_0"):
+        read_rig(path)
+
+
+def test_cameras_json_of_3dgs(tmp_path: Path) -> None:
+    entries = []
+    for index, world in enumerate(POSES):
+        back = np.linalg.inv(world)
+        values = {"id": index, "img_name": f"cam{index}", "width": 640, "height": 360, "fx": 700.0, "fy": 710.0}
+        entries.append({**values, "position": back[:3, 3].tolist(), "rotation": back[:3, :3].tolist()})
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps(entries))
+    rig = read_rig(path)
+    assert_projects(rig, [0.0] * 4, corner=True)
+    assert any("principal point" in note for note in rig.notes)
+
+
+def test_meta_of_dynamic_gaussians(tmp_path: Path) -> None:
+    def write(name: str, cameras: tuple[int, ...], turn: float = 0.0) -> Path:
+        values = {"w": 640, "h": 360, "k": [], "w2c": [], "fn": [], "cam_id": []}
+        for frame in range(2):
+            worlds = [POSES[index].copy() for index in cameras]
+            worlds[0][0, 3] += turn * frame
+            values["k"].append([K] * len(cameras))
+            values["w2c"].append([world.tolist() for world in worlds])
+            values["fn"].append([f"cam{index}/{frame:06d}.jpg" for index in cameras])
+            values["cam_id"].append(list(cameras))
+        (tmp_path / name).write_text(json.dumps(values))
+        return tmp_path / name
+
+    path = write("train_meta.json", (0, 1))
+    write("test_meta.json", (2,))
+    for given_path in (path, tmp_path):
+        rig = read_rig(given_path)
+        assert_projects(rig, [0.0] * 4, corner=True)
+    assert any("'cam2'" in note and "capture.held_out" in note for note in rig.notes)
+    write("train_meta.json", (0, 1), turn=0.1)
+    with refuses("camera.moves", file=path, camera="cam0"):
+        read_rig(path)
