@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
 from studio.bounded_files import parse_json, read_bounded
+from studio.capture.inference import Layout, groups_of, infer_layouts, looks_like_camera
 from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, find_files, walk
+from studio.counts import counted
 from studio.errors import StudioError
 
-MASK_FOLDERS = ("masks", "mask", "mattes", "matte", "alpha", "alphas", "pha", "mask_cihp", "mask-schp", "mask_schp")
-PLATE_FOLDERS = ("clean_plates", "clean_plate", "bg", "background", "backgrounds", "plates")
+_MASK_WORD = "(?:[a-z]?masks?|mattes?|alphas?|pha|segs?|segm|segmentations?|silhouettes?|sil)"
+MASK_FOLDERS = re.compile(rf"(?:.*[^a-z])?{_MASK_WORD}(?:[^a-z].*)?", re.I)
+"""Names of folders with masks, such as masks, mask_cihp, seg or fg-mask; not "masked"."""
+PLATE_FOLDERS = re.compile("clean_?plates?|bg|backgrounds?|plates", re.I)
 _PLATE_FILES = ("background", "bg", "clean_plate", "plate", "empty")  # in a folder per camera
-_NOT_FOOTAGE = frozenset(
-    (*MASK_FOLDERS, *PLATE_FOLDERS, "intrinsics", "intrinsic", "depth", "depths", "normals", "sparse", "meshes", "mesh")
+_OTHER_FOLDERS = re.compile(
+    "intrinsics?|depths?|depth_?maps?|disparity|flow|normals?|sparse|stereo|distorted|mesh(es)?|previews?|thumb(nail)?s?"
+    "|proxy|proxies|sub|calib(ration)?|checkerboards?|chessboards?|boards?|colorchecker|keypoints?|__macosx",
+    re.I,
 )
+_MASK_FILE = re.compile(rf"(.+)[-_.]{_MASK_WORD}|{_MASK_WORD}[-_.](.+)", re.I)
 # In order of preference: camera recordings before data derived from them.
 _LAYOUTS = (
     "videos/{camera}.*",
@@ -29,29 +39,19 @@ _LAYOUTS = (
     "img/{frame}/img_{camera}.*",  # NHR
     "image/{camera}.*",  # ReRF
     "images/{camera}/{frame}.*",
-    "images/{camera}/*_{frame}.*",
     "images/{frame}/image_c_{camera}_f_{frame}.*",  # PKU-DyMVHumans, data_NeuS2
     "{frame}/images/image_c_{camera}_f_{frame}.*",  # PKU-DyMVHumans, data_COLMAP and data_ngp
     "{frame}/images/{camera}.*",
-    "colmap_{frame}/images/{camera}.*",
     "images/{camera}.*",
-    "images/{camera}_{frame}.*",
-    "per_view/{camera}/images/{frame}.*",  # PKU-DyMVHumans
-    "rgba/{camera}/{frame}.*",
     "rgb/{camera}/{frame}.*",
-    "frames/{camera}/{frame}.*",
-    "frames/{frame}/{camera}.*",
     "{frame}/{camera}.*",
-    "frame{frame}/{camera}.*",
-    "frame_{frame}/{camera}.*",
     "{camera}/{frame}.*",
     "{camera}/{camera}_{frame}_*.*",  # ZJU-MoCap, the first subjects
-    "{camera}/{camera}_{frame}.*",
-    "{camera}/images/{frame}.*",
     "{camera}.*",
 )
 _VIDEOS_ONLY = frozenset({"{camera}/video.*", "{camera}/{camera}.*", "image/{camera}.*", "{camera}.*"})
 _DEPTH = 4  # folders below the capture's
+_MOST_SUGGESTED = 4
 
 
 def detect_images(root: Path) -> tuple[str, list[Match]]:
@@ -66,15 +66,18 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
             `footage.container` if there are only containers that cannot be read.
     """
     listing = cache(lambda: list(walk(root, _DEPTH)))
-    found = _usual_layout(root, "", listing)
-    if found is None:
-        videos = _folders_with(listing(), VIDEO_EXTENSIONS)
-        found = _only_folder(root, videos) or _one_level_down(root, listing)
-        if found is None and videos:
-            raise _ambiguous(root, videos)
-    found = found or _only_folder(root, _folders_with(listing(), IMAGE_EXTENSIONS))
+    found = _usual_layout(root, "", listing) or _one_level_down(root, listing)
     if found is not None:
-        return found
+        return _as_grid(root, found)
+    films = _of_kind(listing(), VIDEO_EXTENSIONS)
+    layouts = _video_layouts(films) if films else _grids(_of_kind(listing(), IMAGE_EXTENSIONS))
+    if len(layouts) == 1:
+        return _matching(root, layouts[0])
+    if layouts:
+        raise _ambiguous(root, layouts)
+    found = _only_folder(root, _folders_with(listing(), IMAGE_EXTENSIONS))
+    if found is not None:
+        return _as_grid(root, found)
     container = next((relative for relative in listing() if relative.endswith(".smc")), None)
     if container is not None:
         raise StudioError(
@@ -88,8 +91,7 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
         "footage.not_found",
         "no footage found",
         file=root,
-        fix="Put videos in videos/ or images in images/CAMERA/FRAME.png, or set capture.images, for example "
-        "'rushes/{camera}.mp4'.",
+        fix="Put videos in videos/ or images in images/CAMERA/FRAME.png.",
         setting="capture.images",
     )
 
@@ -102,13 +104,16 @@ def _usual_layout(root: Path, prefix: str, listing: Callable[[], Sequence[str]])
             named = _named_by_cameras(base)
             if named is not None:
                 return prefix + named[0], named[1]
-        matches = find_files(base, layout, listing=part)
-        matches = [match for match in matches if match.camera.lower() not in _NOT_FOOTAGE]
+        try:
+            matches = find_files(base, layout, listing=part)
+        except StudioError as error:
+            if error.file is None or error.fields.get("other", Path()).suffix != Path(error.file).suffix:
+                raise
+            continue  # names with dots, which the layout takes for extensions
+        matches = _without_masks(match for match in matches if not _is_other(match.camera))
         # next to other files, or with such names, images are rarely footage
         if layout in _VIDEOS_ONLY:
             matches = [match for match in matches if match.path.suffix.lower() in VIDEO_EXTENSIONS]
-        if layout == "images/{camera}.*" and _numbered(matches):
-            continue
         if layout == "{frame}/{camera}.*" and not _folders_are_frames(base, matches):
             continue
         if matches:
@@ -122,14 +127,14 @@ def _one_level_down(root: Path, listing: Callable[[], Sequence[str]]) -> tuple[s
     for folder in _folders(root):
         inner = _usual_layout(root, f"{folder}/", listing)
         if inner is not None and found is not None:
-            raise _ambiguous(root, [found[0], inner[0]])
+            return None
         found = inner or found
     return found
 
 
 def _folders(root: Path) -> list[str]:
     return sorted(
-        entry.name for entry in root.iterdir() if entry.is_dir() and entry.name.lower() not in _NOT_FOOTAGE
+        entry.name for entry in root.iterdir() if entry.is_dir() and not _is_other(entry.name)
         and not entry.name.startswith(".")
     )  # fmt: skip
 
@@ -166,25 +171,127 @@ def _only_folder(root: Path, folders: Sequence[str]) -> tuple[str, list[Match]] 
     return _with_extension(layout, matches), matches
 
 
+def _is_other(folder: str) -> bool:
+    """Whether files in a folder of this name are not footage."""
+    return any(names.fullmatch(folder) for names in (MASK_FOLDERS, PLATE_FOLDERS, _OTHER_FOLDERS))
+
+
+def _is_mask(path: str, stems: Collection[str]) -> bool:
+    """Whether a file is the mask of one beside it, such as 0001_mask.png of 0001.jpg."""
+    found = _MASK_FILE.fullmatch(Path(path).stem)
+    return found is not None and (found[1] or found[2]) in stems
+
+
+def _without_masks(matches: Iterable[Match]) -> list[Match]:
+    kept = list(matches)
+    stems = {match.path.stem for match in kept}
+    return [match for match in kept if not _is_mask(match.path.name, stems)]
+
+
+def _of_kind(listing: Sequence[str], extensions: frozenset[str]) -> list[str]:
+    """The paths that may be footage."""
+    paths = [Path(relative) for relative in listing]
+    stems = {path.stem for path in paths}
+    return [
+        path.as_posix()
+        for path in paths
+        if path.suffix.lower() in extensions
+        and not any(_is_other(part) for part in path.parts[:-1])
+        and not _is_mask(path.name, stems)
+    ]
+
+
 def _folders_with(listing: Sequence[str], extensions: frozenset[str]) -> list[str]:
     """The folders with several files of a kind."""
-    folders: dict[str, int] = {}
-    for relative in listing:
-        path = Path(relative)
-        parts = {part.lower() for part in path.parts[:-1]}
-        if path.suffix.lower() in extensions and not parts & _NOT_FOOTAGE:
-            folders[path.parent.as_posix()] = folders.get(path.parent.as_posix(), 0) + 1
+    folders = Counter(Path(path).parent.as_posix() for path in _of_kind(listing, extensions))
     return sorted(folder for folder, count in folders.items() if count > 1 and folder != ".")
 
 
-def _ambiguous(root: Path, several: list[str]) -> StudioError:
-    pattern = several[0] if "{camera}" in several[0] else f"{several[0]}/{{camera}}.*"
+def _grids(paths: Sequence[str]) -> list[str]:
+    """Patterns of images that give several cameras with several frames each; of the same files, the likeliest."""
+    found: list[Layout] = []
+    taken: set[str] = set()
+    for group in groups_of(paths):
+        best = next(iter(infer_layouts(group)), None) if not taken & set(group) else None
+        if best is not None and best.is_grid:
+            found.append(best)
+            taken |= set(group)
+    return [layout.pattern for layout in found]
+
+
+def _as_grid(root: Path, found: tuple[str, list[Match]]) -> tuple[str, list[Match]]:
+    """The same files as several cameras with several frames each, if their names say so and the pattern does not."""
+    images = [match for match in found[1] if match.path.suffix.lower() in IMAGE_EXTENSIONS]
+    several = len({match.camera for match in images}) > 1, len({match.frame for match in images}) > 1
+    if len(images) < len(found[1]) or all(several):
+        return found
+    grids = _grids([match.path.relative_to(root).as_posix() for match in images])
+    return _matching(root, grids[0]) if len(grids) == 1 else found
+
+
+def _matching(root: Path, pattern: str) -> tuple[str, list[Match]]:
+    return pattern, _without_masks(find_files(root, pattern))
+
+
+def _video_layouts(paths: Sequence[str]) -> list[str]:
+    """Patterns of videos that are in no usual layout: the only one, or several to choose from."""
+    folders: dict[str, list[str]] = {}
+    for path in paths:
+        folders.setdefault(Path(path).parent.as_posix(), []).append(Path(path).name)
+    extensions = {Path(path).suffix for path in paths}
+    extension = extensions.pop() if len(extensions) == 1 else ".*"
+    shape = _folder_per_camera(list(folders))
+    if shape is not None:
+        if all(len(names) == 1 for names in folders.values()):
+            same = {names[0] for names in folders.values()}
+            return [f"{shape}/{same.pop() if len(same) == 1 else f'*{extension}'}"]
+        if all(_are_chapters(names) for names in folders.values()):
+            return [f"{shape}/G{{chapter}}????{extension}"]
+        common = set.intersection(*(set(names) for names in folders.values()))
+        if common:
+            several = [f"{shape}/{name}" for name in sorted(common)], _each(folders, extension)
+            first = all(any(map(looks_like_camera, folder.split("/"))) for folder in folders)
+            return [*several[not first], *several[first]]
+    return _each(folders, extension)
+
+
+def _each(folders: Mapping[str, Sequence[str]], extension: str) -> list[str]:
+    return [f"{folder}/{{camera}}{extension}" for folder, names in sorted(folders.items()) if len(names) > 1]
+
+
+def _folder_per_camera(folders: Sequence[str]) -> str | None:
+    """The pattern of folders that differ in one place, the camera's name, and maybe in places below it."""
+    columns = [set(column) for column in zip(*(folder.split("/") for folder in folders), strict=False)]
+    if len({folder.count("/") for folder in folders}) > 1 or len(folders) < 2:
+        return None
+    camera = next(index for index, names in enumerate(columns) if len(names) > 1)
+    if len(columns[camera]) < len(folders):
+        return None
+    parts = [next(iter(names)) if len(names) == 1 else "*" for names in columns]
+    return "/".join([*parts[:camera], "{camera}", *parts[camera + 1 :]])
+
+
+def _are_chapters(names: Sequence[str]) -> bool:
+    """Whether these are the parts of one recording, as GoPro cameras name them: GX010042.MP4, GX020042.MP4, or
+    GOPR0042.MP4, GP010042.MP4."""
+    found = [re.fullmatch(r"(G[A-Z](?:\d\d|PR))(\d{4})\.\w+", name) for name in names]
+    return all(found) and len({match[2] for match in found if match is not None}) == 1
+
+
+def _ambiguous(root: Path, patterns: Sequence[str]) -> StudioError:
+    """Names what could be footage; each suggestion has been tried."""
+    found = {}
+    for pattern in patterns[:_MOST_SUGGESTED]:
+        with contextlib.suppress(StudioError):
+            found[pattern] = len({match.camera for match in find_files(root, pattern)})
+    named = " and ".join(f"'{pattern}' ({counted(cameras, 'camera')})" for pattern, cameras in found.items() if cameras)
+    best = max(found, key=lambda pattern: found[pattern])
     return StudioError(
         "footage.ambiguous_layout",
-        f"found footage in {' and '.join(several)}",
+        f"found footage in several places: {named}",
         file=root,
-        value=several,
-        fix=f"Choose the footage with capture.images, for example '{pattern}'.",
+        value=list(found),
+        fix=f"Choose the footage with capture.images, for example '{best}', or move away what does not belong to it.",
         setting="capture.images",
     )
 
@@ -200,30 +307,19 @@ def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
     return len(matches) == len(frames) * len(cameras) and len(cameras) > 1
 
 
-def _numbered(matches: Sequence[Match]) -> bool:
-    """Whether the names look like cam01_000000, cam01_000001, ..., with all frames of all cameras in one folder."""
-    stems: dict[str, int] = {}
-    for match in matches:
-        head, _, tail = match.camera.rpartition("_")
-        if not head or not tail.isdigit() or len(tail) < 3:
-            return False
-        stems[head] = stems.get(head, 0) + 1
-    return len(stems) > 1 and min(stems.values()) > 1
-
-
 def _with_extension(layout: str, matches: Sequence[Match]) -> str:
     """The layout, with `.*` replaced by the extension if all files have the same one."""
     extensions = {match.path.suffix for match in matches}
     return layout[:-2] + extensions.pop() if len(extensions) == 1 and layout.endswith(".*") else layout
 
 
-def detect_beside(root: Path, folders: Sequence[str], cameras: Sequence[str]) -> tuple[str, list[Match]] | None:
+def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> tuple[str, list[Match]] | None:
     """Find masks or clean plates of the cameras.
 
     Args:
         root: the capture's folder.
         folders: `MASK_FOLDERS` or `PLATE_FOLDERS`: names of folders to look for, below `root`, the folders of the
-            frames or those of the cameras.
+            frames or those of the cameras. Masks may also be beside the images.
         cameras: names of the footage's cameras.
 
     Returns:
@@ -231,34 +327,31 @@ def detect_beside(root: Path, folders: Sequence[str], cameras: Sequence[str]) ->
     """
     wanted = set(cameras)
     listing = cache(lambda: list(walk(root, _DEPTH)))
-    patterns = [
-        f"{folder}/{below}"
-        for folder in folders
-        if (root / folder).is_dir()
-        for below in (
-            "{camera}/{frame}.*",
-            "{camera}/{camera}_mask{frame}.*",  # ActorsHQ
-            "{camera}/{camera}_{frame}_*.*",  # ZJU-MoCap, the first subjects
-            "{camera}/{camera}_{frame}.*",
-            "{frame}/img_{camera}.*",  # ReRF
-            "{frame}/{camera}.*",
-            "{camera}.*",
-            "{camera}_{frame}.*",
-        )
-    ]
-    for folder in folders:
-        patterns += [
-            f"{{frame}}/{folder}/{{camera}}.*",
-            f"{{frame}}/{folder}/image_c_{{camera}}_f_{{frame}}.*",  # PKU-DyMVHumans, data_COLMAP
-            f"{{camera}}/{folder}/{{frame}}.*",
-            f"{{camera}}/{folder}/pha/{{frame}}.*",  # AvatarReX
-            f"per_view/{{camera}}/{folder}/{{frame}}.*",  # PKU-DyMVHumans
-            f"img/{{frame}}/{folder}/img_{{camera}}.*",  # NHR
-        ]
-    if folders is PLATE_FOLDERS:
-        patterns += [f"{{camera}}/{name}.*" for name in _PLATE_FILES]
-    for pattern in patterns:
-        matches = [match for match in find_files(root, pattern, listing=listing) if match.camera in wanted]
-        if matches:
-            return _with_extension(pattern, matches), matches
-    return None
+    inside: dict[str, list[str]] = {}
+    for path in listing():
+        for name in path.split("/")[:-1]:
+            if folders.fullmatch(name):
+                inside.setdefault(name, []).append(path)
+    for name in sorted(inside, key=lambda name: (len(name), name)):
+        for pattern in (
+            f"{name}/{{camera}}/{{camera}}_mask{{frame}}.*",  # ActorsHQ
+            f"{name}/{{camera}}/{{camera}}_{{frame}}_*.*",  # ZJU-MoCap, the first subjects
+            f"{name}/{{frame}}/img_{{camera}}.*",  # ReRF
+            f"{{frame}}/{name}/image_c_{{camera}}_f_{{frame}}.*",  # PKU-DyMVHumans, data_COLMAP
+            f"img/{{frame}}/{name}/img_{{camera}}.*",  # NHR
+            *(layout.pattern for group in groups_of(inside[name]) for layout in infer_layouts(group, wanted)),
+        ):
+            found = _of_cameras(root, pattern, wanted)
+            if found is not None:
+                return found
+    patterns = [f"{{camera}}/{name}.*" for name in _PLATE_FILES] if folders is PLATE_FOLDERS else []
+    if folders is MASK_FOLDERS:
+        stems = {Path(path).stem for path in listing()}
+        beside = [path for path in listing() if _is_mask(path, stems)]
+        patterns = [layout.pattern for group in groups_of(beside) for layout in infer_layouts(group, wanted)]
+    return next((found for pattern in patterns if (found := _of_cameras(root, pattern, wanted)) is not None), None)
+
+
+def _of_cameras(root: Path, pattern: str, wanted: Collection[str]) -> tuple[str, list[Match]] | None:
+    matches = [match for match in find_files(root, pattern) if match.camera in wanted]
+    return (_with_extension(pattern, matches), matches) if matches else None

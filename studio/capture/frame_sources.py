@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
+from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Protocol
 
@@ -224,6 +226,59 @@ class VideoSource:
         return self.reader.chroma
 
 
+class ChapteredSource:
+    """A `FrameSource` of several videos into which a camera has split one recording.
+
+    Args:
+        parts: the videos in order; not empty.
+
+    Raises:
+        StudioError: `footage.chapters_differ`: they differ in size, rate or alpha.
+    """
+
+    def __init__(self, parts: Sequence[VideoSource]) -> None:
+        self._parts = tuple(parts)
+        first = self._parts[0]
+        self.camera = first.camera
+        self.width, self.height = first.width, first.height
+        self.has_alpha, self.fps = first.has_alpha, first.fps
+        for part in self._parts:
+            differs = part.fps and self.fps and abs(part.fps / self.fps - 1) > 0.005
+            if differs or (part.width, part.height, part.has_alpha) != (self.width, self.height, self.has_alpha):
+                raise StudioError(
+                    "footage.chapters_differ",
+                    f"the video differs in size, frame rate or alpha from {first.reader.path.name}, of which it is "
+                    "taken to be a later part",
+                    file=part.reader.path,
+                    fix="Keep the files of one recording only, or narrow the pattern in capture.images.",
+                    camera=self.camera,
+                    setting="capture.images",
+                )
+        self._starts = tuple(accumulate((len(part.frames) for part in self._parts[:-1]), initial=0))
+        self.frames = tuple(range(self._starts[-1] + len(self._parts[-1].frames)))
+        notes = [part.note for part in self._parts if part.note]
+        joined = f"{len(self._parts)} files are read as one recording, in the order of their names"
+        self.note = "; ".join([*dict.fromkeys(notes), joined])
+
+    def _part(self, frame: int) -> int:
+        return bisect_right(self._starts, frame) - 1
+
+    def read(self, frame: int) -> np.ndarray:
+        """See `FrameSource`."""
+        index = max(0, self._part(frame))
+        return self._parts[index].read(frame - self._starts[index])
+
+    def files(self, frames: Iterable[int] | None = None) -> list[Path]:
+        """See `FrameSource`."""
+        used = range(len(self._parts)) if frames is None else sorted({max(0, self._part(frame)) for frame in frames})
+        return [path for index in used for path in self._parts[index].files()]
+
+    @property
+    def chroma(self) -> ChromaSampling | None:
+        """See `FrameSource`."""
+        return self._parts[0].chroma
+
+
 def decoder_limit(width: int, height: int) -> int:
     """Number of decoders for videos of this size (in pixels) that fit into a quarter of the free memory; at least 4."""
     # A decoder holds up to 16 reference frames and a few more, at 1.5 bytes per pixel.
@@ -260,7 +315,8 @@ def make_sources(
     sources: dict[str, FrameSource] = {}
     for camera, group in groups.items():
         videos = [match for match in group if match.path.suffix.lower() in VIDEO_EXTENSIONS]
-        if videos and (len(group) > 1 or videos[0].frame is not None):
+        chapters = len(videos) == len(group) and all(match.chapter for match in group)
+        if videos and ((len(group) > 1 and not chapters) or videos[0].frame is not None):
             raise StudioError(
                 "footage.video_as_frame",
                 f"the file is a video, but the pattern treats it as a single frame of camera '{camera}'",
@@ -269,11 +325,12 @@ def make_sources(
                 camera=camera,
             )
         if videos:
-            sources[camera] = VideoSource(camera, videos[0].path, pool, color_matrix, transfer)
+            parts = [VideoSource(camera, match.path, pool, color_matrix, transfer) for match in videos]
+            sources[camera] = ChapteredSource(parts) if len(parts) > 1 else parts[0]
         else:
             sources[camera] = ImageSource(camera, {match.frame or 0: match.path for match in group}, transfer)
-    if len({isinstance(source, VideoSource) for source in sources.values()}) > 1:
-        kinds = {isinstance(source, VideoSource): camera for camera, source in sources.items()}
+    kinds = {not isinstance(source, ImageSource): camera for camera, source in sources.items()}
+    if len(kinds) > 1:
         raise StudioError(
             "footage.mixed_media",
             f"Camera '{kinds[True]}' is a video and camera '{kinds[False]}' is an image sequence",

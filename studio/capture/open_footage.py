@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from studio.cameras import Camera, Rig
 from studio.capture.detect import detect_images
 from studio.capture.footage import Footage
-from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit, make_sources
+from studio.capture.frame_sources import DecoderPool, FrameSource, ImageSource, decoder_limit, make_sources
 from studio.capture.patterns import Match, find_files, natural_key, number_ranges, without_extension
 from studio.capture.settings import EVERY, CaptureSettings
 from studio.capture.sound import find_sound
@@ -296,7 +296,14 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
     span = "no common frames"
     if frames:
         span = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames ({frames[0]} to {frames[-1]})"
-    return f"Footage '{pattern}' in {shown(str(spec.root))}: {counted(len(sources), 'camera')}, {span}, {size}."
+    found = f"Footage '{pattern}' in {shown(str(spec.root))}: {counted(len(sources), 'camera')}, {span}, {size}."
+    stills = spec.images == "auto" and all(isinstance(source, ImageSource) for source in sources.values())
+    counts = {len(source.frames) for source in sources.values()}
+    if stills and len(sources) > 1 and counts == {1}:
+        found += " Each image is a camera of its own; if they are frames, set capture.images."
+    elif stills and len(sources) == 1 and max(counts) > 1:
+        found += " All images are frames of one camera; if they are of several, set capture.images."
+    return found
 
 
 def _stem(name: str) -> str:

@@ -1,4 +1,7 @@
-"""Path patterns with `{camera}` and `{frame}`: which file belongs to which camera and frame."""
+"""Path patterns with `{camera}` and `{frame}`: which file belongs to which camera and frame.
+
+`{chapter}` stands for what distinguishes the files into which a camera splits one recording, in their order.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +17,17 @@ IMAGE_EXTENSIONS = frozenset({".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff",
 _OTHER_IMAGES = frozenset({".heic", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".jp2", ".tga", ".ppm", ".gif"})
 VIDEO_EXTENSIONS = frozenset({".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mxf", ".ts", ".mpg", ".mpeg", ".wmv"})
 
-_TOKEN = re.compile(r"\{camera\}|\{frame(?::0?(\d*)d)?\}|\*\*/|\*|\?|\{[^}]*\}")
+_TOKEN = re.compile(r"\{camera\}|\{chapter\}|\{frame(?::0?(\d*)d)?\}|\*\*/|\*|\?|\{[^}]*\}")
 
 
 @dataclass(frozen=True)
 class Match:
-    """A file that matches a pattern. `frame` is None if the pattern has no `{frame}`."""
+    """A file that matches a pattern. Without `{frame}` in it, `frame` is None; without `{chapter}`, `chapter` is ""."""
 
     path: Path
     camera: str
     frame: int | None
+    chapter: str = ""
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
@@ -51,10 +55,10 @@ def _expression(pattern: str, whole: str) -> re.Pattern[str]:
             parts.append("[^/]*" if text == "*" else "[^/]")
         elif text == "**/":
             parts.append("(?:[^/]+/)*")
-        elif text == "{camera}" or text.startswith("{frame"):
-            name = "camera" if text == "{camera}" else "frame"
+        elif text in ("{camera}", "{chapter}") or text.startswith("{frame"):
+            name = "frame" if text.startswith("{frame") else text[1:-1]
             width = token.group(1)
-            body = "[^/]+?" if name == "camera" else rf"\d{{{width},}}" if width else r"\d+"
+            body = "[^/]+?" if name != "frame" else rf"\d{{{width},}}" if width else r"\d+"
             parts.append(f"(?P={name})" if name in seen else f"(?P<{name}>{body})")
             seen.add(name)
         else:
@@ -62,7 +66,7 @@ def _expression(pattern: str, whole: str) -> re.Pattern[str]:
                 "footage.bad_pattern",
                 f"Pattern '{whole}': unknown placeholder {text}",
                 value=whole,
-                fix="Use {camera}, {frame} or {frame:06d}.",
+                fix="Use {camera}, {frame}, {frame:06d} or {chapter}.",
                 placeholder=text,
             )
     parts.append(re.escape(pattern[position:]))
@@ -129,14 +133,14 @@ def find_files(
     if not base.is_dir():
         return []
     depth = 8 if "**/" in rest else rest.count("/")
-    found: dict[tuple[str, int | None], Match] = {}
+    found: dict[tuple[str, int | None, str], Match] = {}
     for relative in listing() if listing is not None and fixed == 0 and "**/" not in rest else walk(base, depth):
         match = expression.fullmatch(relative)
         if match is None or Path(relative).suffix.lower() not in extensions:
             continue
         groups = match.groupdict()
         frame = int(groups["frame"]) if groups.get("frame") is not None else None
-        key = (groups["camera"], frame)
+        key = (groups["camera"], frame, groups.get("chapter") or "")
         path = base / relative
         if key in found:
             what = f"camera '{key[0]}'" if frame is None else f"frame {frame} of camera '{key[0]}'"
@@ -150,8 +154,10 @@ def find_files(
                 frame=frame,
                 other=found[key].path,
             )
-        found[key] = Match(path, groups["camera"], frame)
-    return sorted(found.values(), key=lambda match: (natural_key(match.camera), match.frame or 0))
+        found[key] = Match(path, *key)
+    return sorted(
+        found.values(), key=lambda match: (natural_key(match.camera), match.frame or 0, natural_key(match.chapter))
+    )
 
 
 def number_ranges(numbers: list[int]) -> str:

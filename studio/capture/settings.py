@@ -31,7 +31,8 @@ class FileSettings(Settings):
 
     Patterns are paths below `root` (or absolute) with `{camera}`, `{frame}` (or `{frame:06d}` for zero-padded numbers),
     `*`, `?` and `**/`: `videos/{camera}.mp4` is one video per camera, `images/{camera}/{frame:06d}.png` a folder per
-    camera, `{frame}/images/{camera}.png` a folder per frame, `images/{camera}.jpg` a single frame.
+    camera, `{frame}/images/{camera}.png` a folder per frame, `images/{camera}.jpg` a single frame,
+    `{camera}/G{chapter}????.MP4` a folder per camera with one recording in several videos, in the order of `{chapter}`.
     """
 
     affects: ClassVar[Affects | None] = _DEFAULT

@@ -65,7 +65,8 @@ def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: f
         fps: frames per second of the footage.
 
     Raises:
-        StudioError: `audio.not_found`: neither a file nor a camera; `audio.camera_of_images`; or as `SoundFile`.
+        StudioError: `audio.not_found`: neither a file nor a camera; `audio.camera_of_images`;
+            `audio.several_files`; or as `SoundFile`.
     """
     if spec.audio is None:
         return None
@@ -79,6 +80,14 @@ def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: f
                 f"capture.audio: camera '{spec.audio}' is a sequence of images, which have no sound",
                 value=spec.audio,
                 fix="Set capture.audio to an audio file, or to null.",
+                setting="capture.audio",
+            )
+        if len(source.files()) > 1:
+            raise StudioError(
+                "audio.several_files",
+                f"capture.audio: the recording of camera '{spec.audio}' is in {len(source.files())} files",
+                value=spec.audio,
+                fix="Join their sound into one file, and set capture.audio to that.",
                 setting="capture.audio",
             )
         # A camera that is late by some frames is late with its sound, too.

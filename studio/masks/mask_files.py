@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -173,7 +174,7 @@ def _described(values: Mapping[str, MaskValues]) -> str:
 
 
 def find_files_of(
-    inputs: MaskInputs, setting: str, folders: Sequence[str], required: bool, *, code: str, what: str, example: str
+    inputs: MaskInputs, setting: str, folders: re.Pattern[str], required: bool, *, code: str, what: str, example: str
 ) -> tuple[str, list[Match]] | None:
     """The pattern and the files that a setting names; if it is auto, those in one of the usual `folders`, or None.
 
@@ -206,7 +207,7 @@ def find_files_of(
 
 
 def find_beside(
-    root: Path, folders: Sequence[str], sources: Mapping[str, FrameSource]
+    root: Path, folders: re.Pattern[str], sources: Mapping[str, FrameSource]
 ) -> tuple[str, list[Match]] | None:
     """Masks or clean plates below `root`, or else in the folder of `root` that has all the footage."""
     found = detect_beside(root, folders, tuple(sources))

@@ -102,8 +102,11 @@ def test_missing_and_ambiguous_footage_name_the_setting(tmp_path: Path) -> None:
     with refuses("footage.not_found", file=tmp_path, setting="capture.images"):
         detect_images(tmp_path)
     touch(tmp_path, "x/day1/a.mp4", "x/day1/b.mp4", "x/day2/a.mp4", "x/day2/b.mp4")
-    with refuses("footage.ambiguous_layout", file=tmp_path, value=["x/day1", "x/day2"], setting="capture.images"):
+    with refuses("footage.ambiguous_layout", file=tmp_path, setting="capture.images") as caught:
         detect_images(tmp_path)
+    for pattern in caught.value.value:
+        assert len(find_files(tmp_path, pattern)) == 2
+    assert {"x/day1/{camera}.mp4", "x/{camera}/a.mp4"} <= set(caught.value.value)
 
 
 def test_numbered_folders_are_frames_if_the_camera_file_says_so(tmp_path: Path) -> None:

@@ -1,0 +1,180 @@
+"""Infers which part of the files' paths is the camera and which the frame, for layouts that no table lists.
+
+Each folder's and file's name may be the same in all paths, a camera, a frame number with words around it, or both. Any
+combination is a candidate; it must give each file a camera and a frame of its own. Of several, the one that fills the
+grid of cameras and frames and whose names look like cameras and frames is the best.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby, product
+from pathlib import PurePosixPath
+
+_FRAME_WORD = "(?:frames?|frm|fr|timesteps?|time|img|images?|im|f|t)"
+_CAMERA_WORD = "(?:cameras?|cam|views?|viewpoint|device|dev|sensor|gopro|kinect|node|pod|cn|c|v|k)"
+_JOIN = "[-_. ]"
+_BETWEEN = rf"{_JOIN}+(?:[a-z]+{_JOIN}?)?|(?<![a-z]){_FRAME_WORD}{_JOIN}?"
+_CAMERA_FIRST = re.compile(rf"(.+?)({_BETWEEN})(\d+)(\D*)", re.I)
+_FRAME_FIRST = re.compile(rf"(\D*)(\d+)({_JOIN}+)(.+)", re.I)
+_LIKE_CAMERA = re.compile(rf"{_CAMERA_WORD}{_JOIN}?[a-z]?\d+.*", re.I)
+_LIKE_FRAME = re.compile(rf"{_FRAME_WORD}{_JOIN}?\d+", re.I)
+_AFTER_FRAME_WORD = re.compile(rf"(?:.*{_JOIN})?{_FRAME_WORD}{_JOIN}?", re.I)
+_AFTER_CAMERA_WORD = re.compile(rf"(?:.*{_JOIN})?{_CAMERA_WORD}{_JOIN}?", re.I)
+_LEAST_COVERAGE = 0.5
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A pattern, and the numbers of cameras and frames that it gives.
+
+    Attributes:
+        pattern: as in `CaptureSettings`.
+        cameras: their names.
+        frames: number of frames.
+        score: how likely it is, among candidates for the same files.
+    """
+
+    pattern: str
+    cameras: frozenset[str]
+    frames: int
+    score: float
+
+    @property
+    def is_grid(self) -> bool:
+        """Whether there are several cameras with several frames each."""
+        return len(self.cameras) > 1 and self.frames > 1
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How names are read: camera ("" if none) and frame (None if none) of each, as a part of a pattern."""
+
+    fragment: str
+    fields: dict[str, tuple[str, int | None]]
+    score: float = 0.0
+
+
+def infer_layouts(paths: Sequence[str], cameras: Collection[str] = ()) -> list[Layout]:
+    """The likely layouts of files, the best one first.
+
+    Args:
+        paths: relative, with '/', of files of one kind and the same number of folders.
+        cameras: names of cameras that are known; a layout must have some of them. Empty: any.
+    """
+    split = [(*path.split("/")[:-1], PurePosixPath(path).stem) for path in paths]
+    extensions = {PurePosixPath(path).suffix for path in paths}
+    extension = extensions.pop() if len(extensions) == 1 else ".*"
+    columns = [list(_forms(sorted(set(column)))) for column in zip(*split, strict=True)]
+    found = []
+    for forms in product(*columns):
+        layout = _layout(split, forms, extension)
+        if layout is not None and (not cameras or layout.cameras & set(cameras)):
+            found.append(layout)
+    return sorted(found, key=lambda layout: -layout.score)
+
+
+def looks_like_camera(name: str) -> bool:
+    """Whether a name is like cam01, view_2 or device3."""
+    return _LIKE_CAMERA.fullmatch(name) is not None
+
+
+def groups_of(paths: Sequence[str]) -> Iterator[list[str]]:
+    """The paths with the same number of folders; then those that also share the first folder, the second, ..."""
+    by_depth = {depth: list(some) for depth, some in groupby(sorted(paths, key=_depth), key=_depth)}
+    for depth, same in sorted(by_depth.items()):
+        for shared in range(depth + 1):
+            folders = {tuple(path.split("/")[:shared]) for path in same}
+            for folder in sorted(folders) if shared == 0 or len(folders) > 1 else ():
+                yield [path for path in same if tuple(path.split("/")[:shared]) == folder]
+
+
+def _depth(path: str) -> int:
+    return path.count("/")
+
+
+def _layout(split: Sequence[tuple[str, ...]], forms: Sequence[_Form], extension: str) -> Layout | None:
+    grid = set()
+    for names in split:
+        found = [form.fields[name] for name, form in zip(names, forms, strict=True)]
+        cameras = {camera for camera, _ in found if camera}
+        frames = {frame for _, frame in found if frame is not None}
+        if len(cameras) != 1 or len(frames) > 1:
+            return None
+        grid.add((*cameras, *frames))
+    known = frozenset(str(place[0]) for place in grid)
+    count = len({place[1:] for place in grid})
+    coverage = len(grid) / (len(known) * count)
+    if len(grid) < len(split) or coverage < _LEAST_COVERAGE:
+        return None
+    score = 2 * coverage + 4 * (len(known) > 1) + 4 * (count > 1) + sum(form.score for form in forms)
+    return Layout("/".join(form.fragment for form in forms) + extension, known, count, score)
+
+
+def _forms(names: Sequence[str]) -> Iterator[_Form]:
+    like_camera = sum(looks_like_camera(name) for name in names) / len(names)
+    like_frame = sum(bool(_LIKE_FRAME.fullmatch(name)) for name in names) / len(names)
+    yield _Form("{camera}", {name: (name, None) for name in names}, 3 * like_camera - 3 * like_frame)
+    if len(names) == 1:
+        yield _Form(names[0], {names[0]: ("", None)}, 1)
+        if names[0].isdecimal():
+            yield _Form("{frame}", {names[0]: ("", int(names[0]))}, 1.5)
+        return
+    head, tail = _shared(names), _shared([name[::-1] for name in names])[::-1]
+    middles = [name[len(head) : len(name) - len(tail)] for name in names]
+    if all(middle.isdecimal() for middle in middles) and not _AFTER_CAMERA_WORD.fullmatch(head):
+        fields: dict[str, tuple[str, int | None]] = {
+            name: ("", int(middle)) for name, middle in zip(names, middles, strict=True)
+        }
+        yield _Form(f"{head}{{frame}}{tail}", fields, _frame_score(head, middles))
+    yield from _both(names, _CAMERA_FIRST, 0)
+    yield from _both(names, _FRAME_FIRST, 3)
+
+
+def _both(names: Sequence[str], expression: re.Pattern[str], camera: int) -> Iterator[_Form]:
+    """Names with a camera, the group `camera` of the expression, and a frame, two groups before or behind it."""
+    frame = 1 if camera == 3 else 2
+    found = {name: match.groups() for name in names if (match := expression.fullmatch(name)) is not None}
+    others = [index for index in range(4) if index not in (camera, frame)]
+    if len(found) < len(names) or any(len({parts[index] for parts in found.values()}) > 1 for index in others):
+        return
+    parts = list(next(iter(found.values())))
+    if _AFTER_CAMERA_WORD.fullmatch(parts[frame - 1]):
+        return
+    cameras = {name: groups[camera] for name, groups in found.items()}
+    before = ""
+    if camera == 0:  # a word that all of them end with describes the images
+        shared = _shared([name[::-1] for name in cameras.values()])[::-1]
+        word = re.search(rf"{_JOIN}[a-z]+$", shared, re.I)
+        if word is not None:
+            cameras = {name: text.removesuffix(word.group()) for name, text in cameras.items()}
+            parts[1] = word.group() + parts[1]
+        take = re.match(rf".*{_JOIN}", _shared(list(cameras.values())))
+        if take is not None and all(looks_like_camera(text[take.end() :]) for text in cameras.values()):
+            cameras = {name: text[take.end() :] for name, text in cameras.items()}
+            before = take.group()
+    numbers = [groups[frame] for groups in found.values()]
+    parts[camera], parts[frame] = f"{before}{{camera}}", "{frame}"
+    like = sum(looks_like_camera(text) for text in cameras.values()) / len(cameras)
+    score = _frame_score(parts[frame - 1], numbers) + 3 * like
+    fields = {name: (cameras[name], int(groups[frame])) for name, groups in found.items()}
+    yield _Form("".join(parts), dict(fields), score + (0.25 if camera == 0 else 0))
+
+
+def _frame_score(before: str, numbers: Sequence[str]) -> float:
+    """How much digits look like frame numbers, from what is written before them and how."""
+    values = {int(number) for number in numbers}
+    score = 0.0
+    if before and _AFTER_FRAME_WORD.fullmatch(before):
+        score += 3
+    score += min(len(number) for number in numbers) >= 3
+    return score + 0.5 * (max(values) - min(values) + 1 == len(values))
+
+
+def _shared(names: Sequence[str]) -> str:
+    """What all names begin with, up to digits."""
+    first, last = min(names), max(names)
+    length = next((index for index, char in enumerate(first) if index >= len(last) or last[index] != char), len(first))
+    return re.sub(r"\d+$", "", first[:length])
