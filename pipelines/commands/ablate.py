@@ -49,6 +49,7 @@ def _ablate(arguments: argparse.Namespace) -> int:
     from pipelines.ablation.study import ablate
     from pipelines.ablation.variants import chosen
     from pipelines.config import load_config
+    from pipelines.reports.tables import table_of
     from pipelines.reports.terminal import console
     from pipelines.runs.console import Bars
 
@@ -65,10 +66,8 @@ def _ablate(arguments: argparse.Namespace) -> int:
         results = ablate(arguments.config, arguments.out, arguments.overrides, variants, qps, announced)
     write_plot(results, arguments.out / "ablation.png")
     write_report(results, default, arguments.out / "ablation.html")
-    from rich.table import Table
-
     header, *rows = table_rows(results, default)
-    table = Table(*header)
+    table = table_of(*header, left=(0,))
     for row in rows:
         table.add_row(*row)
     console().print(table)
@@ -77,7 +76,6 @@ def _ablate(arguments: argparse.Namespace) -> int:
 
 
 def _qps(text: str) -> list[int]:
-
     try:
         qps = sorted({int(value) for value in text.split(",")})
     except ValueError:

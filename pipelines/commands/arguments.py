@@ -65,6 +65,15 @@ def invalid_option(option: str, problem: str, fix: str, value: Any = None, **fie
     return StudioError("command.invalid_option", problem, value=value, fix=fix, option=option, **fields)
 
 
+def three_numbers(text: str) -> tuple[float, float, float] | None:
+    """The numbers in "X,Y,Z"; None if it is something else."""
+    try:
+        x, y, z = (float(value) for value in text.split(","))
+    except ValueError:
+        return None
+    return x, y, z
+
+
 def overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
     """Names and values of the settings given with `--set`; StudioError if one cannot be read."""
     given = getattr(arguments, "set", [])  # not every command has settings

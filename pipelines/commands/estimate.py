@@ -86,8 +86,10 @@ def _rehearsed(inputs: Inputs, title: str) -> Estimate:
 
 
 def _stream_words(found: Estimate) -> str:
+    from pipelines.reports.summary_words import size_words
+
     stream = next((stage.bytes for stage in found.stages if stage.stage == "bake"), None)
-    return "" if stream is None else f", a stream of about {_size(stream)}"
+    return "" if stream is None else f", a stream of about {size_words(stream)}"
 
 
 def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
@@ -124,23 +126,21 @@ def _unknown(command: str) -> StudioError:
 
 
 def _print(found: Estimate, threads: int, now: float | None) -> None:
-    from rich.table import Table
-
     from pipelines.estimate.estimate import stream_range
+    from pipelines.reports.summary_words import size_words
+    from pipelines.reports.tables import table_of
     from pipelines.reports.terminal import console, duration
 
-    screen, table = console(), Table()
-    for name, side in (("stage", "left"), ("time", "right"), ("memory", "right"), ("disk", "right"), ("", "left")):
-        table.add_column(name, justify=side)  # type: ignore[arg-type]
+    screen, table = console(), table_of("stage", "time", "memory", "disk", "", left=(0, 4))
     for stage in found.stages:
-        disk = "" if stage.bytes is None else _size(stage.bytes)
+        disk = "" if stage.bytes is None else size_words(stage.bytes)
         spread = stream_range(stage) if stage.stage == "bake" else None
         if spread is not None:
-            disk = f"{_size(spread[0])} to {_size(spread[1])}"
+            disk = f"{size_words(spread[0])} to {size_words(spread[1])}"
         table.add_row(
             stage.stage,
             "" if stage.seconds is None else duration(stage.seconds),
-            "" if stage.memory is None else _size(stage.memory),
+            "" if stage.memory is None else size_words(stage.memory),
             disk,
             stage.remark,
         )
@@ -148,17 +148,9 @@ def _print(found: Estimate, threads: int, now: float | None) -> None:
     low, high = found.range
     screen.print(
         f"About {duration(found.seconds)}, most likely {duration(low)} to {duration(high)}; "
-        f"{counted(found.splats, 'splat')} per frame; up to {_size(found.memory)} of memory"
+        f"{counted(found.splats, 'splat')} per frame; up to {size_words(found.memory)} of memory"
     )
     if now is not None and now > 0.5 * threads:
         screen.print(
             f"Other programs are running (load {now:.1f}, {threads} threads): without them, the run takes less time."
         )
-
-
-def _size(count: int) -> str:
-    """Bytes as "450 kB", "12 MB" or "1.4 GB" (decimal)."""
-    for unit, name in ((1e9, "GB"), (1e6, "MB")):
-        if count >= unit:
-            return f"{count / unit:.1f} {name}" if count < 10 * unit else f"{count / unit:.0f} {name}"
-    return f"{count / 1e3:.0f} kB"

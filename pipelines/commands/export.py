@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.arguments import invalid_option
+from pipelines.commands.arguments import invalid_option, three_numbers
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS
@@ -313,12 +313,9 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
 
 
 def _color(text: str) -> tuple[float, float, float]:
-    try:
-        red, green, blue = (float(value) for value in text.split(","))
-    except ValueError:
-        red = green = blue = -1.0
-    if not all(0 <= value <= 1 for value in (red, green, blue)):
+    color = three_numbers(text)
+    if color is None or not all(0 <= value <= 1 for value in color):
         raise invalid_option(
             "--background", f"--background '{text}' is not three numbers from 0 to 1", "Example: 1,1,1.", text
         )
-    return red, green, blue
+    return color

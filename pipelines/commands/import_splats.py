@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.arguments import invalid_option
+from pipelines.commands.arguments import invalid_option, three_numbers
 from studio.counts import counted
 
 
@@ -77,10 +77,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
 
 def _vector(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(value) for value in text.split(","))
-    except ValueError:
-        x = y = z = 0.0
+    x, y, z = three_numbers(text) or (0.0, 0.0, 0.0)
     length = (x * x + y * y + z * z) ** 0.5
     if not 0 < length < float("inf"):
         raise invalid_option("--up", f"--up '{text}' is not a direction X,Y,Z", "Example: 0,0,1.", text)

@@ -10,7 +10,7 @@ from pipelines.stages import CHAIN, GROUP_STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
 
-_FORMATS = ("plain", "sbatch", "cuecmd", "deadline", "parallel")
+_FORMATS = ("plain", "sbatch", "deadline")
 _NAMES = tuple(stage.name for stage in GROUP_STAGES)
 
 _EPILOG = """settings:
@@ -45,8 +45,8 @@ def register(commands: Any) -> None:
         "--format",
         choices=_FORMATS,
         default="plain",
-        help="what --print-commands prints: one command a line, for GNU parallel, OpenCue's cuecmd, or Deadline's "
-        "CommandScript, or a batch file for Slurm (default: plain)",
+        help="what --print-commands prints: one command a line, as GNU parallel and OpenCue's cuecmd take them, or as "
+        "Deadline's CommandScript does, or a batch file for Slurm (default: plain)",
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")

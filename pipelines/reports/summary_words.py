@@ -25,8 +25,11 @@ def summary_words(stage: str, summary: Mapping[str, JsonData]) -> str:
 
 
 def size_words(count: float) -> str:
-    """Bytes as "2.6 KB" or "12.8 MB" (1 KB = 1000 bytes)."""
-    return f"{count / 1000:.1f} KB" if count < 1e6 else f"{count / 1e6:.1f} MB"
+    """Bytes as "2.6 KB", "12.8 MB" or "1.4 GB" (1 KB = 1000 bytes)."""
+    for unit, name in ((1e9, "GB"), (1e6, "MB")):
+        if count >= unit:
+            return f"{count / unit:.1f} {name}"
+    return f"{count / 1000:.1f} KB"
 
 
 def _calibrate(rest: dict[str, JsonData]) -> list[str]:

@@ -32,8 +32,8 @@ def printed_commands(
         take: the take; its cameras must be calibrated before the commands run.
         config: its settings.
         stages: what each command does of its group.
-        form: plain, cuecmd and parallel are one command a line; deadline is the
-            same for Deadline's plugin CommandScript; sbatch is a Slurm batch file with an array of tasks.
+        form: plain is one command a line, as GNU parallel and OpenCue's cuecmd take them; deadline is the same for
+            Deadline's plugin CommandScript; sbatch is a Slurm batch file with an array of tasks.
         overrides: settings of `config` that are not in the take's config.yaml, as "train.max_splats=5000". The
             commands name them, since they read that file.
 

@@ -15,7 +15,6 @@ from pipelines.events import (
     Event,
     Log,
     Progress,
-    RunFinished,
     RunStarted,
     StageFailed,
     StageFinished,
@@ -23,8 +22,8 @@ from pipelines.events import (
     Warned,
     as_message,
 )
-from pipelines.events.cancellation import Cancellation, stop_on_signals
-from pipelines.events.work_clock import counting_pauses
+from pipelines.events.cancellation import Cancellation
+from pipelines.runs.finishing import finishing
 from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, write_record
 from pipelines.runs.work import limit_threads
@@ -42,10 +41,6 @@ from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.errors import Cancelled, Message, StudioError, reason_of
 
-_KEPT = Message("run.cancelled", "finished work is kept", fix="Run again to resume.")
-_INTERRUPTED = Message(
-    "run.cancelled", "the current step was interrupted; finished work is kept", fix="Run again to resume."
-)
 _CHECKED = ("calibrate", "initialize")
 """Stages whose results are compared with their record before use; frames and streams are checked as they are read."""
 
@@ -86,36 +81,19 @@ def run(
     cancellation = cancellation or Cancellation()
     names = [stage.name for stage in STAGES if stage.name in set(stages)]
     report = emit
-
-    def finish(outcome: str, message: Message | None = None) -> None:
-        seconds = round(clock() - started, 2)
-        if message is None:
-            report(RunFinished(outcome=outcome, seconds=seconds))
-        else:
-            report(RunFinished.of(message, outcome=outcome, seconds=seconds))
-
-    with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _INTERRUPTED)):
-        started = clock()
-        try:
-            with (
-                disk_errors(take.root),
-                take.locked(command),
-                cancelled_on_request(take, cancellation.cancel),
-            ):
-                report = Logged(emit, take)
-                if keep is not None:
-                    free_name(take, keep)
-                _Run(Inputs(take, config), report, cancellation, clock, force).go(names)
-                if keep is not None:
-                    kept = keep_bake(take, keep)
-                    report(Log(stage="bake", message=f"kept as '{kept.name}'"))
-        except Cancelled:
-            finish("cancelled", _KEPT)
-            raise
-        except Exception as error:
-            finish("failed", as_message(error))
-            raise
-        finish("done")
+    with (
+        finishing(lambda: report, cancellation, "Run again to resume.") as clock,
+        disk_errors(take.root),
+        take.locked(command),
+        cancelled_on_request(take, cancellation.cancel),
+    ):
+        report = Logged(emit, take)
+        if keep is not None:
+            free_name(take, keep)
+        _Run(Inputs(take, config), report, cancellation, clock, force).go(names)
+        if keep is not None:
+            kept = keep_bake(take, keep)
+            report(Log(stage="bake", message=f"kept as '{kept.name}'"))
 
 
 class Logged:

@@ -13,9 +13,9 @@ import time
 from collections.abc import Callable, Sequence
 
 from pipelines.config import Config
-from pipelines.events import Emit, RunFinished, RunStarted, StageFinished, StageStarted, as_message
-from pipelines.events.cancellation import Cancellation, stop_on_signals
-from pipelines.events.work_clock import counting_pauses
+from pipelines.events import Emit, RunStarted, StageFinished, StageStarted
+from pipelines.events.cancellation import Cancellation
+from pipelines.runs.finishing import finishing
 from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess
 from pipelines.stages import GROUP_STAGES, Stage, grouping, stage_named
@@ -28,7 +28,7 @@ from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.counts import counted
-from studio.errors import Cancelled, Message, StudioError
+from studio.errors import StudioError
 
 
 def work(
@@ -209,7 +209,7 @@ def _state(name: str, inputs: Inputs, known: dict[str, StageStatus] | None = Non
     return known[name].state
 
 
-_STOPPED = Message("run.cancelled", "finished work is kept", fix="Start it again anywhere to go on.")
+_AGAIN = "Start it again anywhere to resume."
 
 
 def run_work(take: Take, config: Config, stages: Sequence[str], group: int, emit: Emit) -> None:
@@ -220,29 +220,11 @@ def run_work(take: Take, config: Config, stages: Sequence[str], group: int, emit
     """
     cancellation = Cancellation()
     names = tuple(stage.name for stage in GROUP_STAGES if stage.name in stages)
-
-    def finish(outcome: str, message: Message | None = None) -> None:
-        seconds = round(clock() - started, 2)
-        emit(
-            RunFinished(outcome=outcome, seconds=seconds)
-            if message is None
-            else RunFinished.of(message, outcome=outcome, seconds=seconds)
-        )
-
-    with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _STOPPED)):
-        started = clock()
+    with finishing(lambda: emit, cancellation, _AGAIN) as clock:
         emit(RunStarted(take=str(take.root), stages=names, done=(), pid=os.getpid(), version=program_version()))
-        try:
-            for name in names:
-                began = clock()
-                emit(StageStarted(stage=name, reason=f"group {group}"))
-                done = work(take, config, (name,), group, emit, cancellation=cancellation, clock=clock)
-                summary = {"group": group, "done": "now" if done else "before"}
-                emit(StageFinished(stage=name, seconds=round(clock() - began, 2), summary=summary))
-        except Cancelled:
-            finish("cancelled", _STOPPED)
-            raise
-        except Exception as error:
-            finish("failed", as_message(error))
-            raise
-        finish("done")
+        for name in names:
+            began = clock()
+            emit(StageStarted(stage=name, reason=f"group {group}"))
+            done = work(take, config, (name,), group, emit, cancellation=cancellation, clock=clock)
+            summary = {"group": group, "done": "now" if done else "before"}
+            emit(StageFinished(stage=name, seconds=round(clock() - began, 2), summary=summary))

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,28 @@ from tests.support.tiny_capture import ROOT
 from tests.support.warm_python import WarmProcess
 
 pytestmark = pytest.mark.long
+
+
+RUN_QUEUE = """
+import signal, sys
+from pathlib import Path
+from pipelines.batch.queue_file import QueueFile
+from pipelines.batch.run_queue import run_queue
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+emit = lambda event: print("started", flush=True)
+program = lambda entry: [sys.executable, "-c", sys.argv[2], entry.take.name]
+run_queue(QueueFile(Path(sys.argv[1])), print, emit, print, program)
+"""
+
+
+@contextlib.contextmanager
+def working(queue: QueueFile) -> Iterator[subprocess.Popen[str]]:
+    """A process that works through a queue and has started its first take."""
+    command = [sys.executable, "-c", RUN_QUEUE, str(queue.path), PROGRAM]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT, text=True) as process:
+        assert process.stdout is not None
+        assert any(line == "started\n" for line in process.stdout)
+        yield process
 
 
 @pytest.fixture
@@ -95,21 +117,7 @@ def test_it_is_stopped_from_elsewhere(queue: QueueFile, tmp_path: Path) -> None:
     with refuses("queue.not_run", file=queue.path):
         queue.stop()
     queue.add(tmp_path / "slow", None, ())
-    code = f"""
-import signal, sys
-from pathlib import Path
-from pipelines.batch.queue_file import QueueFile
-from pipelines.batch.run_queue import run_queue
-signal.signal(signal.SIGTERM, signal.default_int_handler)
-emit = lambda event: print("started", flush=True)
-program = lambda entry: [sys.executable, "-c", {PROGRAM!r}, entry.take.name]
-run_queue(QueueFile(Path({str(queue.path)!r})), print, emit, print, program)
-"""
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert any(line == "started\n" for line in process.stdout)
+    with working(queue) as process:
         assert queue.stop() == process.pid
         process.communicate()
     assert queue.read().takes[0].state == "waiting"
@@ -219,18 +227,7 @@ def test_stopped_or_killed_it_goes_on_with_the_same_take(
 ) -> None:
     queue.add(tmp_path / "slow", None, ())
     queue.add(tmp_path / "good", None, ())
-    code = f"""
-import sys
-from pathlib import Path
-from pipelines.batch.queue_file import QueueFile
-from pipelines.batch.run_queue import run_queue
-emit = lambda event: print("started", flush=True)
-program = lambda entry: [sys.executable, "-c", {PROGRAM!r}, entry.take.name]
-run_queue(QueueFile(Path({str(queue.path)!r})), print, emit, print, program)
-"""
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, cwd=ROOT, text=True) as process:
-        assert process.stdout is not None
-        assert any(line == "started\n" for line in process.stdout)
+    with working(queue) as process:
         (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
         process.send_signal(number)
         assert process.wait() != 0

@@ -362,11 +362,6 @@ def test_a_camera_that_misses_a_frame_names_both(project):
     assert project.take.stream.is_dir()
 
 
-def test_an_unknown_held_out_camera_names_the_nearest(project):
-    with refuses("footage.unknown_camera", value="cam44", setting="capture.held_out", suggestion="cam4"):
-        project.run("capture.held_out=[cam44]")
-
-
 def test_a_damaged_trained_frame_is_trained_again(project):
     path = project.take.trained_frame(0, 1)
     path.write_bytes(path.read_bytes()[:100])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -135,14 +134,3 @@ def test_one_failure_ends_the_others_and_is_what_is_told() -> None:
     with refuses("mask.empty"):
         run_groups({0: endless, 1: bad, 2: lambda: ran.append(2)}, 2, [1, 1, 1], stop)
     assert not ran
-
-
-def test_side_by_side_gives_what_one_after_the_other_gives(project: Path, here: Callable[..., Any]) -> None:
-    frames = {}
-    for at_once in (1, 2):
-        take = project / f"take{at_once}"
-        done = here("run", project / "ball.yaml", "--take", take, "--until", "train", "--run.groups-at-once", at_once)
-        assert done.returncode == 0, done.stderr
-        frames[at_once] = {path.relative_to(take): path.read_bytes() for path in (take / "train").rglob("frame_*")}
-    assert len({path.parent for path in frames[1]}) > 1, "several groups"
-    assert frames[1] == frames[2]

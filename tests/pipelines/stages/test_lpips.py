@@ -105,17 +105,6 @@ def test_it_is_measured_as_psnr_is_and_stands_everywhere(
     assert "LPIPS: a stand-in" in table
 
 
-def test_without_it_nothing_is_loaded(take: Take, capsys: pytest.CaptureFixture[str]) -> None:
-    measured(take, stages=("evaluate",), force=True)
-    assert StandIn.made == []
-    assert "lpips" not in take.evaluation.read_text()
-    assert "LPIPS" not in take.report.read_text()
-    from pipelines.reports.tables import print_evaluation
-
-    print_evaluation(take)
-    assert "LPIPS" not in capsys.readouterr().out
-
-
 def test_small_pictures_are_continued_with_the_background(take: Take) -> None:
     measured(take, "evaluate.lpips=alex", "evaluate.crop_padding=0")  # the ball is 25 pixels wide
     assert all(row["lpips_trained"] > 0 for row in json.loads(take.evaluation.read_text())["frames"])

@@ -228,16 +228,6 @@ def test_a_long_stream_starts_without_its_pages(make_ladder, monkeypatch):
         reader.verify()
 
 
-def test_pages_do_not_change_frames(make_ladder):
-    whole = make_ladder((2, 2, 3), name="whole")
-    paged = make_ladder((2, 2, 3), name="paged", paged=True)
-    assert len(manifest_of(whole)["pages"]) == 0
-    assert [page["frames"] for page in manifest_of(paged)["pages"]] == [[2, 3]]
-    with StreamReader.open(whole) as a, StreamReader.open(paged) as b:
-        for one, other in zip(a.iterate(), b.iterate(), strict=True):
-            assert torch.equal(one.means, other.means)
-
-
 def test_settings_that_contradict_each_other():
     with pytest.raises(ValueError, match="its own qp"):
         BakeSettings(ladder=(Rung(qp=20),), quality="40 dB")

@@ -299,13 +299,6 @@ def test_groups_that_started_before_a_node_ran_out_of_memory_are_not_lost(monkey
     assert run.warnings() == ["cluster.out_of_memory"]
 
 
-def test_what_a_task_refuses_ends_the_run():
-    problem = Message("cluster.version", "node1 has V3 Studio 0.1", fields={"node": "node1"})
-    run = Run(lambda task, node: problem if task.group == 0 else None)
-    with refuses("cluster.version", node="node1"):
-        run.go()
-
-
 def test_what_a_task_refuses_names_its_group_and_node():
     problem = Message("disk.full", "the disk is full", "/disk")
     run = Run(lambda task, node: problem if task.group == 1 else None)
@@ -342,35 +335,35 @@ def sent(**changes: Any) -> GroupTask:
     return GroupTask(**values | changes)
 
 
+def refusal(**changes: Any) -> Message:
+    """What a node that lacks something answers to a task."""
+    found = run_task(sent(**changes), "")
+    assert found is not None
+    return found
+
+
 def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
     monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
-    other = run_task(sent(version="0.0.1"), "")
-    assert other is not None
+    other = refusal(version="0.0.1")
     assert other.code == "cluster.version"
     assert "but the run was started with 0.0.1" in other.problem
-    other = run_task(sent(python="2.7"), "")
-    assert other is not None
+    other = refusal(python="2.7")
     assert other.problem.endswith(f"but the run was started with {versions()[0]} on Python 2.7")
-    blind = run_task(sent(), "")
-    assert blind is not None
+    blind = refusal()
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/take/take.json")
     (tmp_path / "take.json").write_text('{"format": 2}')
-    blind = run_task(sent(take=str(tmp_path)), "")
-    assert blind is not None
+    blind = refusal(take=str(tmp_path))
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/footage")
     (tmp_path / "empty").mkdir()
-    blind = run_task(sent(take=str(tmp_path), footage=str(tmp_path / "empty")), "")
-    assert blind is not None
+    blind = refusal(take=str(tmp_path), footage=str(tmp_path / "empty"))
     assert (blind.code, blind.file) == (NOT_VISIBLE, str(tmp_path / "empty")), "a folder where nothing is mounted"
-    blind = run_task(sent(paths=(("/no", (str(tmp_path), "/net")),)), "")
-    assert blind is not None
+    blind = refusal(paths=(("/no", (str(tmp_path), "/net")),))
     assert blind.code == NOT_VISIBLE
     assert f"nor under {tmp_path}/take/take.json, /net/take/take.json" in blind.problem
     (tmp_path / "take").mkdir()
     (tmp_path / "take.json").rename(tmp_path / "take" / "take.json")
-    blind = run_task(sent(paths=(("/no", (str(tmp_path),)),)), "")
-    assert blind is not None
+    blind = refusal(paths=(("/no", (str(tmp_path),)),))
     assert blind.file == "/no/footage", "the take is found where this node has it"
 
 
@@ -412,9 +405,7 @@ def test_other_errors_of_a_task_are_told_at_once(monkeypatch):
         raise StudioError("run.no_gpu", "no GPU")
 
     monkeypatch.setattr(task_module, "_do", do)
-    refused = run_task(sent(), "")
-    assert refused is not None
-    assert refused.code == "run.no_gpu"
+    assert refusal().code == "run.no_gpu"
     assert len(looks) == 1
 
 
@@ -436,19 +427,3 @@ def test_a_cluster_that_cannot_be_reached_is_one_sentence(project, here, monkeyp
     done = here(*arguments)
     assert done.returncode == 1
     assert "Ray is not installed. Install the extra: pip install 'v3studio[cluster]'." in done.stderr
-
-
-def test_errors_of_ray_have_codes():
-    from pipelines.runs.cluster.connection import _refused
-
-    version = RuntimeError(
-        "Version mismatch: The cluster was started with: Ray: 2.60.0 Python: 3.11.7 This process was started with: "
-        "Ray: 2.60.0 Python: 3.12.1"
-    )
-    found: list[StudioError] = [
-        _refused("ray://head:10001", error)
-        for error in (version, RuntimeError("InvalidAuthToken: Unauthenticated"), ConnectionError("timed out"))
-    ]
-    assert [error.message.code for error in found] == ["cluster.version", "cluster.token", "cluster.token"]
-    assert _refused("auto", ConnectionError("no cluster")).message.code == "cluster.unreachable"
-    assert "(2.60.0, 3.11.7, 2.60.0, 3.12.1)" in str(found[0])

@@ -1,0 +1,47 @@
+"""The end of a run: it is reported in every case, also if signals stop it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from pipelines.events import Emit, RunFinished, as_message
+from pipelines.events.cancellation import Cancellation, stop_on_signals
+from pipelines.events.work_clock import WorkClock, counting_pauses
+from studio.errors import Cancelled, Message
+
+_KEPT = "finished work is kept"
+
+
+@contextmanager
+def finishing(emit: Callable[[], Emit], cancellation: Cancellation, again: str) -> Iterator[WorkClock]:
+    """Emits `RunFinished` at the end of the block, which SIGINT and SIGTERM cancel.
+
+    Args:
+        emit: returns the receiver of the event.
+        cancellation: is set by the signals.
+        again: how to resume, as a sentence.
+
+    Yields:
+        a clock of work time, in seconds.
+    """
+
+    def finish(outcome: str, message: Message | None = None) -> None:
+        seconds = round(clock() - started, 2)
+        if message is None:
+            emit()(RunFinished(outcome=outcome, seconds=seconds))
+        else:
+            emit()(RunFinished.of(message, outcome=outcome, seconds=seconds))
+
+    interrupted = Message("run.cancelled", f"the current step was interrupted; {_KEPT}", fix=again)
+    with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", interrupted)):
+        started = clock()
+        try:
+            yield clock
+        except Cancelled:
+            finish("cancelled", Message("run.cancelled", _KEPT, fix=again))
+            raise
+        except Exception as error:
+            finish("failed", as_message(error))
+            raise
+        finish("done")
