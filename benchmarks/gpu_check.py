@@ -159,11 +159,8 @@ class Check:
         """The tests marked `gpu`; in a dry run they are skipped for want of a GPU."""
         with tempfile.TemporaryDirectory() as folder:
             results = Path(folder) / "tests.xml"
-            command = [sys.executable, "-m", "pytest", "-q", "-m", "gpu"]
-            tests = ("rasterizer/test_cuda", "rasterizer/test_triton")
-            tests += tuple(f"training/test_triton_{name}" for name in ("loss", "coded", "field"))
-            command += [f"tests/studio/{name}.py" for name in tests]
-            command += [f"--junitxml={results}", "-p", "no:cacheprovider"]
+            command = [sys.executable, "-m", "pytest", "-q", "-m", "gpu", f"--junitxml={results}"]
+            command += ["-p", "no:cacheprovider", "tests/studio/rasterizer", "tests/studio/training/triton"]
             done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(TESTING))
             if not results.is_file():
                 raise RuntimeError((done.stdout + done.stderr)[-1500:])
@@ -171,8 +168,8 @@ class Check:
         assert suite is not None
         counts = {name: int(suite.get(name, 0)) for name in ("tests", "failures", "errors", "skipped")}
         failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        if failed or (counts["skipped"] == counts["tests"] and not self.dry):
-            return {**counts, "error": "; ".join(failed)[:1500] or "all tests were skipped"}
+        if failed or not counts["tests"] or (counts["skipped"] == counts["tests"] and not self.dry):
+            return {**counts, "error": "; ".join(failed)[:1500] or "no test ran"}
         return counts
 
     def training_kernels(self) -> Report:

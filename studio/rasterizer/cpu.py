@@ -164,38 +164,16 @@ def rasterize_cpu(
     """Render with the C++ kernels. Arguments as in `studio.rasterizer.rasterize`, already validated.
 
     Raises:
-        StudioError: `rasterizer.dtype`: the splats are not float32 or float64; `rasterizer.image_too_large`: the image
-            is wider or higher than 32000 pixels; `rasterizer.mixed_tensors`: `screen_offsets` has another device or
-            dtype than the splats.
+        StudioError: `rasterizer.image_too_large`: the image is wider or higher than 32000 pixels.
     """
-    if gaussians.means.dtype not in (torch.float32, torch.float64):
-        raise StudioError(
-            "rasterizer.dtype",
-            f"the cpu rasterizer supports float32 and float64, not {gaussians.means.dtype}",
-            value=str(gaussians.means.dtype),
-            fix="Convert the splats, or use backend='reference'",
-        )
     if max(pinhole.width, pinhole.height) > 32000:
         raise StudioError(
             "rasterizer.image_too_large",
             f"the image is {pinhole.width}x{pinhole.height} pixels; the cpu rasterizer supports up to 32000x32000",
             value=(pinhole.width, pinhole.height),
         )
-    if screen_offsets is not None and (
-        screen_offsets.dtype != gaussians.means.dtype or screen_offsets.device != gaussians.means.device
-    ):
-        raise StudioError(
-            "rasterizer.mixed_tensors",
-            f"screen_offsets is {screen_offsets.dtype} on '{screen_offsets.device}', but the splats are "
-            f"{gaussians.means.dtype} on '{gaussians.means.device}'",
-            argument="screen_offsets",
-        )
     image, alpha, depth, radii = _Rasterize.apply(
-        gaussians.means,
-        gaussians.quats,
-        gaussians.log_scales,
-        gaussians.logit_opacities,
-        gaussians.sh,
+        *(tensor for _, tensor in gaussians.items()),
         screen_offsets,
         background,
         pinhole,

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.rasterizer.types import ALPHA_MIN, Pinhole, Render
+from studio.rasterizer.types import ALPHA_MIN, Pinhole, Render, mean_depth
 
 TILE = 16
 """Tile size of gsplat, pixels."""
@@ -129,17 +129,10 @@ def rasterize_cuda(
     The `radii` are those of gsplat, which are rounded up to whole pixels.
 
     Raises:
-        StudioError: `rasterizer.dtype`: the splats are not float32; `rasterizer.alpha_max`: gsplat was compiled with
-            another clamp; also as `load_gsplat` and `compiled_alpha_max`.
+        StudioError: `rasterizer.alpha_max`: gsplat was compiled with another clamp; also as `load_gsplat` and
+            `compiled_alpha_max`.
     """
     means = gaussians.means
-    if means.dtype != torch.float32:
-        raise StudioError(
-            "rasterizer.dtype",
-            f"the cuda rasterizer supports float32, not {means.dtype}",
-            value=str(means.dtype),
-            fix="Convert the splats, or use backend='reference'",
-        )
     gsplat = load_gsplat()
     if alpha_max is not None and not math.isclose(alpha_max, compiled_alpha_max()):
         raise StudioError(
@@ -203,7 +196,6 @@ def rasterize_cuda(
     image = drawn[0, ..., :3]
     if background is not None:
         image = image + (1 - alpha)[..., None] * background
-    covered = alpha > 0
-    depth = torch.where(covered, drawn[0, ..., 3] / torch.where(covered, alpha, torch.ones_like(alpha)), 0.0)
+    depth = mean_depth(drawn[0, ..., 3], alpha)
     visible_radii = torch.where(shown[0], radii[0].amax(-1), 0).to(means.dtype)
     return Render(image=image, alpha=alpha, depth=depth, radii=visible_radii.detach())

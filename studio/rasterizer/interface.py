@@ -20,6 +20,7 @@ from studio.rasterizer.reference import rasterize_reference
 from studio.rasterizer.types import ALPHA_MAX, Pinhole, Render
 
 BACKENDS = ("reference", "cpu", "cuda", "triton")
+_DTYPES = {"cpu": (torch.float32, torch.float64), "cuda": (torch.float32,), "triton": (torch.float32,)}
 
 
 @functools.cache
@@ -161,6 +162,16 @@ def _bad_shape(argument: str, expected: tuple[int, ...], tensor: Tensor) -> Stud
     )
 
 
+def _check_alike(argument: str, tensor: Tensor, means: Tensor) -> None:
+    if tensor.device != means.device or tensor.dtype != means.dtype:
+        raise StudioError(
+            "rasterizer.mixed_tensors",
+            f"{argument} is {tensor.dtype} on '{tensor.device}', but means is {means.dtype} on '{means.device}'",
+            fix="Use one dtype and one device for all attributes",
+            argument=argument,
+        )
+
+
 def rasterize(
     gaussians: Gaussians,
     camera: Camera,
@@ -235,20 +246,16 @@ def rasterize_views(
     pinholes = [Pinhole.of(camera) for camera in cameras]
     means = gaussians.means
     for name, tensor in gaussians.items():
-        if tensor.device != means.device or tensor.dtype != means.dtype:
-            raise StudioError(
-                "rasterizer.mixed_tensors",
-                f"{name} is {tensor.dtype} on '{tensor.device}', but means is {means.dtype} on '{means.device}'",
-                fix="Use one dtype and one device for all attributes",
-                argument=name,
-            )
+        _check_alike(name, tensor, means)
     if not means.dtype.is_floating_point:
         raise StudioError(
             "rasterizer.dtype", f"splats must have a floating-point dtype, not {means.dtype}", value=str(means.dtype)
         )
     behind = [_background(one, pinhole, means) for one, pinhole in zip(backgrounds, pinholes, strict=True)]
-    if screen_offsets is not None and screen_offsets.shape != (len(gaussians), 2):
-        raise _bad_shape("screen_offsets", (len(gaussians), 2), screen_offsets)
+    if screen_offsets is not None:
+        if screen_offsets.shape != (len(gaussians), 2):
+            raise _bad_shape("screen_offsets", (len(gaussians), 2), screen_offsets)
+        _check_alike("screen_offsets", screen_offsets, means)
     if not near > 0:
         raise StudioError(
             "rasterizer.invalid_argument", f"near is {near}; it must be above 0", value=near, argument="near"
@@ -263,6 +270,13 @@ def rasterize_views(
     if checked:
         check_finite(gaussians)
     backend = _choose(backend, means.device)
+    if means.dtype not in _DTYPES.get(backend, (means.dtype,)):
+        raise StudioError(
+            "rasterizer.dtype",
+            f"the {backend} rasterizer does not support {means.dtype}",
+            value=str(means.dtype),
+            fix="Convert the splats to float32, or use backend='reference'",
+        )
     if backend == "triton":
         from studio.rasterizer.triton_backend import rasterize_triton
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.rasterizer.spherical_harmonics import sh_colors
-from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole, Render
+from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole, Render, mean_depth
 from studio.torch_rotations import quats_to_matrices
 
 TILE = 16
@@ -162,6 +162,4 @@ def rasterize_reference(
     if background is not None:
         image = image + transmittance[..., None] * background
     alpha = 1 - transmittance
-    covered = alpha > 0
-    depth = torch.where(covered, drawn[..., 3] / torch.where(covered, alpha, torch.ones_like(alpha)), 0.0)
-    return Render(image=image, alpha=alpha, depth=depth, radii=half.amax(-1))
+    return Render(image=image, alpha=alpha, depth=mean_depth(drawn[..., 3], alpha), radii=half.amax(-1))

@@ -25,7 +25,7 @@ from torch.autograd.function import once_differentiable
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.rasterizer.types import Pinhole, Render
+from studio.rasterizer.types import Pinhole, Render, mean_depth
 
 FORWARD_WARPS, BACKWARD_WARPS, PROJECT_WARPS = 4, 1, 4
 """Warps per program. One for the gradient of a tile: its ten sums per splat then need no synchronization of warps."""
@@ -279,28 +279,12 @@ def rasterize_triton(
         screen_offsets: as in `studio.rasterizer.rasterize`, for all views.
 
     Raises:
-        StudioError: `rasterizer.dtype`: the splats are not float32; `rasterizer.mixed_tensors`: `screen_offsets` has
-            another device or dtype than the splats; `rasterizer.triton_missing`: as `load_triton_kernels`.
+        StudioError: `rasterizer.triton_missing`: as `load_triton_kernels`.
     """
-    like = gaussians.means
-    if like.dtype != torch.float32:
-        raise StudioError(
-            "rasterizer.dtype",
-            f"the triton rasterizer supports float32, not {like.dtype}",
-            value=str(like.dtype),
-            fix="Convert the splats, or use backend='reference'",
-        )
-    if screen_offsets is not None and (screen_offsets.dtype != like.dtype or screen_offsets.device != like.device):
-        raise StudioError(
-            "rasterizer.mixed_tensors",
-            f"screen_offsets is {screen_offsets.dtype} on '{screen_offsets.device}', but the splats are "
-            f"{like.dtype} on '{like.device}'",
-            argument="screen_offsets",
-        )
     kernels, _ = load_triton_kernels()
     renders: list[Render] = []
     for first in range(0, len(pinholes), _VIEWS_AT_ONCE):
-        views = Views.of(pinholes[first : first + _VIEWS_AT_ONCE], kernels.TILE, like.device)
+        views = Views.of(pinholes[first : first + _VIEWS_AT_ONCE], kernels.TILE, gaussians.means.device)
         splats = (tensor for _, tensor in gaussians.items())
         drawn = _Draw.apply(views, gaussians.dilation, near, alpha_max, screen_offsets, *splats)
         renders += _pictures(views, backgrounds[first : first + _VIEWS_AT_ONCE], *drawn)
@@ -317,8 +301,7 @@ def _pictures(
 ) -> list[Render]:
     """The renders of the views, from the pixels of all of them."""
     alphas = 1 - transmittance
-    covered = alphas > 0
-    depths = torch.where(covered, weighted_depth / torch.where(covered, alphas, torch.ones_like(alphas)), 0.0)
+    depths = mean_depth(weighted_depth, alphas)
     pixels = [width * height for width, height in views.sizes]
     parts = (tensor.split(pixels) for tensor in (colors, transmittance, alphas, depths))
     renders = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from studio.cameras import Camera
@@ -118,3 +119,9 @@ class Pinhole:
                 max(FIELD, (camera.height - camera.cy) / camera.fy + margin_y),
             ),
         )
+
+
+def mean_depth(weighted: Tensor, alpha: Tensor) -> Tensor:
+    """(H, W) depths of pixels from the sums of weight times depth and of weights; 0 where nothing is drawn."""
+    covered = alpha > 0
+    return torch.where(covered, weighted / torch.where(covered, alpha, torch.ones_like(alpha)), 0.0)

@@ -26,6 +26,7 @@ def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert report["dry_run"] is True
     assert (parts["keyframe"]["steps"], parts["frame 1"]["steps"]) == (9, 8)
     assert parts["keyframe"]["steps_planned"] == 9
+    assert parts["tests"]["tests"] >= 15
     assert parts["frame 1"]["psnr"] > 5
     assert parts["rasterizer"]["cases"][0]["both_ms"] > 0
     kernels = parts["training kernels"]["kernels"]

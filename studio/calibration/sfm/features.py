@@ -84,7 +84,7 @@ def find_matches(folder: Path, job: SfmJob) -> Path:
     _import(each, job)
     _extract(each, folder, job)
     _match(each, folder, job)
-    _merge(each, final, job)
+    merge_sync_frames(each, final, job)
     return final
 
 
@@ -213,7 +213,7 @@ def _verification(job: SfmJob, fewest: int | None = None) -> Any:
     return options
 
 
-def _merge(each: Path, final: Path, job: SfmJob) -> None:
+def merge_sync_frames(each: Path, final: Path, job: SfmJob) -> None:
     """One image per camera: its keypoints of all sync frames concatenated, with the matches renumbered."""
     import pycolmap
 

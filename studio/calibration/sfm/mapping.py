@@ -64,29 +64,29 @@ class Mapper:
             wanted = ("known poses",) if self.job.fix_poses else ("known poses", *wanted)
         for attempt in wanted:
             models = self._attempt(attempt)
-            broken = {index for model in models for index in self._broken_intrinsics(model)}
+            broken = {index for model in models for index in self.broken_intrinsics(model)}
             if broken and attempt != "known poses":
-                models += self._with_fixed_focal_lengths(models, broken, attempt)
+                models += self.with_fixed_focal_lengths(models, broken, attempt)
             for model in models:
-                own = self._rank(model)
+                own = self.rank(model)
                 if best is None or own > rank:
                     best, how, rank = model, attempt, own
             if best is not None and rank >= (len(self.job.names), TRUSTED):
                 break
         if best is None:
             return None, how
-        one = self._with_shared_intrinsics(best)
+        one = self.with_shared_intrinsics(best)
         if one is not None:
-            return self._polished(one, joint=True), f"{how}, shared intrinsics"
-        return self._polished(best), how
+            return self.polished(one, joint=True), f"{how}, shared intrinsics"
+        return self.polished(best), how
 
-    def _with_shared_intrinsics(self, best: Any) -> Any:
+    def with_shared_intrinsics(self, best: Any) -> Any:
         """A model mapped with shared intrinsics, if `best` is doubtful or its focal lengths differ.
 
         None unless it has as many cameras and its match inlier ratio is lower by `_SHARING_LOSS` at most: a few cameras
         can fit their few matches with any focal lengths.
         """
-        free = self._free()
+        free = self.free_cameras()
         doubtful = match_inlier_ratio(best, self.database) < TRUSTED or focal_spread(best, free) > _SPREAD
         if not (self.job.find_shared and doubtful and len(free) > 1) or self.job.poses:
             return None
@@ -95,10 +95,10 @@ class Mapper:
         try:
             share_intrinsics(self.database, free)
             self._guess_focal_lengths()
-            found = self._incremental(lenient=False)
-            if max(map(self._rank, found), default=(0, 0.0)) < (len(self.job.names), TRUSTED):
-                found += self._incremental(lenient=True)
-            one = max(found, key=self._rank, default=None)
+            found = self.incremental(lenient=False)
+            if max(map(self.rank, found), default=(0, 0.0)) < (len(self.job.names), TRUSTED):
+                found += self.incremental(lenient=True)
+            one = max(found, key=self.rank, default=None)
         finally:
             self.database.unlink()
             self.database = database
@@ -106,11 +106,11 @@ class Mapper:
             return None
         return one if match_inlier_ratio(one, database) >= match_inlier_ratio(best, database) - _SHARING_LOSS else None
 
-    def _free(self) -> set[int]:
+    def free_cameras(self) -> set[int]:
         """Ids of the cameras with unknown intrinsics."""
         return {i + 1 for i, one in enumerate(self.job.intrinsics) if not one.known}
 
-    def _polished(self, model: Any, joint: bool = False) -> Any:
+    def polished(self, model: Any, joint: bool = False) -> Any:
         """The model, fully converged under a robust loss whose width follows from the noise.
 
         COLMAP's mapper stops early and uses squared errors, but feature errors are not Gaussian: most are about a tenth
@@ -126,7 +126,7 @@ class Mapper:
             width = _CAUCHY * noise(better)
             self._adjust(better, width=width)
             say(step="adjusting", done=number + 1, total=total)
-        if len(self._broken_intrinsics(better)) > len(self._broken_intrinsics(model)):
+        if len(self.broken_intrinsics(better)) > len(self.broken_intrinsics(model)):
             better = model
         if self.job.find_shared:
 
@@ -137,7 +137,7 @@ class Mapper:
                 own = {image: self.job.intrinsics_of[image - 1] + 1 for image in camera_of_image(better)}
                 better, self.sharing = try_separate_intrinsics(better, own, width, adjust)
             else:
-                better, self.sharing = try_shared_intrinsics(better, self._free(), width, adjust)
+                better, self.sharing = try_shared_intrinsics(better, self.free_cameras(), width, adjust)
         say(step="adjusting", done=total - 1, total=total)
         return self._enriched(better)
 
@@ -178,9 +178,9 @@ class Mapper:
             model, self.database, self.folder / "images", out, clear_points=again, options=options or self._options()
         )
 
-    def _rank(self, model: Any) -> tuple[int, float]:
+    def rank(self, model: Any) -> tuple[int, float]:
         """Number of cameras with plausible intrinsics, then the match inlier ratio; larger is better."""
-        return model.num_reg_images() - len(self._broken_intrinsics(model)), match_inlier_ratio(model, self.database)
+        return model.num_reg_images() - len(self.broken_intrinsics(model)), match_inlier_ratio(model, self.database)
 
     def _guess_focal_lengths(self) -> None:
         """Initialize unknown focal lengths with estimates from pairs of images."""
@@ -188,7 +188,7 @@ class Mapper:
         if free and not self.job.poses:
             guess_focal_lengths(self.database, self.folder, free, self.seed)
 
-    def _broken_intrinsics(self, model: Any) -> set[int]:
+    def broken_intrinsics(self, model: Any) -> set[int]:
         """Indices of diverged focal lengths, which occur because a few distant points fit any focal length."""
         used = {image.camera_id for image in model.images.values() if image.has_pose}
         ratios = {key: focal_ratio(model.cameras[key]) for key in used}
@@ -198,11 +198,11 @@ class Mapper:
         free = {i + 1 for i, one in enumerate(self.job.intrinsics) if not (one.known and self.job.fix_intrinsics)}
         return {key - 1 for key, ratio in ratios.items() if key in free and not 0.3 < ratio / middle < 3.0}
 
-    def _with_fixed_focal_lengths(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
+    def with_fixed_focal_lengths(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
         """Map again with diverged focal lengths fixed at the median of the others."""
         import pycolmap
 
-        model = max(models, key=self._rank)
+        model = max(models, key=self.rank)
         good = [i for i in range(len(self.job.intrinsics)) if i not in broken and i + 1 in model.cameras]
         focal = float(np.median([focal_ratio(model.cameras[i + 1]) for i in good]))
         database = pycolmap.Database.open(self.database)
@@ -227,14 +227,14 @@ class Mapper:
 
         free = pycolmap.Reconstruction(model)
         self._adjust(free, last=True)
-        return model if self._broken_intrinsics(free) else free
+        return model if self.broken_intrinsics(free) else free
 
     def _attempt(self, attempt: str) -> list[Any]:
         if attempt == "known poses":
             return [self._from_poses()]
         if attempt == "global":
             return self._global()
-        return self._incremental(attempt == "lenient")
+        return self.incremental(attempt == "lenient")
 
     def _options(self) -> Any:
         import pycolmap
@@ -252,7 +252,7 @@ class Mapper:
         options.constant_cameras = self.held | (known if self.job.fix_intrinsics else set())
         return options
 
-    def _incremental(self, lenient: bool) -> list[Any]:
+    def incremental(self, lenient: bool) -> list[Any]:
         import pycolmap
 
         options = self._options()

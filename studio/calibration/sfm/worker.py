@@ -114,7 +114,7 @@ class Worker:
         return [(int(a) - 1, int(b) - 1, int(n)) for (a, b), n in zip(pairs, counts, strict=True) if n]
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """Have Linux kill this process when its parent dies: a native call may block all Python threads."""
     if sys.platform == "linux":
         import ctypes
@@ -131,7 +131,7 @@ def main() -> int:
         os._exit(3)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
-    _die_with_parent()
+    die_with_parent()
     path = Path(sys.argv[1])
     try:
         Worker(path.parent, SfmJob.model_validate_json(path.read_text(encoding="utf-8"))).run()

@@ -85,29 +85,19 @@ def test_sizes() -> None:
 def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(rehearsal, "SECONDS", 0.2)
     monkeypatch.setattr(rehearsal, "_RESOLUTIONS", (16, 20, 28))
+    small = {"preview": {"train.keyframe_iterations": 60}, "final": {"train.keyframe_iterations": 6000}}
+    monkeypatch.setattr(presets, "PRESETS", small)
     before = sorted(project.rglob("*"))
-    assert cli.execute(["estimate", str(project / "ball.yaml"), "--json"]) == 0
+    assert cli.execute(["estimate", str(project / "ball.yaml"), "--json", "--presets"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [stage["stage"] for stage in found["stages"]] == ["initialize", "train", "bake", "evaluate"]
     assert all(stage["seconds"] > 0 for stage in found["stages"])
     assert found["seconds_low"] < found["seconds"] < found["seconds_high"]
     assert found["memory"] > 10e6
     assert found["splats"] == 280
-    assert "presets" not in found
+    assert list(found["presets"]) == ["preview", "final"]
+    assert 0 < found["presets"]["preview"]["seconds"] < found["presets"]["final"]["seconds"]
     assert sorted(project.rglob("*")) == before
-
-
-def test_presets_are_estimated_too(
-    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(rehearsal, "SECONDS", 0.2)
-    monkeypatch.setattr(rehearsal, "_RESOLUTIONS", (16, 20, 28))
-    small = {"preview": {"train.keyframe_iterations": 60}, "final": {"train.keyframe_iterations": 6000}}
-    monkeypatch.setattr(presets, "PRESETS", small)
-    assert cli.execute(["estimate", str(project / "ball.yaml"), "--json", "--presets"]) == 0
-    found = json.loads(capsys.readouterr().out)["presets"]
-    assert list(found) == ["preview", "final"]
-    assert 0 < found["preview"]["seconds"] < found["final"]["seconds"]
 
 
 def test_cameras_must_be_known(project: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,6 +13,7 @@ import pytest
 from studio.calibration.sfm.child import WorkerProgress, run_reporting
 from studio.errors import Cancelled
 from tests.support.errors import refuses
+from tests.support.warm_python import warm_python
 
 
 @pytest.fixture
@@ -105,3 +106,14 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
     time.sleep(1.0)
     child.stdin.close()
     assert child.wait(timeout=30) in (1, 3)  # 1 if it ended before reading the job file
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
+def test_linux_kills_the_worker_when_its_parent_dies() -> None:
+    """Also while a native call blocks all Python threads."""
+    code = (
+        "import ctypes\nfrom studio.calibration.sfm.worker import die_with_parent\ndie_with_parent()\n"
+        "signal = ctypes.c_int()\nctypes.CDLL(None).prctl(2, ctypes.byref(signal))  # PR_GET_PDEATHSIG\n"
+        "print(signal.value)"
+    )
+    assert warm_python().run(("-c", code), text=True).stdout == "9\n"

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import sqlite3
-import subprocess
-import sys
-import time
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -20,8 +15,13 @@ import numpy as np
 import pytest
 
 from studio.calibration import compare_rigs
-from studio.calibration.sfm.features import _merge, count_rows, write_cameras, write_image
+from studio.calibration.sfm import mapping
+from studio.calibration.sfm.features import count_rows, merge_sync_frames, write_cameras, write_image
+from studio.calibration.sfm.focal_lengths import guess_focal_lengths
 from studio.calibration.sfm.job import SfmCamera, SfmJob, SfmSolution, neighbors
+from studio.calibration.sfm.mapping import Mapper
+from studio.calibration.sfm.shared_intrinsics import focal_spread
+from studio.calibration.sfm.verdict import match_inlier_ratio
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
@@ -128,30 +128,27 @@ def test_shared_intrinsics_are_accepted(tmp_path: Path) -> None:
 
 def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Diverging separate intrinsics are replaced by shared ones with as many inliers; good ones are not replaced."""
-    from studio.calibration.sfm import mapping
-    from studio.calibration.sfm.shared_intrinsics import focal_spread
-
     synthesize(tmp_path, 6, 500)
     path = tmp_path / "database.db"
-    mapper = mapping.Mapper(tmp_path, path, job_of(6, find_shared=True))
-    (model,) = mapper._incremental(False)
-    assert focal_spread(model, mapper._free()) < 1.05
-    assert mapper._with_shared_intrinsics(model) is None
+    mapper = Mapper(tmp_path, path, job_of(6, find_shared=True))
+    (model,) = mapper.incremental(False)
+    assert focal_spread(model, mapper.free_cameras()) < 1.05
+    assert mapper.with_shared_intrinsics(model) is None
     camera = model.cameras[2]
     camera.params = [2.0 * camera.params[0], *camera.params[1:]]
-    assert focal_spread(model, mapper._free()) == pytest.approx(2.0, rel=0.05)
-    assert focal_spread(model, mapper._free() - {2}) < 1.05
-    one = mapper._with_shared_intrinsics(model)
+    assert focal_spread(model, mapper.free_cameras()) == pytest.approx(2.0, rel=0.05)
+    assert focal_spread(model, mapper.free_cameras() - {2}) < 1.05
+    one = mapper.with_shared_intrinsics(model)
     assert one.num_reg_images() == 6
     assert len({image.camera_id for image in one.images.values()}) == 1
     assert mapper.database == path
     assert not (tmp_path / "shared.db").exists()
     with monkeypatch.context() as patch:  # a twentieth of the matches may be lost, no more
-        patch.setattr(mapper, "_incremental", lambda lenient: [one])
+        patch.setattr(mapper, "incremental", lambda lenient: [one])
         for ratio, accepted in ((0.651, True), (0.649, False)):
             patch.setattr(mapping, "match_inlier_ratio", lambda found, _, ratio=ratio: 0.7 if found is model else ratio)
-            assert (mapper._with_shared_intrinsics(model) is one) == accepted
-    polished = mapper._polished(one, joint=True)
+            assert (mapper.with_shared_intrinsics(model) is one) == accepted
+    polished = mapper.polished(one, joint=True)
     (test,) = mapper.sharing
     assert test.shared
     assert test.images == tuple(range(1, 7))
@@ -196,8 +193,6 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     """Six cameras that do not all look at one point, in which case fundamental matrices would be degenerate."""
     import cv2
 
-    from studio.calibration.sfm.mapping import Mapper
-
     rng = np.random.default_rng(0)
     job = job_of(6, focal=2000.0)
     database = pycolmap.Database.open(tmp_path / "database.db")
@@ -213,7 +208,7 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
         database.write_matches(first, second, np.repeat(np.arange(400)[:, None], 2, axis=1).astype(np.uint32))
     database.close()
     pycolmap.geometric_verification(tmp_path / "database.db")
-    Mapper(tmp_path, tmp_path / "database.db", job)._guess_focal_lengths()
+    guess_focal_lengths(tmp_path / "database.db", tmp_path, range(1, 7), job.seed)
     database = pycolmap.Database.open(tmp_path / "database.db")
     found = [camera.mean_focal_length() for camera in database.read_all_cameras()]
     database.close()
@@ -222,12 +217,9 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
 
 def test_match_inlier_ratio(tmp_path: Path) -> None:
     """Counts exactly the matches between two features of the same point."""
-    from studio.calibration.sfm.mapping import Mapper
-    from studio.calibration.sfm.verdict import match_inlier_ratio
-
     synthesize(tmp_path, 4, 200)
     path = tmp_path / "database.db"
-    (model,) = Mapper(tmp_path, path, job_of(4))._incremental(False)
+    (model,) = Mapper(tmp_path, path, job_of(4)).incremental(False)
     whole = match_inlier_ratio(model, path)
     assert 0.85 < whole <= 1
     for key in sorted(model.points3D)[: model.num_points3D() // 2]:
@@ -265,17 +257,15 @@ def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFix
 
 def test_a_diverged_focal_length_is_mapped_again(tmp_path: Path) -> None:
     """A focal length of four million is not accepted."""
-    from studio.calibration.sfm.mapping import Mapper
-
     synthesize(tmp_path, 4, 300)
     mapper = Mapper(tmp_path, tmp_path / "database.db", job_of(4))
-    (model,) = mapper._incremental(False)
-    assert mapper._broken_intrinsics(model) == set()
+    (model,) = mapper.incremental(False)
+    assert mapper.broken_intrinsics(model) == set()
     model.cameras[2].params = [4e6, 512.0, 384.0, 0.0]
-    assert mapper._broken_intrinsics(model) == {1}
-    assert mapper._rank(model)[0] == 3
-    (repeated,) = mapper._with_fixed_focal_lengths([model], {1}, "incremental")
-    assert mapper._broken_intrinsics(repeated) == set()
+    assert mapper.broken_intrinsics(model) == {1}
+    assert mapper.rank(model)[0] == 3
+    (repeated,) = mapper.with_fixed_focal_lengths([model], {1}, "incremental")
+    assert mapper.broken_intrinsics(repeated) == set()
     assert repeated.cameras[2].mean_focal_length() == pytest.approx(1280, rel=0.02)
 
 
@@ -302,7 +292,7 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
         geometry.inlier_matches = np.repeat(np.arange(count)[:, None], 2, axis=1).astype(np.uint32)
         each.write_two_view_geometry(sync_frame + 1, sync_frame + 3, geometry)
     each.close()
-    _merge(tmp_path / "sync_frames.db", tmp_path / "database.db", job)
+    merge_sync_frames(tmp_path / "sync_frames.db", tmp_path / "database.db", job)
     final = pycolmap.Database.open(tmp_path / "database.db")
     assert [image.name for image in final.read_all_images()] == ["0000.png", "0001.png"]
     for number in range(2):
@@ -323,43 +313,10 @@ def test_neighbors_have_similar_viewing_directions() -> None:
     assert len(pairs) == 24
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
-def test_the_worker_dies_with_its_parent(tmp_path: Path) -> None:
-    """Also after kill -9 of the parent."""
-    program = f"""
-import subprocess, sys, time
-child = subprocess.Popen([sys.executable, "-c", '''
-import os, time
-from studio.calibration.sfm.worker import _die_with_parent
-_die_with_parent()
-open({str(tmp_path / "child")!r}, "w").write(str(os.getpid()))
-time.sleep(60)
-'''])
-time.sleep(60)
-"""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    parent = subprocess.Popen([sys.executable, "-c", program], env=environment)
-    try:
-        deadline = time.monotonic() + 30
-        while not (tmp_path / "child").exists() or not (tmp_path / "child").read_text():
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        child = int((tmp_path / "child").read_text())
-        os.kill(child, 0)
-    finally:
-        os.kill(parent.pid, signal.SIGKILL)
-        parent.wait()
-    deadline = time.monotonic() + 30
-    while Path(f"/proc/{child}").exists() and "State:\tZ" not in Path(f"/proc/{child}/status").read_text():
-        assert time.monotonic() < deadline, "the child lives on"
-        time.sleep(0.05)
-
-
 def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from studio.calibration.sfm.focal_lengths import is_any_unknown
-    from studio.calibration.sfm.mapping import Mapper
 
     synthesize(tmp_path, 8, 500)
     database, asked = tmp_path / "database.db", []

@@ -1,0 +1,177 @@
+"""The Triton kernels of training: compiled for GPUs, chosen on one, and, where there is one, run on it."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from studio.training import coded_loss, motion, photometric
+from studio.training.hashgrid import PIECE, pieces_of
+from studio.training.photometric import photometric_loss, photometric_loss_torch
+from studio.training.triton import coded, field, loss
+from tests.studio.training.test_coded_loss import make
+from tests.studio.training.test_motion import field_and_means
+from tests.support.triton import compile_kernels, needs_triton
+
+FIELD_NUMBERS = ("count", "length", "features", "columns", "reads", "gives", "pieces", "total")
+FIELD_NUMBERS += ("input_columns", "out_columns", "slope_columns")
+TYPES: dict[str, dict[str, str]] = {
+    "loss": {**dict.fromkeys(("width", "height", "count"), "i32"), **dict.fromkeys(("of_l1", "of_ssim"), "fp32")},
+    "coded": {
+        **dict.fromkeys(("count", "channels", "seed"), "i32"),
+        **dict.fromkeys(("bits_weight", "difference_weight"), "fp32"),
+        "owner": "*i32",
+    },
+    "field": {
+        **dict.fromkeys(FIELD_NUMBERS, "i32"),
+        **dict.fromkeys(("rows", "tiles", "readers"), "*i32"),
+        **dict.fromkeys(("begins", "ends"), "*i64"),
+    },
+}
+"""Triton's types of the arguments that are not pointers to float32, by module."""
+WARPS: dict[str, tuple[int, Sequence[str]]] = {
+    "loss": (loss.WARPS, ("blur_rows_of_moments", "compare", "blur_rows", "combine")),
+    "coded": (coded.WARPS, ("coded_loss",)),
+    "field": (field.WARPS, ("encode", "layer_forward", "layer_backward", "parameter_gradient", "sum_pieces")),
+}
+VARIANTS: dict[str, Sequence[Mapping[str, Any]]] = {
+    "layer_forward": [{"OUTPUTS": width, "LAST": last} for width, last in ((16, True), (64, False))],
+    "layer_backward": [{"INPUTS": width, "FIRST": first} for width, first in ((16, True), (64, False))],
+    "sum_pieces": [{"FEATURES": 4, "FIRST": first} for first in (True, False)],
+}
+
+
+@needs_triton
+@pytest.mark.parametrize("name", TYPES)
+def test_the_kernels_compile_for_a_gpu(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
+    warps, kernels = WARPS[name]
+    module = importlib.import_module(f"studio.training.triton.{name}_kernels")
+    compile_kernels(module, TYPES[name], dict.fromkeys(kernels, warps), 80, VARIANTS)
+
+
+@pytest.mark.parametrize(
+    "counts", [[0], [1, 0, 0, PIECE], [PIECE + 1, 3], [5 * PIECE**2 + 7, 0, PIECE, 1], [PIECE**2, PIECE**3 + 1]]
+)
+def test_pieces_add_each_number_once(counts: list[int]) -> None:
+    values = torch.rand(sum(counts), generator=torch.Generator().manual_seed(4), dtype=torch.float64)
+    expected = torch.stack([part.sum() for part in values.split(counts)])
+    passes = pieces_of(torch.tensor(counts))
+    for begins, ends in passes:
+        assert int((ends - begins).max()) <= PIECE
+        summed = torch.cat([values.new_zeros(1), values.cumsum(0)])
+        values = summed[ends] - summed[begins]
+    torch.testing.assert_close(values, expected, rtol=1e-9, atol=1e-9)
+    assert len(passes) == next(n for n in range(1, 9) if PIECE**n >= max(counts)), "no more passes than needed"
+
+
+class OnGpu(torch.nn.Parameter):
+    """Says that it is on a GPU, for tests that look only at the choice of the kernel."""
+
+    device = torch.device("cuda", 0)  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("backends", [("reference", "triton"), ("reference", "cuda")])
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [("loss", torch.float32), ("coded", torch.float32), ("field", torch.float32), ("field", torch.float64)],
+)
+def test_the_choice_on_a_gpu(
+    name: str, dtype: torch.dtype, backends: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen: list[str] = []
+    by_triton, by_torch = (lambda *_, kernel=kernel: chosen.append(kernel) for kernel in ("triton", "torch"))
+    module = {"loss": photometric, "coded": coded_loss, "field": motion}[name]
+    monkeypatch.setattr(module, "available_backends", lambda: backends)
+    monkeypatch.setattr(module, "kernels_for", lambda *_: None, raising=False)
+    if name == "loss":
+        monkeypatch.setattr(module, "photometric_loss_triton", by_triton)
+        monkeypatch.setattr(module, "photometric_loss_torch", by_torch)
+        image = torch.zeros(8, 9, 3).as_subclass(OnGpu)
+        photometric_loss(image, image)
+    elif name == "coded":
+        coded_values, now = make(dtype, 5, 1.0, (0.3, 0.2))
+        monkeypatch.setattr(module, "coded_loss_triton", by_triton)
+        monkeypatch.setattr(coded_values, "forward_torch", by_torch)
+        coded_values(now.as_subclass(OnGpu), 3)
+    else:
+        moving, means = field_and_means(dtype, 5, levels=2)
+        corners = moving.corners(means)
+        moving.grid.table = OnGpu(moving.grid.table.detach())
+        monkeypatch.setattr(module, "motion_field_triton", by_triton)
+        monkeypatch.setattr(moving, "forward_torch", by_torch)
+        moving(corners)
+    assert chosen == ["triton" if "triton" in backends and dtype == torch.float32 else "torch"]
+
+
+def check_on_the_gpu(run: Callable[[], list[Tensor]], right: Sequence[Tensor]) -> None:
+    """The first results are these in float64, and all have the same bits the next time."""
+    found, again = run(), run()
+    for value, expected in zip(found, right, strict=False):
+        assert (value.double().cpu() - expected).norm() <= 2e-5 * expected.norm() + 1e-6
+    assert all(torch.equal(one, other) for one, other in zip(found, again, strict=True))
+
+
+@needs_triton
+@pytest.mark.gpu
+@pytest.mark.parametrize("size", [(1, 1), (135, 64), (1080, 1920)])
+def test_the_loss_on_the_gpu(size: tuple[int, int]) -> None:
+    generator = torch.Generator().manual_seed(1)
+    target = torch.rand(*size, 3, generator=generator)
+    image = target + 0.2 * torch.randn(target.shape, generator=generator)
+    exact = image.double().requires_grad_()
+    truth = photometric_loss_torch(exact, target.double())
+
+    def run() -> list[Tensor]:
+        value = photometric_loss(leaf := image.cuda().requires_grad_(), target.cuda())
+        return [value.detach(), *torch.autograd.grad(value, leaf)]
+
+    check_on_the_gpu(run, [truth.detach(), *torch.autograd.grad(truth, exact)])
+
+
+@needs_triton
+@pytest.mark.gpu
+def test_the_loss_on_coded_values_on_the_gpu() -> None:
+    reference, now = make(torch.float32, 100_000, 2.0, (0.3, 0.2))
+    exact, _ = make(torch.float64, 100_000, 2.0, (0.3, 0.2))
+    exact.before, exact.steps = reference.before.double(), reference.steps.double()
+    exact.entropy._previous, exact.entropy._steps = exact.before / exact.steps, exact.steps
+    truth, _ = exact.forward_torch(leaf := now.double().requires_grad_(), 7)
+    on_gpu, _ = make(torch.float32, 100_000, 2.0, (0.3, 0.2))
+    on_gpu = on_gpu.cuda()
+    on_gpu.before, on_gpu.steps = reference.before.cuda(), reference.steps.cuda()
+
+    def run() -> list[Tensor]:
+        value, _ = on_gpu(here := now.cuda().requires_grad_(), 7)
+        leaves = [here, on_gpu.entropy.mu, on_gpu.entropy.log_sigma]
+        return [value.detach(), *torch.autograd.grad(value, leaves)]
+
+    check_on_the_gpu(run, [truth.detach(), *torch.autograd.grad(truth, leaf)])
+
+
+@needs_triton
+@pytest.mark.gpu
+@pytest.mark.parametrize("sizes", [{}, {"levels": 3, "features": 3, "width": 130, "layers": 3}])
+def test_the_motion_field_on_the_gpu(sizes: dict[str, int]) -> None:
+    moving, means = field_and_means(torch.float32, 100_000, log2_size=15, **sizes)
+    upstream = torch.randn(means.shape, generator=torch.Generator().manual_seed(1))
+    corners = moving.corners(means)
+    exact, _ = field_and_means(torch.float64, 100_000, log2_size=15, **sizes)
+    exact.load_state_dict({name: value.double() for name, value in moving.state_dict().items()})
+    in_double = type(corners)(corners.rows, corners.weights.double(), corners.level_rows)
+    moved = exact.forward_torch(in_double)
+    right = [moved.detach(), *torch.autograd.grad(moved, list(exact.parameters()), upstream.double())]
+    on_gpu = type(corners)(corners.rows.cuda(), corners.weights.cuda(), corners.level_rows)
+    moving = moving.cuda()
+
+    def run() -> list[Tensor]:
+        here = moving(on_gpu)
+        return [here.detach(), *torch.autograd.grad(here, list(moving.parameters()), upstream.cuda())]
+
+    check_on_the_gpu(run, right)
