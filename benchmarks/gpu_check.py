@@ -215,48 +215,33 @@ class Check:
             margin = self.settings.crop_margin
             return [TrainingView.from_view(footage.view(name, frame), self.device, margin) for name in used]
 
+        def trained(number: int, steps: Steps, train: Callable[[], Gaussians]) -> Report:
+            with busy() as utilization:
+                found = steps.run(train)
+            latest = [found] if found is not None else steps.latest
+            if not latest:
+                raise RuntimeError(f"only {steps.done} steps in the time for the frame")
+            splats.append(latest[-1].detach())
+            figures = {"splats": len(splats[-1]), "psnr": quality(footage, number, splats)}
+            return {**steps.report(), **utilization(), **figures}
+
         def keyframe() -> Report:
             points = initialize_points([footage.view(name, 0) for name in used], initial)
             tensors = [torch.from_numpy(array).to(self.device) for array in (points.points, points.colors)]
-            seen = views(0)
-            latest: list[Gaussians] = []
-            steps = Steps(self.limit(KEYFRAME))
-            with busy() as utilization:
-                found = steps.run(
-                    lambda: train_keyframe(
-                        seen, *tensors, self.settings, progress=steps, snapshot=steps.keep, snapshot_every=250
-                    )
-                )
-            latest = [found] if found is not None else steps.latest
-            if not latest:
-                raise RuntimeError(f"only {steps.done} steps in the time for the keyframe")
-            splats.append(latest[-1].detach())
-            return {**steps.report(), **utilization(), "splats": len(splats[-1]), "psnr": quality(footage, 0, splats)}
+            seen, steps = views(0), Steps(self.limit(KEYFRAME))
+            options = {"progress": steps, "snapshot": steps.keep, "snapshot_every": 250}
+            return trained(0, steps, lambda: train_keyframe(seen, *tensors, self.settings, **options))
 
         def frame(number: int) -> Report:
             seen = views(number)
-            total = interframe_steps(self.settings)
-            steps = Steps(self.limit(self.left / (count - number + 1)), total)
+            steps = Steps(self.limit(self.left / (count - number + 1)), interframe_steps(self.settings))
+            options = {"progress": steps, "snapshot": steps.keep, "snapshot_every": 250}
             before = splats[-2] if len(splats) > 1 else None
-            with busy() as utilization:
-                found = steps.run(
-                    lambda: (
-                        train_interframe(
-                            splats[-1],
-                            seen,
-                            self.settings,
-                            before_previous=before,
-                            progress=steps,
-                            snapshot=steps.keep,
-                            snapshot_every=250,
-                        ).gaussians
-                    )
-                )
-            latest = [found] if found is not None else steps.latest
-            if not latest:
-                raise RuntimeError(f"only {steps.done} of {total} steps in the time for the frame")
-            splats.append(latest[-1].detach())
-            return {**steps.report(), **utilization(), "psnr": quality(footage, number, splats)}
+            return trained(
+                number,
+                steps,
+                lambda: train_interframe(splats[-1], seen, self.settings, before_previous=before, **options).gaussians,
+            )
 
         count = 1 if self.dry else FRAMES
         if self.part("keyframe", keyframe):

@@ -23,7 +23,7 @@ from studio.rasterizer import rasterize
 from studio.training.keyframe import initial_gaussians, scene_extent
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import Stepper, check_finite
+from studio.training.step import Stepper, regularized
 from studio.training.views import TrainingView, interior
 
 RIDGE = 1e-3
@@ -34,8 +34,6 @@ STEPS = 600
 
 EVERY = 150
 """Steps after which they are fitted again."""
-
-_FIGURES_EVERY = 20
 
 
 def fit_camera_colors(
@@ -56,7 +54,7 @@ def fit_camera_colors(
         settings: see `TrainSettings`; the splats have one color each, whatever `sh_degree` is, because color that
             depends on the view would explain the cameras' differences.
         seed: equal seeds and inputs give equal colors, bit for bit.
-        progress: called with completed and total steps, and regularly also with `loss`.
+        progress: called with completed and total steps, and regularly also with figures.
 
     Returns:
         (V, 3, 4) float64 matrices, see `camera_colors`.
@@ -74,18 +72,9 @@ def fit_camera_colors(
         optimizer.set_means_progress(iteration / STEPS)
         gaussians = optimizer.gaussians
         step = stepper(gaussians, dropout=True)
-        loss = step.loss
-        if settings.opacity_reg:
-            loss = loss + settings.opacity_reg * gaussians.opacities.mean()
-        if settings.scale_reg:
-            loss = loss + settings.scale_reg / extent * gaussians.scales.mean()
-        loss.backward()  # type: ignore[no-untyped-call]
+        regularized(step.loss, gaussians, settings, extent).backward()  # type: ignore[no-untyped-call]
         optimizer.step()
-        figures = {}
-        if iteration % _FIGURES_EVERY == 0:
-            check_finite(step.loss, "keyframe")
-            figures = {"loss": float(step.loss.detach())}
-        progress(iteration, STEPS, **figures)
+        progress(iteration, STEPS, **step.figures(iteration, "keyframe", len(gaussians)))
         if iteration % EVERY == 0:
             found = camera_colors(optimizer.gaussians.detach(), views)
             stepper.views = [view.with_color(matrix) for view, matrix in zip(views, found, strict=True)]

@@ -21,10 +21,9 @@ from studio.training.noise import draw_seed
 from studio.training.refine import FINAL_DROPOUT, Refinement
 from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import SnapshotFn, Step, Stepper, check_finite
+from studio.training.step import FIGURES_EVERY, SnapshotFn, Stepper
 from studio.training.views import TrainingView
 
-_FIGURES_EVERY = 20
 _ENTROPY_RATE = 0.01
 _BOX_QUANTILE = 1e-3
 _LAST_RATE = 0.05
@@ -141,7 +140,7 @@ def _move(
             group.rate = rate * rate_factor((iteration - 1) / iterations)
         optimizer.step()
         optimizer.zero_grad()
-        _report(iteration, steps[-1], len(previous), "motion", progress)
+        progress(iteration, 0, **steps[-1].figures(iteration, "motion", len(previous)))
         snapshot(iteration, moved)
     with torch.no_grad():
         return replace(previous, means=start + field(corners)).clone()
@@ -193,13 +192,13 @@ def _fine_tune(
         if settings.entropy_weight or settings.temporal_weight:
             weighted, bits = coded(coding.coded_values(gaussians), draw_seed(generator))
             loss = loss + weighted
-            if settings.entropy_weight and iteration % _FIGURES_EVERY == 0:
+            if settings.entropy_weight and iteration % FIGURES_EVERY == 0:
                 figures["bits_per_splat"] = float(bits)
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         entropy_adam.step()
         entropy_adam.zero_grad()
-        _report(iteration, step, len(previous), "fine-tuning", progress, **figures)
+        progress(iteration, 0, **step.figures(iteration, "fine-tuning", len(previous)), **figures)
         snapshot(iteration, optimizer.gaussians)
     return optimizer.gaussians.clone()
 
@@ -209,11 +208,3 @@ def performer_box(means: Tensor) -> tuple[Tensor, Tensor]:
     ordered = means.sort(dim=0).values
     margin = int(len(means) * _BOX_QUANTILE)
     return ordered[margin], ordered[len(means) - 1 - margin]
-
-
-def _report(iteration: int, step: Step, splats: int, phase: str, progress: ProgressFn, **figures: float) -> None:
-    if iteration % _FIGURES_EVERY == 0:
-        check_finite(step.loss, phase)
-        progress(iteration, 0, loss=float(step.loss.detach()), psnr=step.psnr, splats=splats, **figures)
-    else:
-        progress(iteration, 0)

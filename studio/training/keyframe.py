@@ -20,7 +20,7 @@ from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import FINAL_DROPOUT, Refinement
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import SnapshotFn, Stepper, check_finite
+from studio.training.step import SnapshotFn, Stepper, part_of, regularized
 from studio.training.views import TrainingView
 
 Checkpoint = dict[str, Tensor]
@@ -29,7 +29,6 @@ CheckpointFn = Callable[[int, Checkpoint], None]
 """`checkpoint(step, state)`: called regularly. The next step modifies the tensors, so write or copy them."""
 
 _FIRST_OPACITY = 0.1
-_FIGURES_EVERY = 20
 
 
 def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int, dilation: float = DILATION) -> Gaussians:
@@ -230,24 +229,14 @@ class _Run:
             )
 
     def _advance(self, gaussians: Gaussians, screen_offsets: Tensor | None) -> None:
-        settings = self._settings
         step = self._stepper(gaussians, screen_offsets, dropout=True)
-        loss = step.loss
-        if settings.opacity_reg:
-            loss = loss + settings.opacity_reg * gaussians.opacities.mean()
-        if settings.scale_reg:
-            loss = loss + settings.scale_reg / self._extent * gaussians.scales.mean()
-        loss.backward()  # type: ignore[no-untyped-call]
+        regularized(step.loss, gaussians, self._settings, self._extent).backward()  # type: ignore[no-untyped-call]
         if screen_offsets is not None and screen_offsets.grad is not None:
             size = (step.view.camera.width, step.view.camera.height)
             self._density.observe(screen_offsets.grad, step.render.radii, size, step.view.full_size)
         self.optimizer.step()
         self.done += 1
-        figures = {}
-        if self.done % _FIGURES_EVERY == 0:
-            check_finite(step.loss, "keyframe")
-            figures = {"loss": float(step.loss.detach()), "psnr": step.psnr, "splats": len(self.optimizer)}
-        self._progress(self.done, self._total, **figures)
+        self._progress(self.done, self._total, **step.figures(self.done, "keyframe", len(self.optimizer)))
 
     def state(self) -> Checkpoint:
         """The complete state, for `restore`."""
@@ -264,17 +253,13 @@ class _Run:
 
     def restore(self, state: Checkpoint) -> None:
         """Continue from a `state()`, bit for bit."""
-
-        def part(prefix: str) -> dict[str, Tensor]:
-            return {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}
-
         try:
             self.done, self._rounds, self._pruned = (int(state[name]) for name in ("done", "rounds", "pruned"))
-            self.optimizer.restore(part("splats."))
+            self.optimizer.restore(part_of(state, "splats."))
             self.optimizer.set_means_progress(self.done / self._settings.keyframe_iterations)
-            self._density.restore(part("density."))
-            self._stepper.restore(part("stepper."))
-            self._refinement.restore(part("refinement."))
+            self._density.restore(part_of(state, "density."))
+            self._stepper.restore(part_of(state, "stepper."))
+            self._refinement.restore(part_of(state, "refinement."))
             self._generator.set_state(state["generator"].cpu())
         except KeyError as error:
             raise StudioError(

@@ -23,13 +23,11 @@ from studio.training.adam import Adam, ParameterGroup
 from studio.training.interframe import performer_box, rate_factor
 from studio.training.keyframe import scene_extent
 from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
-from studio.training.step import Stepper, check_finite
+from studio.training.step import Stepper, part_of, regularized
 from studio.training.views import TrainingView
 
 OffsetCheckpoint = dict[str, Tensor]
 """The complete state of training offsets, by name; can be stored as safetensors."""
-
-_FIGURES_EVERY = 20
 
 
 @dataclass(frozen=True)
@@ -199,7 +197,6 @@ class _Run:
 
     def step(self) -> dict[str, float]:
         """Run one step on a view of the next frame; returns figures every few steps."""
-        settings = self._settings
         if not self._order:  # each frame once, in a new order
             self._order = torch.randperm(len(self._selected), generator=self._generator).tolist()
         frame = self._order.pop(0)
@@ -208,16 +205,11 @@ class _Run:
             group.rate = self._rates[group.name] * factor
         gaussians = self._offsets().applied(self._selected[frame])
         step = self._steppers[frame](gaussians, dropout=True)
-        loss = step.loss + settings.opacity_reg * gaussians.opacities.mean()
-        loss = loss + settings.scale_reg / self._extent * gaussians.scales.mean()
-        loss.backward()  # type: ignore[no-untyped-call]
+        regularized(step.loss, gaussians, self._settings, self._extent).backward()  # type: ignore[no-untyped-call]
         self._adam.step()
         self._adam.zero_grad()
         self.done += 1
-        if self.done % _FIGURES_EVERY:
-            return {}
-        check_finite(step.loss, "fine-tuning")
-        return {"loss": float(step.loss.detach()), "psnr": step.psnr, "splats": len(gaussians)}
+        return step.figures(self.done, "fine-tuning", len(gaussians))
 
     def result(self) -> SplatOffsets:
         """The offsets, detached, on the CPU."""
@@ -239,17 +231,13 @@ class _Run:
 
     def restore(self, state: OffsetCheckpoint) -> None:
         """Continue from a `state()`, bit for bit."""
-
-        def part(prefix: str) -> dict[str, Tensor]:
-            return {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}
-
         self.done = int(state["done"])
         self._generator.set_state(state["generator"].cpu())
         self._order = [int(frame) for frame in state["order"]]
         for index, stepper in enumerate(self._steppers):
-            stepper.restore(part(f"stepper.{index}."))
+            stepper.restore(part_of(state, f"stepper.{index}."))
         for name, leaf in self._leaves.items():
             with torch.no_grad():
                 leaf.copy_(state[f"{name}.value"])
-            moments = part(f"{name}.adam.")
+            moments = part_of(state, f"{name}.adam.")
             self._adam.state[leaf] = {key: value.to(leaf.device) for key, value in moments.items()}

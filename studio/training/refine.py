@@ -17,7 +17,7 @@ from studio.chroma import Siting, resampled
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.training.settings import TrainSettings
-from studio.training.step import Stepper
+from studio.training.step import Stepper, part_of
 from studio.training.views import TrainingView
 
 CONTRAST = 2.0
@@ -152,7 +152,7 @@ class Refinement:
         """Continue from a `state()`, bit for bit."""
         if not state:
             return
-        parts = {name.removeprefix("splats."): value for name, value in state.items() if name.startswith("splats.")}
+        parts = part_of(state, "splats.")
         device = self._stepper.views[0].device
         splats = Gaussians.from_state_dict(parts).to(device)
         self.refined, self._siting_shift = bool(state["refined"]), float(state["siting_shift"])

@@ -21,6 +21,9 @@ from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
 from studio.training.views import Shuffled, TrainingView, backgrounds
 
+FIGURES_EVERY = 20
+"""Steps from one report of loss and PSNR to the next."""
+
 SnapshotFn = Callable[[int, Gaussians], None]
 """`snapshot(iteration, gaussians)`: called regularly with detached splats, for previews."""
 
@@ -44,10 +47,32 @@ class Step:
     view: TrainingView
     image: Tensor
 
-    @property
-    def psnr(self) -> float:
-        """PSNR of the crop of this step in dB, over the training background."""
-        return float(psnr(self.image.detach(), self.target))
+    def figures(self, number: int, phase: str, splats: int) -> dict[str, float]:
+        """Figures of step `number` for progress, every `FIGURES_EVERY` steps; else none, since they wait for the GPU.
+
+        Args:
+            number: of the step, from 1.
+            phase: "keyframe", "motion" or "fine-tuning", for the error.
+            splats: how many are trained.
+
+        Returns:
+            `loss`, `psnr` (dB, of the crop of this step, over the training background) and `splats`.
+
+        Raises:
+            StudioError: `training.diverged`: the loss is NaN or infinite.
+        """
+        if number % FIGURES_EVERY:
+            return {}
+        if not torch.isfinite(self.loss):
+            raise StudioError(
+                "training.diverged",
+                f"{phase} training diverged: the loss is {float(self.loss)}",
+                value=float(self.loss),
+                fix="Lower the learning rates (train.rates), or check the images and masks",
+                phase=phase,
+            )
+        found = float(psnr(self.image.detach(), self.target))
+        return {"loss": float(self.loss.detach()), "psnr": found, "splats": splats}
 
 
 class Stepper:
@@ -140,17 +165,15 @@ def _behind(view: TrainingView, background: Tensor) -> Tensor:
     return background if backdrop is None else backdrop
 
 
-def check_finite(loss: Tensor, phase: str) -> None:
-    """Check that training has not diverged; `phase` ("keyframe", "motion" or "fine-tuning") is for the error.
+def regularized(loss: Tensor, gaussians: Gaussians, settings: TrainSettings, extent: float) -> Tensor:
+    """A loss plus what opacities and scales cost; `extent`: of the scene, world units."""
+    if settings.opacity_reg:
+        loss = loss + settings.opacity_reg * gaussians.opacities.mean()
+    if settings.scale_reg:
+        loss = loss + settings.scale_reg / extent * gaussians.scales.mean()
+    return loss
 
-    Raises:
-        StudioError: `training.diverged`: the loss is NaN or infinite.
-    """
-    if not torch.isfinite(loss):
-        raise StudioError(
-            "training.diverged",
-            f"{phase} training diverged: the loss is {float(loss)}",
-            value=float(loss),
-            fix="Lower the learning rates (train.rates), or check the images and masks",
-            phase=phase,
-        )
+
+def part_of(state: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """The values of a checkpoint whose names begin with a prefix, by the rest of their names."""
+    return {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}

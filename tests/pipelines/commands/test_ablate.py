@@ -55,14 +55,14 @@ def test_the_full_method_is_always_first_and_names_are_checked():
 
 def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     out = project / "ablation"
-    arguments = ("ablate", project / "ball.yaml", "--out", out, "--variants", "no-finetune", "--qps", "10,34")
+    arguments = ("ablate", project / "ball.yaml", "--out", out, "--variants", "no-finetune", "--qps", "10,24,34,42")
     done = cli(*arguments, "--set", "capture.stop=2")
     assert done.returncode == 0, done.stderr
     results = json.loads((out / "ablation.json").read_text())
     assert [entry["name"] for entry in results["variants"]] == ["full", "no-finetune"]
     assert results["protocol"]["cameras"] == ["cam4"]
     for entry in results["variants"]:
-        assert [point["qp"] for point in entry["points"]] == [10, 20, 34], "the default QP is measured too"
+        assert [point["qp"] for point in entry["points"]] == [10, 20, 24, 34, 42], "the default QP is measured too"
         rates = [point["kb_per_frame"] for point in entry["points"]]
         assert rates == sorted(rates, reverse=True)
     # the keyframe is the same, byte for byte; the frame after it is not
