@@ -80,6 +80,9 @@ class RunSettings(Settings):
     """Groups trained in parallel, sharing the CPU threads. null: on a CPU as many as threads and memory allow, at most
     8; on a GPU one."""
 
+    check_rig: bool = True
+    """Stop at `initialize` if cameras, images and masks contradict each other. false: only warn."""
+
     preview_seconds: float = Field(default=20.0, ge=0)
     """Minimum interval between preview images during training, in seconds. 0: no previews."""
 

@@ -13,6 +13,7 @@ from pipelines.stages import Executor, grouping, stage_named
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
+from pipelines.stages.rig_check import check_rig
 from pipelines.stages.summaries import InitializeSummary
 from pipelines.stages.training_views import within_box
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
@@ -93,6 +94,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
     first = 0.0 if grouping.is_known(inputs.footage) else 0.3
     grouping.find_groups(inputs.footage, reporter.part("finding groups", 0.0, first))
     groups = inputs.groups
+    check_rig(inputs, group_key(inputs, groups[0]), groups[0].keyframe, reporter)
     todo = [group for group in groups if not group_done(inputs, group)]
     if executor is not None and todo:
         executor.run(STAGE, inputs, todo, reporter)

@@ -143,6 +143,11 @@ class Take:
         return self.root / "calibrate" / "rig.json"
 
     @property
+    def rig_verdict(self) -> Path:
+        """initialize/verdict.json: whether cameras, images and masks agree."""
+        return self.root / "initialize" / "verdict.json"
+
+    @property
     def calibration_report(self) -> Path:
         """calibrate/report.json."""
         return self.root / "calibrate" / "report.json"

@@ -16,8 +16,9 @@ from studio.meshing.visual_hull import visual_hull
 from studio.progress import ProgressFn, no_progress, part_of
 
 _DISAGREEMENT = 0.12
-"""Disagreement above which a warning is given. Correct masks (exact masks, clean plates) gave 0.01 to 0.05; masks with
-shadows classified as performer, or from a background estimated from the footage, gave 0.12 to 0.19."""
+"""Disagreement above which a warning is given, if it is twice that of most cameras. Correct masks (exact masks, clean
+plates) gave 0.01 to 0.05; masks with shadows classified as performer, or from a background estimated from the footage,
+gave 0.12 to 0.19."""
 _MIN_OUTLIER_SHARE = 0.002
 """Fraction of the hull rejected by an outlier mask above which a warning is given."""
 
@@ -78,16 +79,17 @@ def initialize_points(
         MeshViews(result.mesh),
         progress=part_of(progress, 70, 100),
     )
+    usual = float(np.median(list(result.disagreement.values())))
     warnings = [
         Message(
             "hull.mask_mismatch",
-            f"Camera '{name}': the hull's silhouette and the mask differ by {value:.0%}",
+            f"Camera '{name}': the hull's silhouette and the mask differ by {value:.0%}, usually by {usual:.0%}",
             value=value,
             fix="Check the mask and the camera pose.",
             fields={"camera": name},
         )
         for name, value in result.disagreement.items()
-        if value > _DISAGREEMENT
+        if value > max(_DISAGREEMENT, 2 * usual)
     ]
     warnings += [
         Message(

@@ -1,0 +1,109 @@
+"""Before the first hull: do cameras, images and masks agree? A rig that is wrong costs hours of training."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.params import key_of
+from pipelines.stages.reporter import StageReporter
+from pipelines.takes.atomic_files import read_model, write_model
+from studio.calibration.verdict import RigVerdict, judge
+from studio.errors import Message, StudioError
+
+if TYPE_CHECKING:
+    from studio.capture import Footage
+
+
+_VERSION = 1
+"""Of the judgment: another one judges again."""
+
+
+class StoredVerdict(RigVerdict):
+    """initialize/verdict.json."""
+
+    key: str = ""
+    """Digest of cameras, images and masks."""
+
+
+class _Images(Mapping[str, np.ndarray]):
+    """Images of one frame by camera, read on access: those of a large rig do not fit into memory together."""
+
+    def __init__(self, footage: Footage, frame: int) -> None:
+        self._footage, self._frame = footage, frame
+
+    def __len__(self) -> int:
+        return len(self._footage.rig)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._footage.rig.names)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._footage.image(name, self._frame)
+
+
+def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> None:
+    """Judge the rig by the images and masks of a frame, log the verdict, and store it.
+
+    Args:
+        inputs: of the stage.
+        key: digest of cameras, images and masks: a stored verdict with it is used again.
+        frame: frame number in the footage.
+        reporter: of the stage.
+
+    Raises:
+        StudioError: the rig is wrong (rig.wrong) or the masks are (masks.contradiction), unless run.check_rig is off.
+    """
+    key = key_of("verdict", _VERSION, key)
+    verdict = _stored(inputs.take.rig_verdict, key)
+    if verdict is None:
+        verdict = StoredVerdict(key=key, **_judged(inputs, frame, reporter).model_dump())
+        inputs.take.rig_verdict.parent.mkdir(parents=True, exist_ok=True)
+        write_model(inputs.take.rig_verdict, verdict)
+    if verdict.grade == "wrong":
+        code = "masks.contradiction" if verdict.blamed == "masks" else "rig.wrong"
+        if inputs.config.run.check_rig:
+            raise StudioError(
+                code,
+                verdict.reason,
+                fix=f"{verdict.fix} To train anyway, set run.check_rig to false.",
+                setting="run.check_rig",
+                cameras=list(verdict.doubtful),
+            )
+        reporter.warn(Message(code, verdict.reason, fix=verdict.fix, fields={"cameras": list(verdict.doubtful)}))
+    elif verdict.blamed:
+        reporter.warn(
+            Message("rig.doubtful", verdict.reason, fix=verdict.fix, fields={"cameras": list(verdict.doubtful)})
+        )
+    else:
+        reporter.log(f"cameras: {verdict.grade}. {verdict.reason}")
+
+
+def _stored(path: Path, key: str) -> StoredVerdict | None:
+    if not path.is_file():
+        return None
+    verdict = read_model(path, StoredVerdict)
+    return verdict if verdict.key == key else None
+
+
+def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
+    from studio.calibration.epipolar import match_images
+    from studio.meshing.agreement import PIXELS, contradicting, mask_agreement
+    from studio.meshing.silhouettes import Silhouettes
+
+    footage = inputs.footage.calibrated
+    pairs = match_images(_Images(footage, frame), progress=reporter.part("checking the cameras", 0.0, 0.02))
+    cameras = {camera.name: camera for camera in footage.rig}
+    names = footage.train_cameras
+    errors: dict[str, float] | None = None
+    disagreeing: list[str] = []
+    if inputs.config.capture.masks != "none" and len(names) >= 4:
+        views = [footage.view(name, frame) for name in names]
+        shapes = Silhouettes(views, max_pixels=PIXELS * len(names))
+        agreement = mask_agreement(shapes, max(3, len(names) // 3))
+        errors, disagreeing = {name: one.error for name, one in agreement.items()}, contradicting(agreement)
+    return judge(cameras, pairs, errors, disagreeing)

@@ -1,0 +1,150 @@
+"""Matches between the images of a rig, found without its cameras, and how many of them its epipolar lines fit.
+
+A small reprojection error only says that a rig fits the points it was made from. This evidence is independent: it also
+judges cameras from a file, and a rig that a repeating wall has folded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TypeAlias
+
+import numpy as np
+
+from studio.cameras import Camera
+from studio.progress import ProgressFn, no_progress
+
+_LONGEST = 960
+"""Images are reduced to this many pixels on their longer side."""
+_FEATURES, _STRONGEST = 1200, 300
+"""Features per image, and those with which pairs of images are found that show the same."""
+_PARTNERS = 5
+"""Images with which each is matched."""
+_RATIO = 0.8
+"""Lowe's ratio: the best match is at most this far compared with the second best."""
+LEAST_MATCHES = 20
+"""A pair with fewer verified matches is no evidence."""
+TOLERANCE = 0.003
+"""Distance from the epipolar line that counts as a fit, as a fraction of the longer side: 2 pixels of 640."""
+
+_Features: TypeAlias = tuple[np.ndarray, np.ndarray]  # pixels (F, 2), descriptors (F, 128)
+
+
+@dataclass(frozen=True)
+class PairMatches:
+    """Verified matches of two images.
+
+    Attributes:
+        first, second: the cameras.
+        first_pixels, second_pixels: (M, 2) float64 in full-size images.
+    """
+
+    first: str
+    second: str
+    first_pixels: np.ndarray
+    second_pixels: np.ndarray
+
+
+def match_images(images: Mapping[str, np.ndarray], *, progress: ProgressFn = no_progress) -> list[PairMatches]:
+    """Match each image with those that share most with it.
+
+    Args:
+        images: (H, W, 3) uint8 RGB by camera, undistorted; each is read once.
+        progress: called per image and pair; may raise `Cancelled`.
+
+    Returns:
+        The pairs that a fundamental matrix verifies with at least `LEAST_MATCHES` matches.
+    """
+    names = list(images)
+    features: dict[str, _Features] = {}
+    for number, name in enumerate(names):
+        features[name] = _features(images[name])
+        progress(number, 2 * len(names))
+    strongest = {name: (pixels[:_STRONGEST], codes[:_STRONGEST]) for name, (pixels, codes) in features.items()}
+    alike = {pair: len(_match(strongest[pair[0]], strongest[pair[1]])) for pair in combinations(names, 2)}
+    wanted: set[tuple[str, str]] = set()
+    for name in names:
+        own = [pair for pair in alike if name in pair]
+        wanted.update(sorted(own, key=lambda pair: -alike[pair])[:_PARTNERS])
+    found = []
+    for number, (first, second) in enumerate(sorted(wanted)):
+        verified = _verified(features[first], features[second])
+        if len(verified) >= LEAST_MATCHES:
+            found.append(PairMatches(first, second, verified[:, :2], verified[:, 2:]))
+        progress(len(wanted) + number, 2 * len(wanted))
+    return found
+
+
+def _features(image: np.ndarray) -> _Features:
+    import cv2
+
+    scale = min(1.0, _LONGEST / max(image.shape[:2]))
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    if scale < 1:
+        gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    points, codes = cv2.SIFT.create(_FEATURES, contrastThreshold=0.02).detectAndCompute(gray, None)
+    if codes is None:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    order = np.argsort([-point.response for point in points], kind="stable")
+    pixels = (np.array([point.pt for point in points], np.float64) + 0.5) / scale
+    # RootSIFT (Arandjelovic and Zisserman 2012)
+    roots = np.sqrt(codes / np.maximum(codes.sum(1, keepdims=True), 1e-9)).astype(np.float32)
+    return pixels[order], roots[order]
+
+
+def _match(first: _Features, second: _Features) -> np.ndarray:
+    """(M, 2) indices of mutual nearest neighbors that pass the ratio test."""
+    import cv2
+
+    if min(len(first[1]), len(second[1])) < 2:
+        return np.zeros((0, 2), int)
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    back = {match.queryIdx: match.trainIdx for match in matcher.match(second[1], first[1])}
+    pairs = [
+        (best.queryIdx, best.trainIdx)
+        for best, other in matcher.knnMatch(first[1], second[1], k=2)
+        if best.distance < _RATIO * other.distance and back.get(best.trainIdx) == best.queryIdx
+    ]
+    return np.array(pairs, int).reshape(-1, 2)
+
+
+def _verified(first: _Features, second: _Features) -> np.ndarray:
+    """(M, 4) pixels in both images of the matches that one fundamental matrix fits."""
+    import cv2
+
+    indices = _match(first, second)
+    if len(indices) < LEAST_MATCHES:
+        return np.zeros((0, 4))
+    pixels = np.concatenate([first[0][indices[:, 0]], second[0][indices[:, 1]]], 1)
+    width = max(1.0, TOLERANCE * pixels.max())
+    _, inliers = cv2.findFundamentalMat(pixels[:, :2], pixels[:, 2:], cv2.USAC_MAGSAC, width, 0.999, 5000)
+    return pixels[inliers.ravel() > 0] if inliers is not None else np.zeros((0, 4))
+
+
+def fitting(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict[tuple[str, str], tuple[int, int]]:
+    """Matches that fit the epipolar geometry of two cameras, and all of them, by pair of cameras."""
+    found = {}
+    for pair in pairs:
+        first, second = cameras[pair.first], cameras[pair.second]
+        limit = TOLERANCE * max(first.width, first.height, second.width, second.height)
+        off = _sampson(_fundamental(first, second), pair.first_pixels, pair.second_pixels)
+        found[pair.first, pair.second] = int((off < limit).sum()), len(off)
+    return found
+
+
+def _fundamental(first: Camera, second: Camera) -> np.ndarray:
+    """(3, 3) matrix F with x2' F x1 = 0."""
+    motion = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
+    x, y, z = motion[:3, 3]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.linalg.inv(second.K).T @ cross @ motion[:3, :3] @ np.linalg.inv(first.K))
+
+
+def _sampson(fundamental: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(M,) Sampson distances in pixels (Hartley and Zisserman, 11.4.3)."""
+    first, second = (np.c_[pixels, np.ones(len(pixels))] for pixels in (first, second))
+    lines, back = first @ fundamental.T, second @ fundamental
+    slopes = np.hypot(np.hypot(lines[:, 0], lines[:, 1]), np.hypot(back[:, 0], back[:, 1]))
+    return np.abs((second * lines).sum(1)) / np.maximum(slopes, 1e-12)

@@ -1,0 +1,292 @@
+"""Whether a rig is right, judged by what it was not made from: matches between images, and the performer's masks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, fitting
+from studio.cameras import Camera
+
+Grade = Literal["good", "usable", "wrong"]
+
+Cameras = Mapping[str, Camera]
+
+FITS = 0.85
+"""Fraction of the matches that a correct rig fits at least: 0.93 to 0.99 on the rigs that were tried; folded rigs have
+0.35 to 0.5, focal lengths that are off by 10% 0.47."""
+_DOUBTFUL = 0.5
+"""A camera whose matches with the others fit less often than this is placed wrongly."""
+_MOST = 1 / 3
+"""Of the cameras: if more disagree, it is the rig, or the masks, and not single cameras."""
+_SCALES, _NEAR = np.geomspace(0.5, 2.0, 29), np.geomspace(0.95, 1.05, 11)
+"""Factors of focal lengths that are tried, and those around the best of them."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class CameraVerdict(_Model):
+    """Evidence on one camera."""
+
+    matches: int = 0
+    """Verified matches of its image with others."""
+    fits: float | None = None
+    """Fraction of them that fit the epipolar geometry of the rig; None for too few matches."""
+    mask_error: float | None = None
+    """Disagreement of its mask with the volume of the others, 0..2 (see `MaskAgreement`); None if not known."""
+
+
+class RigVerdict(_Model):
+    """Verdict on a rig."""
+
+    grade: Grade
+    reason: str
+    """One or two sentences."""
+    fix: str = ""
+    doubtful: tuple[str, ...] = ()
+    """Cameras that disagree with the others."""
+    blamed: Literal["", "cameras", "masks", "cameras or masks"] = ""
+    """What is wrong, if something is."""
+    fits: float | None = None
+    """Fraction of all matches that fit; None for too few matches."""
+    cameras: dict[str, CameraVerdict] = {}
+
+
+def judge(
+    cameras: Cameras,
+    pairs: Sequence[PairMatches],
+    mask_errors: Mapping[str, float] | None,
+    contradicting: Collection[str] = (),
+) -> RigVerdict:
+    """Judge a rig.
+
+    Args:
+        cameras: by name, pinhole.
+        pairs: matches of their images (`match_images`).
+        mask_errors: disagreement of each mask with the others' volume; empty if the masks have no common volume, None
+            if there are too few cameras or no masks.
+        contradicting: cameras whose masks contradict the others.
+    """
+    evidence = _Evidence(cameras, pairs)
+    figures = {
+        name: CameraVerdict(
+            matches=evidence.total(name),
+            fits=None if (share := evidence.share(cameras, [name])) is None else round(share, 3),
+            mask_error=None if mask_errors is None or name not in mask_errors else round(mask_errors[name], 3),
+        )
+        for name in cameras
+    }
+    verdict = _images(evidence)
+    masks_wrong = mask_errors is not None and (not mask_errors or len(contradicting) > _MOST * len(cameras))
+    if masks_wrong and verdict.blamed != "cameras":
+        verdict = _masks(evidence.known, bool(mask_errors), contradicting)
+    elif masks_wrong:  # misplaced cameras contradict the masks of all others
+        verdict = verdict.model_copy(update={"grade": "wrong"})
+    elif contradicting and verdict.grade != "wrong":
+        others = [name for name in contradicting if name not in verdict.doubtful]
+        verdict = RigVerdict(
+            grade="usable",
+            reason=" ".join(filter(None, (verdict.reason, _contradiction(others)))),
+            fix=verdict.fix or "Look at these masks, or leave these cameras out.",
+            doubtful=(*verdict.doubtful, *others),
+            blamed=verdict.blamed or "masks",
+        )
+    overall = evidence.share(cameras)
+    return verdict.model_copy(update={"cameras": figures, "fits": None if overall is None else round(overall, 3)})
+
+
+class _Evidence:
+    """Matches of the cameras' images, and which cameras they can judge."""
+
+    def __init__(self, cameras: Cameras, pairs: Sequence[PairMatches]) -> None:
+        self.cameras, self._pairs = cameras, [pair for pair in pairs if {pair.first, pair.second} <= cameras.keys()]
+        judged = [name for name in cameras if self.total(name) >= LEAST_MATCHES]
+        self.known = len(cameras) > 1 and len(judged) > len(cameras) * (1 - _MOST)
+
+    def total(self, name: str) -> int:
+        """Number of a camera's matches."""
+        return sum(len(pair.first_pixels) for pair in self._pairs if name in (pair.first, pair.second))
+
+    def share(self, cameras: Cameras, of: Collection[str] = (), without: Collection[str] = ()) -> float | None:
+        """Fraction of the matches that fit; None without matches.
+
+        Args:
+            cameras: these instead of the given ones.
+            of: only pairs with one of these cameras; empty for all.
+            without: leave pairs with these out, unless they are in `of`.
+        """
+        chosen = [
+            pair
+            for pair in self._pairs
+            if (not of or pair.first in of or pair.second in of)
+            and not ({pair.first, pair.second} - set(of)) & set(without)
+        ]
+        counts = fitting(cameras, chosen).values()
+        total = sum(count for _, count in counts)
+        return sum(good for good, _ in counts) / total if total else None
+
+    def doubtful(self) -> list[str]:
+        """Cameras whose matches with the others do not fit, found one at a time, the worst first."""
+        found: list[str] = []
+        while True:
+            shares = {
+                name: share
+                for name in self.cameras
+                if name not in found and (share := self.share(self.cameras, [name], found)) is not None
+            }
+            worst = min(shares, key=lambda name: shares[name], default=None)
+            if worst is None or shares[worst] >= _DOUBTFUL:
+                return found
+            found.append(worst)
+
+
+def _images(evidence: _Evidence) -> RigVerdict:
+    """What the matches say."""
+    if not evidence.known:
+        return RigVerdict(
+            grade="usable",
+            reason="The images have too few features in common to check the cameras.",
+            fix="Look at the footage over the mesh, or calibrate from footage with a textured background.",
+        )
+    doubtful = evidence.doubtful()
+    share = evidence.share(evidence.cameras, without=doubtful)
+    if len(doubtful) > _MOST * len(evidence.cameras) or share is None or share < FITS:
+        overall = evidence.share(evidence.cameras) or 0.0
+        cause, fix = next(
+            (found for found in _causes(evidence) if found),
+            ("", "Calibrate from more frames, with a board or marked points, or check the camera file."),
+        )
+        return RigVerdict(
+            grade="wrong",
+            reason=f"This rig is wrong: only {overall:.0%} of the matches between the images fit its cameras; a "
+            f"correct rig fits {FITS:.0%} or more.{cause}",
+            fix=fix,
+            doubtful=tuple(doubtful),
+            blamed="cameras",
+        )
+    if doubtful:
+        cause, fix = _cause_of_some(evidence, doubtful)
+        return RigVerdict(
+            grade="usable",
+            reason=f"{_list(doubtful, 'Camera')} {'disagrees' if len(doubtful) == 1 else 'disagree'} with the others: "
+            f"{evidence.share(evidence.cameras, doubtful, doubtful) or 0.0:.0%} of the matches fit.{cause}",
+            fix=fix,
+            doubtful=tuple(doubtful),
+            blamed="cameras",
+        )
+    return RigVerdict(grade="good", reason=f"{share:.0%} of the matches between the images fit the cameras.")
+
+
+def _masks(known: bool, some: bool, contradicting: Collection[str]) -> RigVerdict:
+    """The masks contradict each other, and the images do not say that the cameras are wrong."""
+    what = f"the masks of {_list(contradicting)} contradict the others" if some else "the masks have no common volume"
+    if known:
+        reason = f"The masks are wrong: {what}, while the matches between the images fit the cameras."
+        fix = "Check capture.masks: a clean plate, mask files or another source."
+    else:
+        reason = f"The cameras or the masks are wrong: {what}, and the images have too few features to say which."
+        fix = "Look at the masks on the Capture page, then check the calibration."
+    return RigVerdict(
+        grade="wrong",
+        reason=reason,
+        fix=fix,
+        doubtful=tuple(contradicting),
+        blamed="masks" if known else "cameras or masks",
+    )
+
+
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+
+_POSES: tuple[tuple[str, Callable[[np.ndarray], np.ndarray]], ...] = (
+    ("Taken as camera-to-world, the poses fit", np.linalg.inv),
+    ("With the axes of OpenGL (y up, z backward), the poses fit", lambda pose: _FLIP @ pose),
+    ("Taken as camera-to-world with the axes of OpenGL, the poses fit", lambda pose: _FLIP @ np.linalg.inv(pose)),
+)
+
+
+def _causes(evidence: _Evidence) -> Iterator[tuple[str, str] | None]:
+    """Ways in which the whole rig may be wrong, tried on the matches: what is said of each that fits, and the fix."""
+    cameras = evidence.cameras
+    for words, change in _POSES:
+        changed = {name: replace(c, world_to_camera=change(c.world_to_camera)) for name, c in cameras.items()}
+        yield _cause(evidence, changed, words, "Convert the poses in the camera file.")
+    best = _best_scale(lambda scale: evidence.share(_scaled(cameras, cameras, scale)))
+    words = f"With focal lengths {best:.2f} times as long, they fit"
+    yield _cause(evidence, _scaled(cameras, cameras, best), words, "Check the focal lengths and the images' size.")
+
+
+def _cause(
+    evidence: _Evidence, changed: Cameras, words: str, fix: str, of: Collection[str] = ()
+) -> tuple[str, str] | None:
+    share = evidence.share(changed, of)
+    return (f" {words} ({share:.0%}).", fix) if share is not None and share >= FITS else None
+
+
+def _cause_of_some(evidence: _Evidence, doubtful: Sequence[str]) -> tuple[str, str]:
+    """Why single cameras may disagree: two are exchanged, or a focal length is wrong."""
+    cameras, exclude = evidence.cameras, "Leave them out with capture.cameras, or calibrate them again."
+    for first in doubtful:
+        for second in doubtful:
+            if first < second:
+                exchanged = {
+                    **cameras,
+                    first: replace(cameras[second], name=first),
+                    second: replace(cameras[first], name=second),
+                }
+                found = _cause(evidence, exchanged, f"{first} and {second} are exchanged: the other way, they fit",
+                               "Exchange their names in the camera file or the footage.", (first, second))  # fmt: skip
+                if found:
+                    return found
+    words = []
+    for name in doubtful:
+        own = partial(_share_scaled, evidence, name, doubtful)
+        best = _best_scale(own)
+        if (share := own(best) or 0.0) >= FITS:
+            words.append(f" With a focal length {best:.2f} times as long, {name} fits ({share:.0%}).")
+    return "".join(words), exclude
+
+
+def _contradiction(names: Sequence[str]) -> str:
+    if not names:
+        return ""
+    if len(names) == 1:
+        return f"The mask of {names[0]} contradicts the others."
+    return f"The masks of {_list(names)} contradict the others."
+
+
+def _share_scaled(evidence: _Evidence, name: str, doubtful: Sequence[str], scale: float) -> float | None:
+    return evidence.share(_scaled(evidence.cameras, [name], scale), [name], doubtful)
+
+
+def _best_scale(share: Callable[[float], float | None]) -> float:
+    """The factor of focal lengths with which most matches fit."""
+    best = 1.0
+    for around in (_SCALES, _NEAR):
+        best = max((best * float(factor) for factor in around), key=lambda scale: share(scale) or 0.0)
+    return best
+
+
+def _scaled(cameras: Cameras, names: Collection[str], scale: float) -> Cameras:
+    """Cameras of which some have other focal lengths."""
+    matrix = np.diag([scale, scale, 1.0])
+    centered = {name: np.array([[1, 0, c.cx], [0, 1, c.cy], [0, 0, 1]]) for name, c in cameras.items() if name in names}
+    return {
+        name: replace(c, K=centered[name] @ matrix @ np.linalg.inv(centered[name]) @ c.K) if name in names else c
+        for name, c in cameras.items()
+    }
+
+
+def _list(names: Collection[str], what: str = "") -> str:
+    """ "Camera a", "Cameras a and b", "a, b, c and 4 more"."""
+    shown = list(names)[:6]
+    rest = [f"{len(names) - 6} more"] if len(names) > 6 else []
+    words = [*shown, *rest]
+    text = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return f"{what}{'s' if len(words) > 1 else ''} {text}" if what else text

@@ -1,0 +1,126 @@
+"""Verdicts on rigs that are right, and on rigs that are wrong in known ways."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+
+import cv2
+import numpy as np
+import pytest
+
+from studio.calibration.epipolar import PairMatches, fitting, match_images
+from studio.calibration.verdict import judge
+from studio.cameras import Camera
+from tests.support.rigs import intrinsics, ring
+
+Cameras = dict[str, Camera]
+
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def rig() -> Cameras:
+    K = intrinsics(500.0, (640, 360))
+    cameras = ring(12, heights=[0.5, 1.5], target=(0, 0, 1), name="cam{:02d}", K=K, size=(640, 360))
+    return {camera.name: camera for camera in cameras}
+
+
+@pytest.fixture(scope="module")
+def pairs(rig: Cameras) -> list[PairMatches]:
+    """Noisy projections of points around the ring, seen by neighbors."""
+    random = np.random.default_rng(0)
+    points = random.uniform([-1.5, -1.5, -0.5], [1.5, 1.5, 2.5], (60, 3))
+    found = []
+    names = list(rig)
+    for first, second in combinations(range(12), 2):
+        if (second - first) % 12 in (1, 2, 10, 11):
+            seen = [rig[names[n]].project(points)[0] + random.normal(0, 0.3, (60, 2)) for n in (first, second)]
+            found.append(PairMatches(names[first], names[second], *seen))
+    return found
+
+
+def posed(camera: Camera, change: Callable[[np.ndarray], np.ndarray]) -> Camera:
+    return replace(camera, world_to_camera=change(camera.world_to_camera))
+
+
+def turned(degrees: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = cv2.Rodrigues(np.array([0, 0, np.radians(degrees)]))[0]
+    return pose
+
+
+def test_a_correct_rig_is_good(rig: Cameras, pairs: list[PairMatches]) -> None:
+    verdict = judge(rig, pairs, dict.fromkeys(rig, 0.05))
+    assert verdict.grade == "good"
+    assert not verdict.blamed
+    assert min(camera.fits or 0.0 for camera in verdict.cameras.values()) > 0.99
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda _, camera: posed(camera, np.linalg.inv), "camera-to-world,"),
+        (lambda _, camera: posed(camera, lambda pose: FLIP @ pose), "OpenGL"),
+        (lambda _, camera: posed(camera, lambda pose: np.linalg.inv(FLIP @ pose)), "camera-to-world with"),
+        (lambda _, camera: replace(camera, K=intrinsics(700.0, (640, 360))), "focal lengths"),
+        (lambda n, camera: posed(camera, lambda pose: pose @ turned(40.0 * (n % 2))), "wrong"),
+    ],
+    ids=["camera to world", "OpenGL", "both", "focal lengths", "folded"],
+)
+def test_a_wrong_rig_is_called_wrong_for_its_reason(
+    rig: Cameras, pairs: list[PairMatches], change: Callable[[int, Camera], Camera], words: str
+) -> None:
+    verdict = judge({name: change(n, camera) for n, (name, camera) in enumerate(rig.items())}, pairs, None)
+    assert (verdict.grade, verdict.blamed) == ("wrong", "cameras")
+    assert words in verdict.reason
+
+
+def test_single_cameras_are_named(rig: Cameras, pairs: list[PairMatches]) -> None:
+    exchanged = {
+        **rig,
+        "cam02": replace(rig["cam07"], name="cam02"),
+        "cam07": replace(rig["cam02"], name="cam07"),
+    }
+    verdict = judge(exchanged, pairs, None)
+    assert (verdict.grade, set(verdict.doubtful)) == ("usable", {"cam02", "cam07"})
+    assert "exchanged" in verdict.reason
+
+    zoomed = {**rig, "cam03": replace(rig["cam03"], K=intrinsics(600.0, (640, 360)))}
+    verdict = judge(zoomed, pairs, None)
+    assert verdict.doubtful == ("cam03",)
+    assert "focal length 0.8" in verdict.reason
+
+
+def test_masks_are_blamed_only_if_the_images_fit(rig: Cameras, pairs: list[PairMatches]) -> None:
+    errors = dict.fromkeys(rig, 0.6)
+    assert judge(rig, pairs, errors, list(rig)[:6]).blamed == "masks"
+    assert judge(rig, pairs, {}).grade == "wrong", "no common volume"
+    assert judge(rig, [], errors, list(rig)[:6]).blamed == "cameras or masks"
+    few = judge(rig, pairs, errors, ["cam05"])
+    assert (few.grade, few.doubtful, few.blamed) == ("usable", ("cam05",), "masks")
+    swapped = {**rig, "cam02": replace(rig["cam07"], name="cam02"), "cam07": replace(rig["cam02"], name="cam07")}
+    both = judge(swapped, pairs, errors, list(rig)[:6])
+    assert (both.grade, both.blamed) == ("wrong", "cameras"), "misplaced cameras contradict all masks"
+
+
+def test_without_matches_nothing_is_called_good(rig: Cameras) -> None:
+    verdict = judge(rig, [], dict.fromkeys(rig, 0.05))
+    assert (verdict.grade, verdict.blamed, verdict.fits) == ("usable", "", None)
+
+
+def test_images_are_matched_without_their_cameras() -> None:
+    """A textured floor, seen by three cameras: each image is a homography of the texture."""
+    K = intrinsics(500.0, (640, 360))
+    rig = list(ring(20, heights=[2.0], K=K, size=(640, 360)))[:3]
+    texture = cv2.resize(np.random.default_rng(1).integers(0, 255, (90, 90, 3), np.uint8), (720, 720))
+    to_floor = np.array([[4 / 720, 0, -2], [0, 4 / 720, -2], [0, 0, 1.0]])
+    images = {
+        c.name: cv2.warpPerspective(texture, c.K @ c.world_to_camera[:3][:, [0, 1, 3]] @ to_floor, (640, 360))
+        for c in rig
+    }
+    pairs = match_images(images)
+    assert {(pair.first, pair.second) for pair in pairs} >= {("cam0", "cam1"), ("cam1", "cam2")}
+    counts = fitting({c.name: c for c in rig}, pairs)
+    assert all(good > 0.9 * total for good, total in counts.values())

@@ -1,0 +1,48 @@
+"""Which masks contradict the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from studio.meshing.agreement import contradicting, mask_agreement
+from studio.meshing.silhouettes import Silhouettes
+
+
+@pytest.mark.parametrize(("scale", "origin"), [(1.0, (0, 0, 0)), (0.01, (5, -3, 2))])
+def test_correct_masks_agree(
+    two_balls: Callable[..., list[Any]], scale: float, origin: tuple[float, float, float]
+) -> None:
+    agreement = mask_agreement(Silhouettes(two_balls(12, scale, origin)), 4)
+    assert len(agreement) == 12
+    assert max(one.missing for one in agreement.values()) < 0.01
+    assert not contradicting(agreement)
+
+
+@pytest.mark.parametrize("what", ["empty", "of another camera", "shifted"])
+def test_a_wrong_mask_is_named(two_balls: Callable[..., list[Any]], what: str) -> None:
+    views = two_balls(12)
+    mask = views[4].mask
+    wrong = {
+        "empty": np.zeros_like(mask),
+        "of another camera": views[10].mask,
+        "shifted": np.roll(mask, 40, 1),
+    }
+    views[4] = replace(views[4], mask=np.ascontiguousarray(wrong[what]))
+    assert contradicting(mask_agreement(Silhouettes(views), 4)) == ["cam04"]
+
+
+def test_masks_of_another_rig_have_no_common_volume(two_balls: Callable[..., list[Any]]) -> None:
+    views = two_balls(12)
+    for number, view in enumerate(views):
+        mask = np.zeros_like(view.mask)
+        row, column = divmod(number, 4)
+        mask[60 * row : 60 * row + 30, 70 * column : 70 * column + 30] = 255
+        views[number] = replace(view, mask=mask)
+    agreement = mask_agreement(Silhouettes(views), 4)
+    assert not agreement or len(contradicting(agreement)) > 4
+    assert mask_agreement(Silhouettes(two_balls(12)[:3]), 2) == {}, "three cannot outvote one"
