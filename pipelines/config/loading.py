@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
@@ -137,7 +137,7 @@ def read_yaml(path: Path) -> JsonObject:
     except (OSError, UnicodeDecodeError) as error:
         raise StudioError("settings.unreadable", f"cannot be read ({reason_of(error)})", file=path, fix=fix) from None
     try:
-        values = parse_yaml(text)
+        values, plain = parse_yaml(text), parse_yaml(text, plain=True)
     except YamlError as error:
         raise StudioError(
             "settings.not_yaml", str(error), file=path, fix=_quotes(text, error.line), line=error.line
@@ -152,7 +152,31 @@ def read_yaml(path: Path) -> JsonObject:
             fix="Indent settings under their section.",
         )
     # "train:" with everything under it commented out is an empty section
-    return {name: {} if value is None else value for name, value in values.items()}
+    return {name: {} if value is None else _as_written(name, value, plain.get(name)) for name, value in values.items()}
+
+
+def _as_written(section: str, values: Any, plain: Any) -> Any:
+    """The values of a section, with text where settings are text: the camera 04 is not the number 4."""
+    if not isinstance(values, dict) or not isinstance(plain, dict) or len(plain) != len(values) or "<<" in plain:
+        return values
+    written = {}
+    for (name, value), text in zip(values.items(), plain.values(), strict=True):
+        field = _field(f"{section}.{name}")
+        is_value = isinstance(value, (int, float))
+        if (is_list_of_text(field) and isinstance(value, list)) or (_is_text(field) and is_value):
+            written[name] = _texts(value, text)
+        elif get_origin(getattr(field, "annotation", None)) is dict and isinstance(value, dict):
+            written[name] = dict(zip(text, value.values(), strict=True))
+        else:
+            written[name] = value
+    return written
+
+
+def _texts(value: Any, text: Any) -> Any:
+    """The text of values other than null, in nested lists."""
+    if isinstance(value, list):
+        return [_texts(*both) for both in zip(value, text, strict=True)]
+    return text if isinstance(value, (bool, int, float)) else value
 
 
 def _quotes(text: str, line: int | None) -> str:

@@ -274,3 +274,13 @@ def test_credentials_in_an_address_are_not_repeated():
     with pytest.raises(StudioError, match=r"capture\.root contains credentials") as caught:
         load_config(None, [("capture.root", "s3://AKIA:abc/hidden@studio/day1")])
     assert "hidden" not in str(caught.value.message.to_dict())
+
+
+def test_names_that_look_like_numbers_stay_text(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("capture: {held_out: [04, 1e4, true], cameras: '07, 08', offsets: {010: 2}, audio: 0123, fps: 25}")
+    capture = load_config(path).capture
+    assert capture.held_out == ("04", "1e4", "true")
+    assert capture.cameras == ("07", "08")
+    assert capture.offsets == {"010": 2}
+    assert (capture.audio, capture.fps) == ("0123", 25.0)
