@@ -227,15 +227,15 @@ class Check:
 
         def keyframe() -> Report:
             points = initialize_points([footage.view(name, 0) for name in used], initial)
-            tensors = [torch.from_numpy(array).to(self.device) for array in (points.points, points.colors)]
+            means, colors = (torch.from_numpy(array).to(self.device) for array in (points.points, points.colors))
             seen, steps = views(0), Steps(self.limit(KEYFRAME))
-            options = {"progress": steps, "snapshot": steps.keep, "snapshot_every": 250}
-            return trained(0, steps, lambda: train_keyframe(seen, *tensors, self.settings, **options))
+            options: dict[str, Any] = {"progress": steps, "snapshot": steps.keep, "snapshot_every": 250}
+            return trained(0, steps, lambda: train_keyframe(seen, means, colors, self.settings, **options))
 
         def frame(number: int) -> Report:
             seen = views(number)
             steps = Steps(self.limit(self.left / (count - number + 1)), interframe_steps(self.settings))
-            options = {"progress": steps, "snapshot": steps.keep, "snapshot_every": 250}
+            options: dict[str, Any] = {"progress": steps, "snapshot": steps.keep, "snapshot_every": 250}
             before = splats[-2] if len(splats) > 1 else None
             return trained(
                 number,

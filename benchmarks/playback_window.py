@@ -31,10 +31,11 @@ def bake(take: Path, splats: int, folder: Path) -> None:
 
     from pipelines.takes.frame_files import read_frame
     from pipelines.takes.take import Take
-    from studio.stream import BakeSettings, bake_group, write_manifest
+    from studio.stream import BakeSettings, GroupEntry, bake_group, write_manifest
 
     opened = Take.open(take)
-    settings, entries, first = BakeSettings(), [], 0
+    settings, first = BakeSettings(), 0
+    entries: list[GroupEntry] = []
     while opened.train_group(len(entries)).is_dir() and len(entries) < 3:
         group = len(entries)
         files = sorted(opened.train_group(group).glob("frame_*.safetensors"))
@@ -92,6 +93,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     count = source.frame_count
     steps = np.diff(frames) % count
     backwards = int((steps > count - 6).sum())
+    assert shown is not None
     made = window.pictures - pictures
     print(f"{device}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; {shown.splats:,} splats, {count} frames,")
     print(f"  picture {player.size[0]}x{player.size[1]} in a window of {size[0]}x{size[1]}, rotating at each tick")

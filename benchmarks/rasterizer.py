@@ -5,7 +5,7 @@
     python benchmarks/rasterizer.py --json results.json
 
 Times are medians over repetitions and wall-clock times unless labeled as CPU time. Ratios compare times of the same
-run. `benchmarks/gpu_check.py` measures GPUs.
+run. `benchmarks/training.py` measures training, and `benchmarks/gpu_check.py` GPUs.
 
 The scene is a person-like surface: an ellipsoid of 0.6 x 1.7 x 0.4 m, seen so that 2 m fill 90% of the image height.
 Its splats have a radius of 2 to 4 pixels (at which alpha falls to 1/255) and SH degree 3.
@@ -40,7 +40,6 @@ from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
 from studio.rasterizer import available_backends, rasterize
 from studio.rasterizer.cpu import load_kernels
-from studio.training.photometric import photometric_loss
 
 console = Console(width=112)
 
@@ -165,47 +164,6 @@ def goals_table(repeat: int, results: JsonObject) -> None:
     console.print(table)
 
 
-def iteration_table(repeat: int, results: JsonObject) -> None:
-    table = Table(title="Training iteration: 30,000 splats, SH degree 3, 480x270 (median ms)")
-    for name in ("threads", "render", "L1 + D-SSIM", "backward", "Adam", "total", "per second", "slowest part"):
-        table.add_column(name, justify="right")
-    results["iteration"] = []
-    for threads in (1, 2):
-        torch.set_num_threads(threads)
-        splats, camera = person(30_000, 480, 270)
-        with torch.no_grad():
-            target = rasterize(person(30_000, 480, 270, seed=1)[0], camera).image.clamp(0, 1)
-        trained = leaves(splats)
-        groups = [{"params": [tensor]} for _, tensor in trained.items()]
-        adam = torch.optim.Adam(groups, lr=1e-4, eps=1e-15, fused=True)
-        parts: dict[str, list[float]] = {"render": [], "loss": [], "backward": [], "Adam": []}
-        whole = []
-        for step in range(repeat + 3):
-            marks = [time.perf_counter()]
-            image = rasterize(trained, camera).image
-            marks.append(time.perf_counter())
-            loss = photometric_loss(image, target)
-            marks.append(time.perf_counter())
-            loss.backward()
-            marks.append(time.perf_counter())
-            adam.step()
-            adam.zero_grad(set_to_none=True)
-            marks.append(time.perf_counter())
-            if step >= 3:
-                for name, start, end in zip(parts, marks, marks[1:], strict=False):
-                    parts[name].append(1e3 * (end - start))
-                whole.append(1e3 * (marks[-1] - marks[0]))
-        medians = {name: statistics.median(values) for name, values in parts.items()}
-        total = statistics.median(whole)
-        most = max(medians, key=lambda name: medians[name])
-        rate = 1e3 / total
-        good = f"[green]{rate:.0f}[/]" if rate >= 20 else f"[red]{rate:.0f}[/]"
-        share = f"{most} ({100 * medians[most] / total:.0f}%)"
-        table.add_row(f"{threads}", *(f"{value:.1f}" for value in medians.values()), f"{total:.1f}", good, share)
-        results["iteration"].append({"threads": threads, "whole_ms": total, **medians})
-    console.print(table)
-
-
 def reference_table(repeat: int, results: JsonObject) -> None:
     torch.set_num_threads(1)
     splats, camera = person(5_000, 480, 270)
@@ -284,7 +242,6 @@ def main() -> None:
     results: JsonObject = {"processor": processor(), "load": load, "instruction_set": kernels.instruction_set()}
     speed_table(repeat, results)
     goals_table(repeat, results)
-    iteration_table(repeat, results)
     reference_table(repeat, results)
     memory_table(results)
     if options.json is not None:

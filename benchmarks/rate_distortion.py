@@ -28,6 +28,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
@@ -46,10 +47,12 @@ from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.layout import plane_side
 
+Codec = Literal["h264", "hevc", "av1"]
+Profile = Literal["motion", "planes"]
 RELEASED_QPS = (10, 16, 22, 28, 34, 40)
-PLANES_QPS = (10, 16, 22, 28, 34, 40)
-MOTION_QPS = (12, 16, 20, 24, 28, 32)
-CODEC_QPS = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
+CODEC_QPS: dict[Codec, tuple[int, ...]] = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
+OUR_QPS: dict[Profile, tuple[int, ...]] = {"planes": (10, 16, 22, 28, 34, 40), "motion": (12, 16, 20, 24, 28, 32)}
+SPEED_SPLATS = (60_000, 100_000, 300_000)
 
 console = Console(width=120)
 
@@ -103,7 +106,7 @@ def _error(image: np.ndarray, wanted: np.ndarray) -> float:
     return float(np.square(image - wanted).mean())
 
 
-def _psnr(error: float) -> float:
+def _psnr(error: float | np.floating) -> float:
     return -10 * math.log10(max(error, 1e-12))
 
 
@@ -144,7 +147,7 @@ def encode_released(planes: list[np.ndarray], path: Path, qp: int, b_frames: boo
         for number, plane in enumerate(planes):
             picture = av.VideoFrame(plane.shape[1], plane.shape[0], "yuv420p")
             for k, target in enumerate(picture.planes):
-                view = np.frombuffer(target, np.uint8).reshape(-1, target.line_size)
+                view = np.frombuffer(memoryview(target), np.uint8).reshape(-1, target.line_size)
                 view[:, : target.width] = plane if k == 0 else 128
             picture.pts = number
             out.mux(stream.encode(picture))
@@ -159,7 +162,9 @@ def decode_released(path: Path, side: int) -> list[np.ndarray]:
         found = []
         for frame in container.decode(video=0):
             plane = frame.planes[0]
-            found.append(np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[:, :side].reshape(-1).copy())
+            found.append(
+                np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[:, :side].reshape(-1).copy()
+            )
         return found
 
 
@@ -255,7 +260,8 @@ def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, 
 
 
 def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: bool, work: Path) -> Point:
-    size, decoded, encode, decode = 0, {}, 0.0, 0.0
+    size, encode, decode = 0, 0.0, 0.0
+    decoded: dict[int, Gaussians] = {}
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         for group in groups:
             folder = work / "released"
@@ -325,9 +331,9 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
     from studio.stream import fetch_group
 
     rows = []
-    for count in (60_000, 100_000, 300_000):
+    for count in SPEED_SPLATS:
         frames = enlarged(group.frames, count)
-        for profile in ("motion", "planes"):
+        for profile in OUR_QPS:
             folder = work / "speed"
             shutil.rmtree(folder, ignore_errors=True)
             settings = BakeSettings(profile=profile)
@@ -355,10 +361,11 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
 
             for _ in range(3):
                 times: list[float] = []
-                play_headless(folder, on_frame=lambda _, times=times: times.append(time.perf_counter()))
+                play_headless(folder, on_frame=lambda _: times.append(time.perf_counter()))  # noqa: B023
                 plays.append((len(times) - 1) / (times[-1] - times[0]))
+            size = sum(file.bytes for file in entry.files)
             rows.append(
-                f"| {count:,} | {profile} | {entry.bytes / len(frames) / 1000:.0f} | {bake:.0f} ms | "
+                f"| {count:,} | {profile} | {size / len(frames) / 1000:.0f} | {bake:.0f} ms | "
                 f"{min(opens):.0f} ms | {min(decodes):.1f} ms | {np.median(dequantizes):.1f} ms | "
                 f"{max(plays):.0f} |"
             )
@@ -473,11 +480,11 @@ def main(words: Sequence[str] | None = None) -> int:
                     console.print(points[-1])
             lines += table(points)
             base = [point for point in points if point.name == "h264"]
-            for codec in ("hevc", "av1"):
-                value = bd_rate(base, [point for point in points if point.name == codec], "own_psnr")
+            for other in ("hevc", "av1"):
+                value = bd_rate(base, [point for point in points if point.name == other], "own_psnr")
                 lines.append("")
                 lines.append(
-                    f"BD-rate of {codec} against h264: " + ("no common range." if value is None else f"{value:+.0f}%.")
+                    f"BD-rate of {other} against h264: " + ("no common range." if value is None else f"{value:+.0f}%.")
                 )
         else:
             curves: dict[str, list[Point]] = {}
@@ -487,9 +494,9 @@ def main(words: Sequence[str] | None = None) -> int:
             curves["released"] = both[better]
             compared = "" if against is None else f" (with them: BD-rate {against:+.0f}% against without)"
             lines[0] += f" `released` {'with' if better else 'without'} B frames{compared}."
-            for profile, qps in (("planes", PLANES_QPS), ("motion", MOTION_QPS)):
+            for profile, ours in OUR_QPS.items():
                 curves[profile] = []
-                for qp in qps:
+                for qp in ours:
                     settings = BakeSettings(profile=profile, quality=qp)
                     curves[profile].append(measure_ours(groups, views, settings, profile, work))
                     console.print(curves[profile][-1])

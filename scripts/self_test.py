@@ -7,6 +7,7 @@ Vulkan, and compares the CPU kernels with the reference. Exits with 1 and one se
 from __future__ import annotations
 
 import faulthandler
+import functools
 import importlib
 import io
 import re
@@ -54,7 +55,7 @@ def check_video() -> None:
         stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
         out.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="yuv420p")))
         out.mux(stream.encode(None))
-    with av.open(io.BytesIO(file.getvalue())) as container:
+    with av.open(io.BytesIO(file.getvalue()), "r") as container:
         decoded = next(container.decode(video=0)).to_ndarray()
     error = float(np.abs(decoded[:64].astype(float) - image[:64]).mean())
     if error > 4:
@@ -100,7 +101,7 @@ def main() -> int:
     faulthandler.enable()  # names the check that crashes
     begin = time.monotonic()
     checks: dict[str, Callable[[], object]] = {
-        f"importing {name}": lambda name=name: importlib.import_module(name) for name in modules()
+        f"importing {name}": functools.partial(importlib.import_module, name) for name in modules()
     }
     checks |= {
         "decimating a mesh with pymeshlab": check_mesh_filter,

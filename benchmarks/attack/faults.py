@@ -72,7 +72,7 @@ class Faults:
             number = descriptor if isinstance(descriptor, int) else descriptor.fileno()
             self._synced.add(str(os.fstat(number).st_ino))
 
-        os.fsync = watched
+        os.fsync = watched  # type: ignore[assignment]
 
     def _lose(self) -> None:
         for root, _, names in os.walk(self.folder):

@@ -169,18 +169,14 @@ def serving(behavior: Behavior) -> Iterator[int]:
     open_sockets: list[socket.socket] = []
 
     def answer(connection: socket.socket) -> None:
+        request = b""
         with suppress(OSError):
-            while True:
-                request = b""
-                while b"\r\n\r\n" not in request:
-                    more = connection.recv(65536)
-                    if not more:
-                        return
-                    request += more
-                behavior(connection.sendall, request.split(b" ", 2)[1].decode("latin-1"))
-                if b"close" in request.lower():
-                    break
-                break
+            while b"\r\n\r\n" not in request:
+                more = connection.recv(65536)
+                if not more:
+                    return
+                request += more
+            behavior(connection.sendall, request.split(b" ", 2)[1].decode("latin-1"))
         with suppress(OSError):
             connection.shutdown(socket.SHUT_WR)
 

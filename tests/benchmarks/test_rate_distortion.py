@@ -15,8 +15,9 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import rate_distortion
 
-    for name in ("RELEASED_QPS", "PLANES_QPS", "MOTION_QPS"):
-        monkeypatch.setattr(rate_distortion, name, (10, 28))
+    monkeypatch.setattr(rate_distortion, "RELEASED_QPS", (10, 28))
+    monkeypatch.setattr(rate_distortion, "OUR_QPS", {"planes": (10, 28), "motion": (10, 28)})
+    monkeypatch.setattr(rate_distortion, "SPEED_SPLATS", (500,))
     monkeypatch.setattr(rate_distortion, "CODEC_QPS", {"h264": (16, 28), "hevc": (18, 30), "av1": (18, 40)})
     return rate_distortion
 
@@ -35,6 +36,15 @@ def test_the_tables_of_a_take(
         assert len(found) == 2
         assert sizes[0] > sizes[1] > 0
         assert psnr[0] > psnr[1] > 10
+
+
+def test_the_speed_at_any_number_of_splats(
+    finished: Path, script: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert script.main([str(finished / "take"), "--groups", "1", "--speed"]) == 0
+    text = capsys.readouterr().out
+    assert "| 500 | motion |" in text
+    assert "| 500 | planes |" in text
 
 
 def test_bd_rate(script: ModuleType) -> None:
