@@ -10,7 +10,6 @@ from gui.shell import Shell
 from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
 from studio.comparison.metrics import MAIN
-from studio.errors import StudioError
 
 
 class CameraActions:
@@ -95,13 +94,9 @@ class CameraActions:
         context = self._window.workspace.context
         if context is None:
             return None
-        try:
-            uses = CameraUses.of(context.footage.capture)
-        except StudioError as error:
-            self._window.notices.show(str(error), bad=True, topic="cameras")
-            return None
-        self._window.notices.clear("cameras")
-        return uses
+        with self._window.notices.reporting("cameras"):
+            return CameraUses.of(context.footage.capture)
+        return None
 
     def _use(self, camera: str, use: str) -> None:
         uses = self._uses()
@@ -114,11 +109,8 @@ class CameraActions:
         }[use]
         refused = change_uses(self._window.workspace, uses.with_use(camera, use), words)
         notices = self._window.notices
-        if refused:
-            notices.show(refused, bad=True, topic="camera use")
-            return
-        notices.clear("camera use")
-        notices.show(f"{words[0].upper()}{words[1:]}: Ctrl+Z undoes it.")
+        if notices.outcome("camera use", refused):
+            notices.show(f"{words[0].upper()}{words[1:]}: Ctrl+Z undoes it.")
 
     def ask(self) -> None:
         """Ask for the use of every camera."""

@@ -319,11 +319,8 @@ class Actions:
         window = self._window
         window.preferences = preferences
         window.apply_preferences()
-        if preferences.save():
-            window.notices.clear("preferences")
-        else:
-            words = "Preferences could not be saved; they apply until the window is closed."
-            window.notices.show(words, bad=True, topic="preferences")
+        words = "Preferences could not be saved; they apply until the window is closed."
+        window.notices.outcome("preferences", "" if preferences.save() else words)
 
     def _about(self) -> None:
         text = (

@@ -106,18 +106,13 @@ class HelpActions:
         window = self._window
         if fix.sets and not fix.done:
             refusal = window.workspace.change_settings({fix.setting: fix.value})
-            if refusal is not None:
-                window.notices.show(str(refusal), bad=True, topic="setting")
+            if not window.notices.outcome("setting", str(refusal or "")):
                 return
-            window.notices.clear("setting")
             window.notices.show(f"{fix.setting} changed. Run again to use it; Ctrl+Z changes it back.")
         self._show(fix.setting)
 
     def _show(self, setting: str) -> None:
         window = self._window
-        if window.workspace.config is None:
-            words = "Only a take has settings. Open one, or create one from footage."
-            window.notices.show(words, bad=True, topic="settings")
-            return
-        window.notices.clear("settings")
-        window.stages.show_setting(setting)
+        none = "Only a take has settings. Open one, or create one from footage."
+        if window.notices.outcome("settings", none if window.workspace.config is None else ""):
+            window.stages.show_setting(setting)

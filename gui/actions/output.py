@@ -31,7 +31,7 @@ class OutputActions:
         window = self._window
         picture = window.player.picture
         if picture is None:
-            window.notices.show("No picture to save yet.")
+            window.notices.show("No image to save yet.")
             return
         name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
         opened = window.player.opened
@@ -41,17 +41,16 @@ class OutputActions:
             path = Path(text.strip()).expanduser().absolute()
             if path.suffix.lower() != ".png":
                 path = path.with_name(path.name + ".png")
+            problem = ""
             try:
                 write_image(path, picture.image)
             except OSError as error:
-                words = f"{path}: cannot be written ({error.strerror}). Choose another folder."
-                window.notices.show(words, bad=True, topic="screenshot")
-            else:
-                window.notices.clear("screenshot")
+                problem = f"{path}: cannot be written ({error.strerror}). Choose another folder."
+            if window.notices.outcome("screenshot", problem):
                 window.notices.show(f"Written: {path}", path=path)
 
         window.dialogs.line(
-            "screenshot", "Save screenshot", "PNG file of the viewport's picture:", str(folder / name),
+            "screenshot", "Save screenshot", "PNG file of the viewport's image:", str(folder / name),
             [("save", "Save", save), ("close", "Cancel", lambda _: None)],
         )  # fmt: skip
 
@@ -135,11 +134,7 @@ class OutputActions:
 
         context, notices = self._window.workspace.context, self._window.notices
         assert context is not None  # otherwise no stage would be done
-        try:
+        with notices.reporting("report"):
             changed = update_marks(context.take, context.groups)
-        except (StudioError, OSError) as error:
-            notices.show(f"Cannot update the marks in the report: {error}", bad=True, topic="report")
-            return
-        words = "Updated the marks in the report" if changed else "The report is up to date"
-        notices.clear("report")
-        notices.show(f"{words}: {take.report}", path=take.report)
+            words = "Updated the marks in the report" if changed else "The report is up to date"
+            notices.show(f"{words}: {take.report}", path=take.report)

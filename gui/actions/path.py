@@ -14,7 +14,6 @@ from gui.models.scene.orbit import OrbitCamera
 from gui.models.ttl_cache import TtlCache
 from gui.shell import Shell
 from pipelines.takes.take import Take
-from studio.errors import StudioError
 from studio.formats.camera_path import CameraPath
 
 
@@ -100,13 +99,10 @@ class PathActions:
         self._done(lambda: self.editor.set_frame(row, frame))
 
     def _done(self, action: Callable[[], None]) -> bool:
-        try:
+        with self._window.notices.reporting("path"):
             action()
-        except (StudioError, OSError) as error:
-            self._window.notices.show(str(error), bad=True, topic="path")
-            return False
-        self._window.notices.clear("path")
-        return True
+            return True
+        return False
 
     def _go(self, row: int) -> None:
         self.editor.selected = row

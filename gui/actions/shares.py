@@ -45,10 +45,9 @@ class ShareActions:
         if size is None:
             return
         words = share_words(size, form)
-        if form == "single-file" and not size.single_file_possible:
-            window.notices.show(words, bad=True, topic=form)
+        impossible = form == "single-file" and not size.single_file_possible
+        if not window.notices.outcome(form, words if impossible else ""):
             return
-        window.notices.clear(form)
         opened = window.player.opened
         assert opened is not None
         assert isinstance(opened.path, Path)
@@ -142,10 +141,8 @@ class ShareActions:
         dialogs.widgets["https"] = https
 
     def _start(self, source: str, https: bool) -> None:
-        try:
+        with self._window.notices.reporting("serve"):
             self._window.serving.start(source, https)
-        except OSError as error:
-            self._window.notices.show(str(error), bad=True, topic="serve")
 
     def stop(self) -> None:
         """Stop serving."""
@@ -209,10 +206,6 @@ class ShareActions:
         if opened is None or not isinstance(opened.path, Path):
             window.notices.show("Open a take or a stream of this machine first.")
             return None
-        try:
-            size = share_size(str(opened.path))
-        except (StudioError, OSError) as error:
-            window.notices.show(str(error), bad=True, topic="share")
-            return None
-        window.notices.clear("share")
-        return size
+        with window.notices.reporting("share"):
+            return share_size(str(opened.path))
+        return None

@@ -13,7 +13,6 @@ from gui.models.take.take_queue import TakeQueue
 from gui.pages.start.page import StartPage
 from gui.platform.clipboard import Clipboard
 from gui.shell import Shell
-from studio.errors import StudioError
 from studio.storage import is_address
 
 LOOK_EVERY = 0.25
@@ -80,28 +79,29 @@ class StartActions:
 
     def act(self, name: str) -> None:
         """Do what a part of the page stands for, see `StartPicture`."""
-        window, page = self._window, self.page
         kind, _, number = name.partition(" ")
-        if kind == "back":
-            self.hide()
-        elif kind == "card":
-            self._open_card(int(number))
-        elif kind == "remove":
-            if int(number) < len(page.places):
-                window.preferences.forget(page.places[int(number)])
-                window.preferences.save()
-        elif kind == "forget":
-            window.preferences.recent = window.preferences.recent_there()
-            window.preferences.save()
-        elif kind == "start":
-            page.queue.start()
-        elif kind == "stop":
-            page.queue.stop()
-        elif kind == "sample":
-            self.open_sample()
-        else:
-            self._others[kind]()
+        actions: dict[str, Callable[[], object]] = {
+            "back": self.hide,
+            "card": lambda: self._open_card(int(number)),
+            "remove": lambda: self._remove_card(int(number)),
+            "forget": self._forget_missing,
+            "start": self.page.queue.start,
+            "stop": self.page.queue.stop,
+            "sample": self.open_sample,
+            **self._others,
+        }
+        actions[kind]()
         self._timer.soon()
+
+    def _remove_card(self, number: int) -> None:
+        if number < len(self.page.places):
+            self._window.preferences.forget(self.page.places[number])
+            self._window.preferences.save()
+
+    def _forget_missing(self) -> None:
+        preferences = self._window.preferences
+        preferences.recent = preferences.recent_there()
+        preferences.save()
 
     def _open_card(self, number: int) -> None:
         card = self.page.card(number)
@@ -109,23 +109,16 @@ class StartActions:
             words = f"{card.place}: no such folder. It was moved, deleted, or is on a disk that is not connected."
             self._window.notices.show(words, bad=True, topic="open")
         elif number < len(self.page.places):
-            self.open(self.page.places[number])
-
-    def open(self, place: str) -> None:
-        """Open a take or a stream; the page goes once it is open."""
-        self._window.open(place)
+            self._window.open(self.page.places[number])
 
     def open_sample(self) -> None:
         """Open the take of the sample capture, which is created first if need be."""
         window = self._window
-        try:
+        with window.notices.reporting("open"):
             take, new = make_sample_take()
-        except StudioError as error:
-            window.notices.show(str(error), bad=True, topic="open")
-            return
-        self.open(str(take))
-        if new:
-            window.notices.show(f"Created a take of the sample capture: {take}", path=take, topic="sample")
+            window.open(str(take))
+            if new:
+                window.notices.show(f"Created a take of the sample capture: {take}", path=take, topic="sample")
 
     def paste(self) -> None:
         """Open the path on the clipboard, once it is known."""
@@ -137,31 +130,25 @@ class StartActions:
     def pasted(self, text: str) -> None:
         """Open a path or URL; a folder that is neither a take nor a stream becomes the footage of a new take."""
         words = path_in(text)
+        problem = ""
         if not words:
-            self._window.notices.show(
-                "The clipboard has no text. Copy the path of a folder first.", bad=True, topic="open"
-            )
+            problem = "The clipboard has no text. Copy the path of a folder first."
         elif "\n" in words or len(words) > 4096:
-            first = words.splitlines()[0][:60]
-            self._window.notices.show(
-                f"The clipboard has no path: '{first} ...'. Copy the path of one folder.", bad=True, topic="open"
-            )
+            problem = f"The clipboard has no path: '{words.splitlines()[0][:60]} ...'. Copy the path of one folder."
         elif is_address(words):
-            self.open(words)
+            self._window.open(words)
         else:
             try:
                 path = Path(words).expanduser()
             except RuntimeError:
-                self._window.notices.show(
-                    f"{words}: this machine has no such user. Copy the whole path, which starts with /.",
-                    bad=True,
-                    topic="open",
-                )
-                return
-            if path.is_dir() and kind_of(path) == "folder":
-                self._new_take(NewTake(footage=str(path)))
+                problem = f"{words}: this machine has no such user. Copy the whole path, which starts with /."
             else:
-                self.open(str(path))
+                if path.is_dir() and kind_of(path) == "folder":
+                    self._new_take(NewTake(footage=str(path)))
+                else:
+                    self._window.open(str(path))
+        if problem:
+            self._window.notices.show(problem, bad=True, topic="open")
 
     def opened(self) -> None:
         """Something has been opened."""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+from studio.errors import StudioError
 
 SHOWN_SECONDS = 12.0
 """Least time that a notice is shown; longer ones stay longer. Failures stay until they are dismissed."""
@@ -84,6 +87,24 @@ class Notices:
         self._failures = left
         if self._passing is not None and self._passing.topic == topic:
             self._passing = None
+
+    def outcome(self, topic: str, problem: str) -> bool:
+        """Show a failure, or remove those of the topic if there is none (""); returns whether there is none."""
+        if problem:
+            self.show(problem, bad=True, topic=topic)
+        else:
+            self.clear(topic)
+        return not problem
+
+    @contextmanager
+    def reporting(self, topic: str) -> Iterator[None]:
+        """Show a StudioError or OSError that is raised within as a failure; see `outcome`."""
+        problem = ""
+        try:
+            yield
+        except (StudioError, OSError) as error:
+            problem = str(error)
+        self.outcome(topic, problem)
 
     def dismiss(self) -> bool:
         """Remove the notice over the view; returns whether there was one."""

@@ -18,15 +18,10 @@ from pipelines.reports.terminal import duration
 from pipelines.takes.atomic_files import remove, write_text
 from pipelines.takes.take import Take, program_version
 from studio.bounded_files import parse_json
+from studio.storage.cache import cache_folder
 
 Figures = Mapping[str, tuple[float, int | None]]
 """Seconds, and bytes of the stream (None: not estimated), by preset."""
-
-
-def cache_folder() -> Path:
-    """Following the XDG base directory rules: estimates hold for this machine, so they are not kept in the take."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "v3studio" / "estimates"
 
 
 class Estimates:
@@ -136,7 +131,9 @@ def _cache_file(take: Take, config: Config) -> Path:
         config.train.model_dump(mode="json", exclude=unset), config.bake.model_dump(mode="json", exclude=unset),
         config.evaluate.model_dump(mode="json"), config.run.model_dump(mode="json"),
     ]  # fmt: skip
-    return cache_folder() / f"{hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:32]}.json"
+    # of this machine: not kept in the take
+    name = f"{hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:32]}.json"
+    return cache_folder() / "estimates" / name
 
 
 def _read(text: str) -> Figures:

@@ -67,21 +67,13 @@ class Card:
         return "~" + parent[len(home) :] if parent == home or parent.startswith(home + "/") else parent
 
     def sizes(self) -> tuple[str, ...]:
-        """The same in words, the longest first: "930.0 KB stream, 214 MB in all", "stream 930.0 KB of 214 MB"; () if
-        nothing is known."""
-        stream = None if self.stream_bytes is None else megabytes(self.stream_bytes)
-        total = None if self.total_bytes is None or self.kind != "take" else megabytes(self.total_bytes)
+        """The sizes in words, the longest first: "930.0 KB stream, 214.0 MB in all", "stream 930.0 KB of 214.0 MB"; ()
+        if nothing is known."""
+        stream = None if self.stream_bytes is None else size_words(self.stream_bytes)
+        total = None if self.total_bytes is None or self.kind != "take" else size_words(self.total_bytes)
         if stream is None or total is None:
             return tuple(f"{size} {of}" for size, of in ((stream, "stream"), (total, "in all")) if size is not None)
         return f"{stream} stream, {total} in all", f"stream {stream} of {total}", f"{stream} of {total}"
-
-
-def megabytes(count: int) -> str:
-    """ "930.0 KB", "2.13 MB", "214 MB", "1.20 GB" (1 MB = 1,000,000 bytes)."""
-    if count < 1e6:
-        return size_words(count)
-    value, unit = (count / 1e9, "GB") if count >= 1e9 else (count / 1e6, "MB")
-    return f"{value:.2f} {unit}" if value < 10 else f"{value:.0f} {unit}"
 
 
 def date_words(when: float | None, now: float | None = None) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from gui.models.scene.splats import draw
 from gui.models.stages import Inputs
 from pipelines.config import load_config
 from studio.atomic_files import write_bytes
+from studio.storage.cache import cache_folder
 from studio.stream import is_address
 
 SIZE = (480, 270)
@@ -29,12 +29,6 @@ _VERSION = "1"
 """To be changed whenever a thumbnail of the same take would look different."""
 
 
-def cache_folder() -> Path:
-    """Following the XDG base directory rules."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "v3studio" / "thumbnails"
-
-
 def thumbnail(place: str) -> np.ndarray | None:
     """(270, 480, 3) uint8 RGB of what a recent place shows: its first frame, or an image of its footage; None for a URL
     and where there is nothing to see.
@@ -45,7 +39,7 @@ def thumbnail(place: str) -> np.ndarray | None:
     if is_address(place):
         return None
     name = hashlib.sha256(repr((_VERSION, place, _contents(place))).encode()).hexdigest()
-    kept = cache_folder() / f"{name[:32]}.png"
+    kept = cache_folder() / "thumbnails" / f"{name[:32]}.png"
     found = _read(kept)
     if found is None:
         found = _made(place)
