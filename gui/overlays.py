@@ -12,7 +12,7 @@ from gui.drawing.canvas import shortened
 from gui.drawing.palette import TEXT
 from gui.models.take.workspace import Workspace
 from gui.shell import Shell
-from gui.widgets.picture import color
+from gui.widgets.picture import color, put
 
 PROGRAM = "V3 Studio"
 
@@ -70,13 +70,11 @@ class Overlays:
             if MORE in lines and self._noted != message:
                 self._noted = message
                 window.workspace.note(message, failed=True)
-        label = window.message
-        label.visible = bool(message) and not window.start.shown  # even an empty label blocks the mouse
-        if label.text == self._message:
-            return False
-        label.text = self._message
-        window.laid_out()  # otherwise a label keeps the width of its first text
-        return True
+        # even an empty label blocks the mouse
+        changed = put(window.message, text=self._message, visible=bool(message) and not window.start.shown)
+        if changed:
+            window.laid_out()  # otherwise a label keeps the width of its first text
+        return changed
 
     def _show_in_fullscreen(self) -> bool:
         """Show the remark over the view while there is no status line; returns whether anything changed."""
@@ -84,11 +82,11 @@ class Overlays:
         if not window.layout.fullscreen or window.start.shown:
             return False
         line = f"  {self.line}  " if self.line else ""  # a margin
-        if status.visible == bool(line) and (not line or status.text == line):
-            return False
-        status.text, status.visible, status.text_color = line, bool(line), color(TEXT)
-        window.laid_out()
-        return True
+        changed = put(status, text=line, visible=bool(line))
+        if changed:
+            status.text_color = color(TEXT)
+            window.laid_out()
+        return changed
 
     def key(self, event: gui.KeyEvent, control: bool, shift: bool, again: bool) -> bool:
         """Handle a key that is pressed while no dialog is open; returns whether it was for one of them.

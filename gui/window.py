@@ -45,7 +45,7 @@ from gui.widgets.inspector import InspectorPanel
 from gui.widgets.modes import ModesPanel
 from gui.widgets.notice_bar import NoticeBar
 from gui.widgets.path_panel import PathPanel
-from gui.widgets.picture import color, holds, plain_label
+from gui.widgets.picture import color, holds, plain_label, put
 from gui.widgets.raycast import MeshPicture
 from gui.widgets.stages import StagesPanel
 from gui.widgets.swap_guard import SwapGuard
@@ -358,8 +358,7 @@ class MainWindow:
             changed |= self._update_panels()
             changed |= self.overlays.update()
             changed |= self.actions.search.update()
-        if self.window.title != self.title:
-            self.window.title = self.title
+        put(self.window, title=self.title)
         if changed:
             self.changed()
         self._log.write(self)
@@ -451,8 +450,7 @@ class MainWindow:
         self.window.set_needs_layout()
 
     def _set_text(self, label: gui.Label, text: str) -> bool:
-        if label.text == text:
-            return False
-        label.text = text
-        self.window.set_needs_layout()  # otherwise a label keeps the width of its first text
-        return True
+        changed = put(label, text=text)
+        if changed:
+            self.window.set_needs_layout()  # otherwise a label keeps the width of its first text
+        return changed

@@ -12,7 +12,7 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.transport import Transport
 from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
-from gui.widgets.picture import color
+from gui.widgets.picture import color, put
 
 FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
@@ -134,39 +134,22 @@ class ControlsPanel:
 
     def update(self) -> tuple[bool, bool]:
         """Show the state of the player; return (whether a widget changed, whether a layout is due)."""
-        changed = layout = False
-        transport = self._player.transport
-        mark = icon("pause" if transport.playing else "play")
-        if self.buttons["play"].text != mark:
-            self.buttons["play"].text = mark
-            changed = True
-        if self._loop.checked != transport.loop:
-            self._loop.checked = transport.loop
-            changed = True
+        player, transport = self._player, self._player.transport
         speed = next((name for name, value in SPEEDS.items() if value == transport.speed), "1x")
-        if self._speed.selected_text != speed:
-            self._speed.selected_text = speed
-            changed = True
         labels = self._labels()
-        if list(labels.items()) != list(self._cameras.items()):
+        layout = list(labels.items()) != list(self._cameras.items())
+        if layout:
             self._cameras = labels
             self._camera.clear_items()
             for label in (FREE, *labels.values()):
                 self._camera.add_item(label)
-            changed = layout = True
-        camera = labels.get(self._player.camera, FREE)
-        if self._camera.selected_text != camera and self._camera.number_of_items:
-            self._camera.selected_text = camera
-            changed = True
-        enabled = self._player.opened is not None
+        changed = put(self.buttons["play"], text=icon("pause" if transport.playing else "play"))
+        changed |= put(self._loop, checked=transport.loop) | put(self._speed, selected_text=speed)
+        if self._camera.number_of_items:
+            changed |= put(self._camera, selected_text=labels.get(player.camera, FREE))
         changed |= self._update_volume()
         # what cannot be used takes no room: in a narrow window it would cost a line
-        for widget, there in ((self._volume, self._player.audio is not None), (self._camera, bool(labels))):
-            if widget.visible != there:
-                widget.visible = there
-                changed = layout = True
+        layout |= put(self._volume, visible=player.audio is not None) | put(self._camera, visible=bool(labels))
         for widget in self.buttons.values():
-            if widget.enabled != enabled:
-                widget.enabled = enabled
-                changed = True
-        return changed, layout
+            changed |= put(widget, enabled=player.opened is not None)
+        return changed or layout, layout

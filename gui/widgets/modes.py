@@ -12,7 +12,7 @@ from gui.drawing.icons import icon
 from gui.drawing.palette import ACCENT, ACCENT_DARK, GROUND, RAISED
 from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
-from gui.widgets.picture import PictureWidget, color, holds
+from gui.widgets.picture import PictureWidget, color, holds, put
 
 Choice = tuple[str, str, str]
 """Key, label, tooltip. An empty key is a gap."""
@@ -123,25 +123,21 @@ class ModesPanel:
     ) -> tuple[bool, bool]:
         """Show the stage's row with these keys pressed, and `idle` ones disabled; return whether anything changed, and
         whether it is another row, which needs a layout. `pointer` is its position in the window, pixels, if known."""
-        changed = other = False
+        other = False
         for name, row in self.rows.items():
-            if row.widget.visible != (name == stage):
-                row.widget.visible = name == stage
-                changed = other = True
+            other |= put(row.widget, visible=name == stage)
+        changed, under = other, None
         for (name, key), button in self.buttons.items():
-            if name == stage and button.enabled != (key not in idle):
-                button.enabled = key not in idle
-                changed = True
-            if name == stage and self._on[name, key] != (key in on):
+            if name != stage:
+                continue
+            changed |= put(button, enabled=key not in idle)
+            if self._on[name, key] != (key in on):
                 self._on[name, key] = key in on
                 button.background_color = color(ACCENT_DARK if key in on else RAISED)
                 changed = True
-        under = (
-            button
-            for (name, key), button in self.buttons.items()
-            if name == stage and key in on and pointer is not None and holds(button, *pointer)
-        )
-        return changed | self._underline(stage, next(under, None)), other
+            if key in on and pointer is not None and holds(button, *pointer):
+                under = button
+        return changed | self._underline(stage, under), other
 
     def _underline(self, stage: str, button: gui.Button | None) -> bool:
         """Draw a bar at the bottom of a button, or none; returns whether that is a change."""
@@ -149,7 +145,4 @@ class ModesPanel:
         if button is not None:
             frame, high = button.frame, self._bar_height
             bar.place(frame.x, frame.y + frame.height - high, frame.width, high)
-        if bar.widget.visible == (button is not None):
-            return False
-        bar.widget.visible = button is not None
-        return True
+        return put(bar.widget, visible=button is not None)

@@ -32,6 +32,14 @@ def color(value: RGB) -> gui.Color:
     return gui.Color(value[0] / 255, value[1] / 255, value[2] / 255)
 
 
+def put(widget: gui.Widget, **values: object) -> bool:
+    """Set attributes of a widget that have other values; returns whether any had."""
+    others = {name: value for name, value in values.items() if getattr(widget, name) != value}
+    for name, value in others.items():
+        setattr(widget, name, value)
+    return bool(others)
+
+
 def plain_label(text_color: RGB, ground: RGB) -> gui.Label:
     """An empty label with an opaque background."""
     label = gui.Label("")

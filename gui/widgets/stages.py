@@ -13,7 +13,7 @@ from gui.models.take.settings import SettingField, stage_of
 from gui.models.take.workspace import Workspace
 from gui.widgets import stage_list
 from gui.widgets.hints import Hints
-from gui.widgets.picture import PictureWidget, color
+from gui.widgets.picture import PictureWidget, color, put
 from gui.widgets.settings import SettingActions, SettingsList
 from gui.widgets.swap_guard import SwapGuard
 from pipelines.config import Config
@@ -200,8 +200,7 @@ class StagesPanel:
         text = "" if refusal is None else str(refusal)
         setting = "" if refusal is None else str(refusal.fields.get("setting", ""))
         self._refused_setting = setting if setting != edited else ""  # the edited one is already on screen
-        if self.error.text != text:
-            self.error.text = text
+        put(self.error, text=text)
 
     @property
     def error_setting(self) -> str:
@@ -248,7 +247,7 @@ class StagesPanel:
 
     def update(self) -> tuple[bool, bool]:
         """Show the state of the workspace; return (whether anything changed, whether a layout is due)."""
-        changed = layout = False
+        changed = False
         rows = self._workspace.rows()
         state = (rows, self.selected, self.list.size)
         if state != self._drawn:
@@ -256,38 +255,26 @@ class StagesPanel:
             self.list.show(stage_list.picture(rows, self.selected, self.list.size[0], self._em))
             changed = True
         row = self._workspace.row(self.selected)
-        if self.detail.text != row.detail:
-            self.detail.text = row.detail
-            changed = layout = True
-        setting = self.error_setting
+        config, setting = self._workspace.config, self.error_setting
         link = f"Go to {setting}" if setting else ""
-        if self.link.text != link:
-            self.link.text = link
-            changed = layout = True
-        for widget, text in ((self.detail, row.detail), (self.error, self.error.text), (self.link, link)):
-            shown = bool(text)
-            if widget.visible != shown:
-                widget.visible = shown
-                changed = layout = True
+        layout = put(self.detail, text=row.detail, visible=bool(row.detail)) | put(
+            self.link, text=link, visible=bool(link)
+        )
+        layout |= put(self.error, visible=bool(self.error.text))
         for stage, panel in self.settings.items():
-            shown = stage == self.selected and self._workspace.config is not None
-            if panel.widget.visible != shown:
-                panel.widget.visible = shown
-                changed = layout = True
-        config = self._workspace.config
+            layout |= put(panel.widget, visible=stage == self.selected and config is not None)
         if self.estimates.show(self._workspace.take, config):
             self._show_estimates()
         if self.settings[self.selected].refilter():
             self._shown_config = None
-            changed = layout = True
+            layout = True
         if config is not None and config is not self._shown_config:
             self._shown_config = config
             for panel in self.settings.values():
                 panel.show(config)
-            changed = layout = True
-        if self._update_buttons(row.state):
-            changed = layout = True  # the new text has another width
-        return changed, layout
+            layout = True
+        layout |= self._update_buttons(row.state)  # a new text has another width
+        return changed or layout, layout
 
     def _show_estimates(self) -> None:
         """Show what is known about the presets."""
@@ -306,15 +293,13 @@ class StagesPanel:
         busy = self._workspace.busy
         there = self._workspace.take is not None
         text = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
-        if self.buttons["run"].text != text:
-            self.buttons["run"].text = text
+        if put(self.buttons["run"], text=text):
             # only what is to be done next stands out
             self.buttons["run"].background_color = color(RAISED if text == "Run again" else ACCENT_DARK)
             self._hints.give(self.buttons["run"], _RUN[text], self.row)
             changed = True
         text = "Resume" if self._workspace.paused else "Pause"
-        if self.buttons["pause"].text != text:
-            self.buttons["pause"].text = text
+        if put(self.buttons["pause"], text=text):
             self._hints.give(self.buttons["pause"], _PAUSE[text], self.row)
             changed = True
         stoppable = busy and not self._workspace.cancelling
@@ -322,7 +307,5 @@ class StagesPanel:
             button, shown = self.buttons[key], busy == (key in ("pause", "cancel"))
             if button.visible != shown:
                 self._guard.swapped()
-            if (button.enabled, button.visible) != (enabled, shown):
-                button.enabled, button.visible = enabled, shown
-                changed = True
+            changed |= put(button, enabled=enabled, visible=shown)
         return changed

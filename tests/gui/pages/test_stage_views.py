@@ -17,6 +17,7 @@ from gui.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, HELD_OUT, SECON
 from gui.models.evaluation import Evaluation
 from gui.models.loop import LOOP
 from gui.models.marks import Marks
+from gui.models.notices import Notices
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
 from gui.models.take.cameras import CameraUses
@@ -385,14 +386,9 @@ def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: P
     views.capture.check()
     shown(views, lambda picture: not views.capture.checking)
     assert not views.capture._check.problems
-    told: list[str] = []
-    window = SimpleNamespace(
-        workspace=views.workspace,
-        views=views,
-        notices=SimpleNamespace(show=lambda words, bad, **_: told.append(words), clear=lambda _: None),
-    )
+    window = SimpleNamespace(workspace=views.workspace, views=views, notices=Notices())
     uses = CameraActions(cast("Shell", window))._uses()
-    assert uses is not None, told
+    assert uses is not None, window.notices.text
     assert len(uses.uses) == 6
     points = PointsView(views.workspace)
     assert points.path == footage_project / "capture" / "points.yaml"
