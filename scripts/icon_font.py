@@ -21,7 +21,7 @@ from fontTools.ttLib.tables._g_l_y_f import GlyphCoordinates
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from gui.drawing.icons import CODES, FONT  # noqa: E402
+from gui.drawing.icons import CODES, FONT, ICON_SIZE  # noqa: E402
 
 UNITS = 1000
 ASCENT, DESCENT = 928, -244
@@ -30,7 +30,7 @@ ASCENT, DESCENT = 928, -244
 CAPITALS = 711
 """Height of Roboto's capitals."""
 
-SIDE = 1060
+SIDE = round(UNITS * ICON_SIZE)
 """Size of the icons' square."""
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gui.drawing.icons import FONT, ICON_SIZE, icon
 from gui.drawing.palette import BORDER, GROUND, RAISED, RGB, TEXT
 
 ROUND = 0.25
@@ -17,13 +18,13 @@ ROUND = 0.25
 
 
 @lru_cache(maxsize=16)
-def _font(size: int, mono: bool) -> Any:
+def _font(size: int) -> Any:
     """The window's font (Roboto, which Open3D ships), else Pillow's."""
     from PIL import ImageFont
 
     found = importlib.util.find_spec("open3d")  # finds the folder, imports nothing
     for folder in (found.submodule_search_locations or []) if found else []:
-        path = Path(folder) / "resources" / ("RobotoMono-Medium.ttf" if mono else "Roboto-Medium.ttf")
+        path = Path(folder) / "resources" / "Roboto-Medium.ttf"
         if path.is_file():
             return ImageFont.truetype(str(path), size)
     return ImageFont.load_default(size)
@@ -34,33 +35,45 @@ KEPT_TEXTS = 1024
 
 
 @lru_cache(maxsize=KEPT_TEXTS)
-def _glyphs(text: str, size: int, mono: bool) -> np.ndarray:
+def _glyphs(text: str, size: int) -> np.ndarray:
     """(h, w) uint8 coverage of a line of text, 255 = whole; the height depends only on the font size."""
     from PIL import Image, ImageDraw
 
-    image = Image.new("L", (_width(text, size, mono), _line_height(size, mono)))
-    ImageDraw.Draw(image).text((0, 0), text, fill=255, font=_font(size, mono))
+    image = Image.new("L", (_width(text, size), _line_height(size)))
+    ImageDraw.Draw(image).text((0, 0), text, fill=255, font=_font(size))
     return np.asarray(image)
 
 
 @lru_cache(maxsize=4096)
-def _width(text: str, size: int, mono: bool) -> int:
-    return max(int(_font(size, mono).getlength(text) + 0.999), 1)
+def _width(text: str, size: int) -> int:
+    return max(int(_font(size).getlength(text) + 0.999), 1)
 
 
-def _line_height(size: int, mono: bool) -> int:
-    ascent, descent = _font(size, mono).getmetrics() if hasattr(_font(size, mono), "getmetrics") else (size, size // 4)
+def _line_height(size: int) -> int:
+    ascent, descent = _font(size).getmetrics() if hasattr(_font(size), "getmetrics") else (size, size // 4)
     return int(ascent + descent)
 
 
-def text_width(text: str, size: int, mono: bool = False) -> int:
+@lru_cache(maxsize=64)
+def _icon(key: str, side: int) -> np.ndarray:
+    """(side, side) uint8 coverage of an icon."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.new("L", (side, side))
+    size = max(round(side / ICON_SIZE), 1)
+    font = ImageFont.truetype(str(FONT), size, layout_engine=ImageFont.Layout.BASIC)  # some codes are combining marks
+    ImageDraw.Draw(image).text((side / 2, side / 2), icon(key), fill=255, font=font, anchor="mm")
+    return np.asarray(image)
+
+
+def text_width(text: str, size: int) -> int:
     """Width of a line of text in pixels."""
-    return _width(text, size, mono) if text else 0
+    return _width(text, size) if text else 0
 
 
 def glyph_height(size: int) -> int:
     """Height of a line of text from the top of the highest glyph to the bottom of the lowest, pixels."""
-    return _line_height(size, mono=False)
+    return _line_height(size)
 
 
 def fitted(text: str, size: int, width: float) -> str:
@@ -225,7 +238,6 @@ class Canvas:
         color: RGB = TEXT,
         align: str = "left",
         width: float | None = None,
-        mono: bool = False,
     ) -> int:
         """Draw a line of text with its upper left corner (align "left"), upper right ("right") or upper middle
         ("middle") at (x, y), truncated if it is wider than `width`. Returns its width in pixels."""
@@ -233,7 +245,7 @@ class Canvas:
             text = fitted(text, size, width)
         if not text:
             return 0
-        cover = _glyphs(text, size, mono)
+        cover = _glyphs(text, size)
         left = round(x) - {"left": 0, "right": cover.shape[1], "middle": cover.shape[1] // 2}[align]
         self._blend(cover, left, round(y), color)
         return int(cover.shape[1])
@@ -246,6 +258,10 @@ class Canvas:
             self.text(x, y, line, size, color, align)
             y += line_height(size)
         return y
+
+    def icon(self, x: float, y: float, key: str, side: float, color: RGB = TEXT) -> None:
+        """Draw an icon, by its key in `ICONS`, in a square whose upper left corner is at (x, y)."""
+        self._blend(_icon(key, max(round(side), 1)), round(x), round(y), color)
 
     def image(self, x: float, y: float, pixels: np.ndarray) -> None:
         """Draw an (h, w, 3) uint8 image, clipped to the canvas."""

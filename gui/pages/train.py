@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,8 @@ from gui.drawing.compare import label
 from gui.drawing.lanes import draw_lanes
 from gui.drawing.palette import DIM, GROUND, RAISED, SECOND
 from gui.drawing.plots import curve, legend
-from gui.models.playback.frame_renderer import RenderRequest, footage_image
-from gui.models.playback.image_zoom import ImageZoom
-from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw
+from gui.models.stages import performer_over
 from gui.models.take.run_state import Curve
 from gui.models.take.workspace import Workspace
 from gui.models.ttl_cache import TtlCache
@@ -157,11 +156,10 @@ class TrainView(StageView):
         if preview is not None and Path(preview.path).is_file() and preview.camera and preview.frame is not None:
             pixels = cv2.imread(preview.path)
             if pixels is not None and preview.camera in footage.camera_names and preview.frame in footage.frames:
-                index = footage.frames.index(preview.frame)
                 step = f", step {preview.iteration}" if preview.iteration is not None else ""
                 render = np.ascontiguousarray(pixels[..., ::-1])
                 words = f"{_kind(preview.camera, held_out)}, frame {preview.frame}{step}"
-                return words, render, self._footage(preview.camera, index, render.shape[1::-1])
+                return words, render, self._footage(preview.camera, preview.frame)
         files, _ = take.trained_files()
         if not files:
             raise StudioError(
@@ -174,19 +172,15 @@ class TrainView(StageView):
         background = context.config.capture.background
         render = draw(read_frame(files[index]), view, background)
         words = f"{_kind(camera, held_out)}, frame {footage.frames[index]}"
-        return words, render, self._footage(camera, index, (view.width, view.height))
+        return words, render, self._footage(camera, footage.frames[index])
 
-    def _footage(self, camera: str, index: int, size: tuple[int, int]) -> np.ndarray | None:
+    def _footage(self, camera: str, frame: int) -> np.ndarray | None:
+        """A camera's image of a frame, by its number in the footage; None if it cannot be read."""
         context = self.workspace.context
         assert context is not None
-        request = RenderRequest(
-            {}, index, "single", "footage", "footage", OrbitCamera(), camera, ImageZoom(), size,
-            context.config.capture.background, 0.5, context, None,
-        )  # fmt: skip
-        try:
-            return footage_image(request, *size)
-        except StudioError:
-            return None
+        with suppress(StudioError):
+            return performer_over(context.footage.calibrated, camera, frame, context.config.capture.background)
+        return None
 
     @property
     def status(self) -> str:

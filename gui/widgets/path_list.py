@@ -9,7 +9,7 @@ import numpy as np
 
 from gui.drawing.areas import Areas
 from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
-from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, RGB, TEXT
+from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, TEXT
 from gui.models.camera_path import PathKey
 
 THUMBNAIL = (16, 9)
@@ -96,7 +96,7 @@ class PathList:
         seconds = keys[-1].time if keys else 0.0
         words = f"{len(keys)} view{'s' * (len(keys) != 1)}, {seconds:.1f} s"
         canvas.text(self.width - pad - 1.6 * em, 0.4 * em, words, normal, DIM, align="right")
-        _icon(canvas, "remove", self.width - pad - 0.9 * em, 0.55 * em, 0.85 * em, TEXT)
+        canvas.icon(self.width - pad - 0.9 * em, 0.55 * em, "row remove", 0.85 * em)
         self.areas.add((self.width - pad - 1.3 * em, 0, 1.9 * em, 1.9 * em), ("close", -1))
         canvas.rect(pad, 1.95 * em, self.width - 2 * pad, 1, LINE)
         x, y = pad, 2.3 * em
@@ -152,7 +152,7 @@ class PathList:
         x = self.width - 0.5 * em - len(ROW_BUTTONS) * side
         for name in ROW_BUTTONS:
             enabled = not (name == "up" and number == 0) and not (name == "down" and number == count - 1)
-            _icon(canvas, name, x + 0.3 * em, y + 0.3 * em, 0.85 * em, TEXT if enabled else FAINT)
+            canvas.icon(x + 0.3 * em, y + 0.3 * em, f"row {name}", 0.85 * em, TEXT if enabled else FAINT)
             if enabled:
                 self.areas.add((x, y, side, side), (name, number))
             x += side
@@ -169,18 +169,3 @@ class PathList:
         size, em = round(0.9 * self.em), self.em
         ground, color = ACCENT_DARK if pressed else RAISED, TEXT if on else FAINT
         canvas.button(x, y, wide, 1.7 * em, label, size, ground, color, BORDER if on else FAINT)
-
-
-def _icon(canvas: Canvas, name: str, x: float, y: float, side: float, color: RGB) -> None:
-    """Lines of a symbol in a square: the toolkit's fonts have none."""
-    strokes = {
-        "up": [[(0.1, 0.65), (0.5, 0.25), (0.9, 0.65)]],
-        "down": [[(0.1, 0.35), (0.5, 0.75), (0.9, 0.35)]],
-        "remove": [[(0.15, 0.15), (0.85, 0.85)], [(0.15, 0.85), (0.85, 0.15)]],
-        "view": [
-            [(0.9, 0.3), (0.5, 0.1), (0.12, 0.4), (0.2, 0.8), (0.6, 0.92), (0.9, 0.65)],
-            [(0.95, 0.02), (0.9, 0.32), (0.6, 0.32)],
-        ],
-    }
-    for stroke in strokes[name]:
-        canvas.line([(x + side * across, y + side * down) for across, down in stroke], color, 2)

@@ -82,13 +82,14 @@ def make_editor(setting: SettingField, set_value: SetValue, pick: Callable[[Sett
     if setting.limits is not None:
         low, high = setting.limits
         for sign, count, words in (("-", -1, f"Lower; {low:g} at least"), ("+", 1, f"Higher; {high:g} at most")):
-            editor.steps.append(_small_button(sign, words, partial(step, count)))
+            editor.steps.append(small_button(sign, words, partial(step, count)))
     if setting.name in FOLDERS | FILES:
-        editor.browse = _small_button("...", "Choose it in a dialog", lambda: pick(setting))
+        editor.browse = small_button("...", "Choose it in a dialog", lambda: pick(setting))
     return editor
 
 
-def _small_button(text: str, tooltip: str, action: Callable[[], None]) -> gui.Button:
+def small_button(text: str, tooltip: str, action: Callable[[], None]) -> gui.Button:
+    """A button as high as the fields."""
     button = gui.Button(text)
     button.tooltip = tooltip
     button.vertical_padding_em = 0.0

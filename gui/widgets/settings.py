@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import ACCENT, DIM, FAIR, PANEL, RAISED
+from gui.drawing.palette import ACCENT, DIM, FAIR, PANEL
 from gui.models.take.estimates import Estimates
 from gui.models.take.setting_words import FILES, FOLDERS, TEMPLATES
 from gui.models.take.settings import SettingField, fields_of, matching
 from gui.widgets.picture import color, holds, lowered, text_room
-from gui.widgets.setting_editors import Editor, make_editor
+from gui.widgets.setting_editors import Editor, make_editor, small_button
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
 
@@ -99,19 +99,12 @@ class SettingsList:
             self.widget.add_child(widget)
         self.refilter()
 
-    def _button(self, icon: str, tooltip: str, action: Callable[[], object]) -> gui.Button:
-        button = gui.Button(icon)
-        button.tooltip = tooltip
-        button.vertical_padding_em = 0.0
-        button.horizontal_padding_em = 0.25
-        button.background_color = color(RAISED)
-
+    def _button(self, text: str, tooltip: str, action: Callable[[], object]) -> gui.Button:
         def clicked() -> None:
             action()
             self._actions.changed()
 
-        button.set_on_clicked(clicked)
-        return button
+        return small_button(text, tooltip, clicked)
 
     @property
     def editors(self) -> dict[str, tuple[SettingField, gui.Widget]]:

@@ -20,6 +20,7 @@ from gui.models.stages import (
     stream_cameras,
 )
 from gui.models.take.workspace import Workspace
+from studio.comparison.metrics import HIGHEST_PSNR
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -28,11 +29,6 @@ if TYPE_CHECKING:
 TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 MEASURED_FRAMES = 3
 """Frames of the group whose error is measured: the keyframe, one in the middle, the last."""
-
-"""Overrides that disable what would choose another QP."""
-
-HIGHEST_PSNR = 100.0
-"""dB; that of equal images is infinite."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from gui.drawing.areas import Areas, Box
 from gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
+from gui.drawing.labels import draw_labels
 from gui.drawing.palette import (
     ACCENT,
     ACCENT_DARK,
@@ -25,6 +26,7 @@ from gui.drawing.palette import (
 )
 from gui.pages.calibrate.magnifier import Magnifier
 from gui.pages.calibrate.marks import TieMarks
+from gui.pages.stage_view import rectangle
 from studio.calibration import TiePoint
 from studio.calibration.report import TiePointReport
 
@@ -72,9 +74,8 @@ def tabs(
 
 def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, em: float) -> None:
     """Draw all marks of a camera as crosses with an open center, and as many names as fit without overlap."""
-    small = round(0.85 * em)
-    taken: list[Box] = []
     seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
+    names, shapes, colors = [], [], []
     for index in sorted(seen, key=lambda index: index != marks.chosen):
         point, chosen = marks.points[index], index == marks.chosen
         x, y = magnifier.shown(*point.pixels[camera])
@@ -85,18 +86,10 @@ def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, 
             ends = [(x + 3 * dx, y + 3 * dy), (x + 0.6 * em * dx, y + 0.6 * em * dy)]
             canvas.line([(u + 1, v + 1) for u, v in ends], BLACK, 2 if chosen else 1)
             canvas.line(ends, color, 2 if chosen else 1)
-        words = fitted(point.name, small, 12 * em)
-        wide, high = text_width(words, small), line_height(small)
-        for left, top in ((x + 5, y + 3), (x + 5, y - 3 - high), (x - 5 - wide, y + 3), (x - 5 - wide, y - 3 - high)):
-            right, bottom = left + wide, top + high
-            free = all(
-                left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1] for other in taken
-            )
-            if free and magnifier.holds(left, top) and magnifier.holds(right, bottom):
-                taken.append((left, top, right, bottom))
-                canvas.text(left + 1, top + 1, words, small, BLACK)
-                canvas.text(left, top, words, small, color)
-                break
+        names.append(fitted(point.name, round(0.85 * em), 12 * em))
+        shapes.append(rectangle(x - 0.6 * em, y - 0.6 * em, 1.2 * em, 1.2 * em))
+        colors.append(color)
+    draw_labels(canvas, names, shapes, round(0.85 * em), colors)
 
 
 def crops(

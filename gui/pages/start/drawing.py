@@ -218,13 +218,7 @@ class StartPicture:
             side = 1.6 * em
             cross = (x + wide - side, y, side, side)
             canvas.rect(*cross, RAISED)
-            inset = 0.5 * em
-            for ends in (((0.0, 0.0), (1.0, 1.0)), ((0.0, 1.0), (1.0, 0.0))):
-                points = [
-                    (cross[0] + inset + a * (side - 2 * inset), cross[1] + inset + b * (side - 2 * inset))
-                    for a, b in ends
-                ]
-                canvas.line(points, TEXT, 2)
+            canvas.icon(cross[0] + 0.35 * em, cross[1] + 0.35 * em, "row remove", side - 0.7 * em)
             self.crosses.add(cross, f"remove {number}")
 
     def _queue(self, canvas: Canvas, page: StartPage, x: float, y: float, width: float, hover: str) -> float:
