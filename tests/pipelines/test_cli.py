@@ -152,16 +152,6 @@ def test_the_last_lines_of_a_run_are_the_table(here, finished, tmp_path):
     assert "held-out cameras cam4" in text
 
 
-def test_stdout_of_json_is_events_only(here, finished, tmp_path):
-    shutil.copytree(finished, tmp_path / "copy")
-    done = here("bake", tmp_path / "copy" / "take", "--force", "--json")  # the take's folder is enough
-    assert done.returncode == 0, done.stderr
-    kinds = [parse_event(line).kind for line in done.stdout.splitlines()]
-    assert kinds[0] == "run_started"
-    assert kinds[-1] == "run_finished"
-    assert "stage_finished" in kinds
-
-
 def test_status_answers_without_torch(finished):
     script = (
         "import sys\n"

@@ -28,10 +28,6 @@ def done(result):
     return result
 
 
-def contents(take):
-    return {name: (take / "stream" / name).read_bytes() for name in names(take)}
-
-
 def test_a_take_is_baked_as_a_ladder(here, take):
     rungs = "[{qp: 20}, {qp: 34}, {qp: 30, splats: 0.5, sh_degree: 0, finetune_iterations: 10}]"
     done(here("bake", take, "--bake.ladder", rungs))
@@ -77,11 +73,3 @@ def test_a_short_first_group(here, take):
     assert [(group["first_frame"], group["frame_count"]) for group in groups] == [(0, 1), (1, 2), (3, 2)]
     with StreamReader.open(take / "stream") as reader:
         assert len(list(reader.iterate())) == 5
-
-
-def test_a_damaged_file_is_baked_again(here, take):
-    before = contents(take)
-    video = manifest_of(take)["groups"][1]["renditions"][0]["video"]["path"]
-    (take / "stream" / video).write_bytes(b"damaged")
-    done(here("bake", take, "--force"))
-    assert contents(take) == before

@@ -67,15 +67,3 @@ def test_another_stream_in_its_place_ends_it(monkeypatch: pytest.MonkeyPatch) ->
     grown, lost, follower = followed(monkeypatch, source)
     assert (grown, lost, source.asked) == ([1], [other], 2)
     follower.close()
-
-
-def test_the_pause_is_a_group_within_bounds() -> None:
-    source = Source()
-    source.live = False  # no thread
-    follower = follow.Follower(cast("StreamReader", source), lambda: None)
-    assert follower.pause == pytest.approx(0.6)  # 15 frames at 25 frames per second
-    source.frame_count = 3
-    assert follower.pause == follow._SHORTEST
-    source.frame_count = 3000
-    assert follower.pause == follow._LONGEST
-    follower.close()

@@ -3,7 +3,6 @@
 import json
 import shutil
 import time
-import zlib
 
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
@@ -15,7 +14,7 @@ from studio.stream.encode.bake import luma_checks
 from studio.stream.sidefile import deflate
 from tests.support.errors import refuses
 from tests.support.splats import assert_drawable
-from tests.support.streams import best_of, damage, edit_manifest, group_files, put_file, replace_file, set_at
+from tests.support.streams import best_of, damage, edit_manifest, group_files, put_file, set_at
 
 QUICK = settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FIRST = ("groups", 0, "renditions", 0)
@@ -146,23 +145,6 @@ def outcome(stream):
     for frame in frames:
         assert len(frame) == 80
         assert_drawable(frame)
-
-
-@QUICK
-@given(data=st.data())
-def test_any_content_of_the_side_file(copy_of, tmp_path, data):
-    """Arbitrary bytes at arbitrary places before compression, so that the change reaches the parser."""
-    stream = tmp_path / "motion" if (tmp_path / "motion").exists() else copy_of("motion")
-    manifest = (stream / "manifest.json").read_bytes()
-    raw = bytearray(zlib.decompress(file_of(stream, 0, "side").read_bytes(), wbits=-15))
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(raw) - 1))
-        raw[at : at + 1] = data.draw(st.binary(max_size=3))
-    try:
-        replace_file(stream, 0, "side", deflate([bytes(raw)]), len(raw))
-        outcome(stream)
-    finally:
-        (stream / "manifest.json").write_bytes(manifest)
 
 
 @QUICK
