@@ -153,3 +153,15 @@ def damage(file: Path, how: str) -> None:
         file.unlink()
     else:
         file.write_bytes(bytes(data) if how == "flipped" else bytes(data[:-9]))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files of a folder by their path in it."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def flip(path: Path, place: int = -5) -> None:
+    """Change one bit of a file."""
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)

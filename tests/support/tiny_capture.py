@@ -99,3 +99,10 @@ def environment() -> dict[str, str]:
     """Environment with the checkout on the path, wherever the command starts."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return {**os.environ, "PYTHONPATH": path, "COLUMNS": "200"}
+
+
+def results(take: Path) -> dict[str, bytes]:
+    """Trained frames, initial points, the stream and the evaluation by path; not what says how long they took."""
+    folders = [take / name for name in ("initialize", "train", "stream")]
+    files = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.name != "group.json"]
+    return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}

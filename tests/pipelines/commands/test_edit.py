@@ -18,6 +18,7 @@ from studio.camera_files import read_rig
 from studio.edits import moved
 from studio.rasterizer import rasterize
 from studio.stream import StreamMetadata, StreamReader
+from tests.support.streams import contents
 
 
 @pytest.fixture
@@ -36,7 +37,7 @@ def states(here, take) -> dict[str, dict[str, str]]:
 
 
 def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(here, take) -> None:
-    before = {path.name: path.read_bytes() for path in (take / "stream").rglob("*") if path.is_file()}
+    before = contents(take / "stream")
     measured = json.loads((take / "evaluation.json").read_text())
     rows = {row["index"]: row for row in measured["frames"]}
 
@@ -94,7 +95,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     done(here("edit", "remove", take, "all"))
     assert done(here("edit", "list", take)).stdout.startswith("no edits")
     done(here("bake", take))
-    after = {path.name: path.read_bytes() for path in (take / "stream").rglob("*") if path.is_file()}
+    after = contents(take / "stream")
     assert after == before
     done(here("edit", "undo", take))
     assert "frames 1 to 3" in done(here("edit", "list", take)).stdout

@@ -21,6 +21,7 @@ from pipelines.takes.evaluation import MEASURES, Quality, read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison import METRICS, PROTOCOLS, measure
 from tests.support.errors import refuses
+from tests.support.streams import contents
 from tests.support.tiny_capture import environment
 from tests.support.warm_python import warm_python
 
@@ -122,14 +123,10 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     return calls
 
 
-def files_in(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkeypatch):
     compare(two, tmp_path / "whole", PROTOCOLS["box"])
     killed(*two, tmp_path / "out")
-    left = files_in(tmp_path / "out")
+    left = contents(tmp_path / "out")
     frames = {f".comparing/{frame:06d}.json" for frame in range(3)}
     assert set(left) == {*frames, ".comparing/cam4_000000.png"}
     calls, ticks = counted(monkeypatch), []
@@ -137,7 +134,7 @@ def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkey
     assert len(calls) == 2 * 2, "two frames of two takes"
     assert ticks[0] == (6, 10)
     assert ticks[-1] == (10, 10)
-    assert files_in(tmp_path / "out") == files_in(tmp_path / "whole")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     assert not (tmp_path / "out" / ".comparing").exists()
 
 
@@ -147,7 +144,7 @@ def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tm
     killed(*two, tmp_path / "out")
     compare(two, tmp_path / "out", PROTOCOLS["box"], images=0)  # the killed one drew images
     assert len(calls) == 5 * 2
-    assert files_in(tmp_path / "out") == files_in(tmp_path / "whole")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     compare(two, tmp_path / "whole", PROTOCOLS["box"])
     for name in ("000001.json", "cam4_000000.png"):
         shutil.rmtree(tmp_path / "out")
@@ -157,7 +154,7 @@ def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tm
         calls.clear()
         compare(two, tmp_path / "out", PROTOCOLS["box"])
         assert len(calls) == 3 * 2
-        assert files_in(tmp_path / "out") == files_in(tmp_path / "whole")
+        assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 def test_full_frames_over_white_of_another_camera(two, here, tmp_path):

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import json
 import signal
-from pathlib import Path
 
 from pipelines.events import Event, Log, Metrics, RunFinished, StageStarted
 from pipelines.stages import train_group
 from studio.errors import Cancelled
 from tests.support.events import events_in
-
-
-def stream_bytes(take: Path) -> dict[str, bytes]:
-    stream = take / "stream"
-    return {path.relative_to(stream).as_posix(): path.read_bytes() for path in stream.rglob("*") if path.is_file()}
+from tests.support.streams import contents
 
 
 def stop_when(process, condition, number) -> list:
@@ -77,7 +72,7 @@ def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(fini
     events = events_in(last.stdout)
     assert [event.stage for event in events if isinstance(event, StageStarted)][-1] == "evaluate"
     assert frames_of(events) == []
-    assert stream_bytes(take) == stream_bytes(finished / "take")
+    assert contents(take / "stream") == contents(finished / "take" / "stream")
     ours, unbroken = (json.loads((folder / "evaluation.json").read_text()) for folder in (take, finished / "take"))
     assert ours == unbroken
     assert not list(take.rglob("*.partial*"))

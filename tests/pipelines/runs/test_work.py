@@ -6,22 +6,15 @@ import json
 import shlex
 import signal
 import subprocess
-from pathlib import Path
 
 import pytest
 
 from pipelines.events import Metrics, StageFinished, StageStarted
 from pipelines.runs.print_commands import ranges
 from tests.support.events import events_in
+from tests.support.tiny_capture import results
 
 pytestmark = pytest.mark.long
-
-
-def results(take: Path) -> dict[str, bytes]:
-    """Trained frames, initial points, the stream and the evaluation; not the reports, which contain times."""
-    folders = [take / name for name in ("initialize", "train", "stream")]
-    files = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.name != "group.json"]
-    return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}
 
 
 def trained(output: str) -> list[int]:

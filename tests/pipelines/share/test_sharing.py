@@ -29,7 +29,7 @@ from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
-from tests.support.streams import bake_numbered
+from tests.support.streams import bake_numbered, contents
 
 TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
 
@@ -99,18 +99,14 @@ class Page(HTMLParser):
         return {meta.get("property"): meta.get("content") for meta in self.named("meta")}
 
 
-def content(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
 def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_path):
     steps = []
     shared = share(
         str(stream), tmp_path / "deep" / "site", TEXT, progress=lambda done, total, **_: steps.append((done, total))
     )
-    files = content(shared.path)
+    files = contents(shared.path)
     assert {name: data for name, data in files.items() if name.startswith("stream/")} == {
-        f"stream/{name}": data for name, data in content(stream).items()
+        f"stream/{name}": data for name, data in contents(stream).items()
     }
     page = Page(shared.path / "index.html")
     (player,) = page.named("v3-player")
@@ -130,7 +126,7 @@ def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_
     assert page.preview["og:image"] == f"https://example.org/walk/{player['poster']}"
     assert shared.total_bytes == sum(map(len, files.values()))
     assert shared.files == len(files)
-    assert shared.stream_bytes == sum(map(len, content(stream).values()))
+    assert shared.stream_bytes == sum(map(len, contents(stream).values()))
     assert shared.poster_bytes == len(files[str(player["poster"])])
     assert steps[0][0] == 0
     assert steps[-1][0] == steps[-1][1] > 2
@@ -169,9 +165,9 @@ def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
     out = tmp_path / "site"
     out.mkdir()
     first = share(str(stream), out, PageText(title="One")).path
-    old = content(first)
+    old = contents(first)
     second = share(str(stream), out, PageText(title="Two")).path
-    assert content(second).keys() == old.keys()
+    assert contents(second).keys() == old.keys()
     assert b"Two" in (second / "index.html").read_bytes()
     (out / "stream" / "notes.txt").write_text("mine")
     with refuses("share.out_exists", file=out, value="stream/notes.txt"):
@@ -198,7 +194,7 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
     (tmp_path / "out" / f".a.{killed.pid}.partial.html").write_text("half")
     share(str(copy), out)
     share_page(str(copy), page)
-    before = content(out.parent)
+    before = contents(out.parent)
     out.rename(out.with_name(f".site.{killed.pid}.old.partial"))  # as if killed while it was replaced
 
     def stop(done: int, total: int, **_: object) -> None:
@@ -216,7 +212,7 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
     for attempt in (lambda: share(str(copy), out), lambda: share_page(str(copy), page)):
         with refuses("stream.wrong_checksum", file=str(last)):
             attempt()
-    assert content(out.parent) == before
+    assert contents(out.parent) == before
     assert sorted(os.listdir(out.parent)) == ["a.html", "site"]
 
 
@@ -228,7 +224,7 @@ def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
         for attributes, text in page.texts
         if "data-v3-file" in attributes
     }
-    assert held == content(stream)
+    assert held == contents(stream)
     (player,) = page.named("v3-player")
     assert player["src"] in {f"#{element['id']}" for element in page.named("div")}
     assert str(player["poster"]).startswith("data:image/jpeg;base64,")
@@ -248,7 +244,7 @@ def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, t
         share_page(str(stream), mine)
     with refuses("share.not_html", file=tmp_path / "site"):
         share_page(str(stream), tmp_path / "site")
-    size = sum(map(len, content(stream).values()))
+    size = sum(map(len, contents(stream).values()))
     monkeypatch.setattr(sharing, "MAX_SINGLE_FILE_BYTES", size)
     share_page(str(stream), tmp_path / "just.html")
     monkeypatch.setattr(sharing, "MAX_SINGLE_FILE_BYTES", size - 1)
@@ -314,7 +310,7 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
         *("--description", "Four <walks>", "--intro", tmp_path / "path.json"),
     )
     assert done.returncode == 0, done.stderr
-    total = sum(map(len, content(tmp_path / "site").values()))
+    total = sum(map(len, contents(tmp_path / "site").values()))
     assert f"{total:,} bytes" in done.stdout
     page = Page(tmp_path / "site" / "index.html")
     (player,) = page.named("v3-player")
@@ -355,10 +351,10 @@ def test_a_stream_is_shared_with_all_its_renditions(tmp_path: Path) -> None:
     settings = BakeSettings(preset="ultrafast", ladder=(Rung(qp=10), Rung(qp=40)))
     source = bake_numbered(tmp_path / "ladder", (2, 3), 12.0, settings=settings)
     share(str(source), tmp_path / "site")
-    assert content(tmp_path / "site" / "stream") == content(source)
+    assert contents(tmp_path / "site" / "stream") == contents(source)
     single = share_page(str(source), tmp_path / "one.html")
     embedded = {script["data-v3-file"] for script in Page(single.path).named("script") if "data-v3-file" in script}
-    assert embedded == set(content(source))
+    assert embedded == set(contents(source))
     early, _ = Page(tmp_path / "site" / "index.html").texts[1:]
     manifest = json.loads((source / "manifest.json").read_bytes())
     best, coarse = manifest["groups"][0]["renditions"]
@@ -366,5 +362,5 @@ def test_a_stream_is_shared_with_all_its_renditions(tmp_path: Path) -> None:
         assert f'"{coarse[name]["path"]}": "stream/{coarse[name]["path"]}"' in early[1]
         assert best[name]["path"] not in early[1] or best[name] == coarse[name]
     size = share_size(str(source))
-    assert size.stream_bytes == single.stream_bytes == sum(map(len, content(source).values()))
+    assert size.stream_bytes == single.stream_bytes == sum(map(len, contents(source).values()))
     assert size.frames == 5

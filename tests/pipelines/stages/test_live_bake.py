@@ -15,6 +15,7 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from studio.stream import StreamReader
+from tests.support.streams import contents
 from tests.support.waiting import wait_until
 
 FAST = [("bake.live", True), ("bake.preset", "ultrafast")]
@@ -119,9 +120,9 @@ def test_training_with_live_gives_the_stream_of_a_bake(here, take, published):
     result = here("train", take.root, "--live", "--bake.preset", "ultrafast")
     assert result.returncode == 0, result.stderr
     assert published == [([3], True), ([3, 2], False)]
-    before = {path.name: path.read_bytes() for path in take.stream.rglob("*") if path.is_file()}
+    before = contents(take.stream)
     assert here("bake", take.root, "--bake.live", "false").returncode == 0
-    assert {path.name: path.read_bytes() for path in take.stream.rglob("*") if path.is_file()} == before
+    assert contents(take.stream) == before
 
 
 def test_what_is_trained_on_frames_of_the_whole_group_waits_for_all_of_them(take):

@@ -20,6 +20,7 @@ from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from studio.edits.edit_list import EditList, Trim
 from studio.formats.camera_path import Key, write_path_keys
+from tests.support import streams
 from tests.support.errors import refuses
 
 FRAME = "train/group_000/frame_000001.safetensors"
@@ -30,12 +31,10 @@ def take(finished: Path, tmp_path: Path) -> Take:
     return Take.open(Path(shutil.copytree(finished / "take", tmp_path / "take")))
 
 
-def flip(path: Path, place: int = -5) -> None:
+def flip(path: Path) -> None:
     """Change one bit; size and modification time stay."""
     stat = path.stat()
-    data = bytearray(path.read_bytes())
-    data[place] ^= 1
-    path.write_bytes(data)
+    streams.flip(path)
     os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
 
 

@@ -19,10 +19,7 @@ from pipelines.takes.take import Take
 from studio.edits.edit_list import EditList, Trim
 from studio.stream import StreamReader
 from tests.support.errors import refuses
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+from tests.support.streams import contents
 
 
 def states(here: Callable, root: Path) -> dict[str, str]:

@@ -14,11 +14,7 @@ from studio.stream.layout import plane_side
 from studio.stream.morton import morton_order
 from studio.stream.video import PlaneEncoder
 from tests.support.errors import refuses
-
-
-def contents(folder):
-    return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
-
+from tests.support.streams import contents
 
 PLANES = BakeSettings(profile="planes")
 

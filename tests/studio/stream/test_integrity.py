@@ -7,18 +7,13 @@ import pytest
 from pipelines.cli import execute
 from studio.stream import StreamReader, check_stream
 from studio.stream.write_archive import write_archive
+from tests.support.streams import flip
 
 
 @pytest.fixture
 def ladder(make_ladder):
     """Three renditions, and the second and third group in a page of the index."""
     return make_ladder((2, 2, 1), splats=60, paged=True)
-
-
-def flip(path, place=-5):
-    data = bytearray(path.read_bytes())
-    data[place] ^= 1
-    path.write_bytes(data)
 
 
 def checked(place):

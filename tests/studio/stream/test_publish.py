@@ -6,10 +6,7 @@ from studio.errors import Cancelled
 from studio.stream import Rung, StreamReader
 from studio.stream.publish import publish
 from tests.support.errors import refuses
-
-
-def contents(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+from tests.support.streams import contents
 
 
 def test_what_is_there_is_not_copied_again(make_ladder, tmp_path):

@@ -17,6 +17,7 @@ from studio.stream.codecs import CODECS
 from studio.stream.morton import morton_order
 from tests.support.errors import refuses
 from tests.support.performer import attribute_errors, performer
+from tests.support.streams import contents
 
 AXIS_NAMES = Rotation.create_group("O")  # the 24 rotations of the cube
 PROFILES = ("motion", "planes")
@@ -30,10 +31,6 @@ def bake(folder, frames, threads=0, **settings):
     write_manifest(folder, [entry], 30, settings)
     with StreamReader.open(folder) as reader:
         return entry.best, list(reader.iterate())
-
-
-def contents(folder):
-    return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
 
 
 def same(a, b) -> bool:

@@ -9,22 +9,12 @@ import sys
 import pytest
 
 from pipelines.events import GroupState, Metrics, StageFinished, Warned
-from tests.support.tiny_capture import environment, v3studio
+from tests.support.tiny_capture import environment, results, v3studio
 from tests.support.two_nodes import SETTINGS, two_nodes
 
 pytestmark = pytest.mark.long
 
 pytest.importorskip("ray", reason="Ray is not installed (extra cluster)")
-
-
-def results(take) -> dict[str, bytes]:
-    files = [
-        path
-        for folder in ("initialize", "train", "stream")
-        for path in (take / folder).rglob("*")
-        if path.is_file() and path.name != "group.json"  # which tells how long it took
-    ]
-    return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}
 
 
 HELD = """
