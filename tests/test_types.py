@@ -14,10 +14,10 @@ ALIASES = "studio/json_types.py"
 READERS_AND_WRITERS = {
     "pipelines/config/loading.py",  # a user's YAML
     "pipelines/estimate/estimate.py",  # v3studio estimate --json
-    "pipelines/events/event_types.py",  # a line of JSON
+    "pipelines/events/__init__.py",  # a line of JSON
     "pipelines/share/sharing.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",
-    "pipelines/takes/kept_bakes.py",  # v3studio bakes list --json
+    "pipelines/takes/kept_bakes.py",  # v3studio bakes --json
     "studio/bounded_files.py",  # any TOML
     "studio/calibration/manual/file.py",
     "studio/camera_files/annots_npy.py",

@@ -1,43 +1,348 @@
-"""Events of a run, cancellation, and a clock that stops while the process is paused."""
+"""Typed events that a run emits, as JSON lines with `--json`; beside them, cancellation and a clock of work time.
 
-from pipelines.events.event_types import (
-    MAX_TEXT,
-    AnyEvent,
-    Emit,
-    Event,
-    GroupState,
-    Log,
-    Metrics,
-    Preview,
-    Progress,
-    RunFinished,
-    RunStarted,
-    StageFailed,
-    StageFinished,
-    StageStarted,
-    Warned,
-    as_message,
-    parse_event,
-    read_line,
+The command line shows them as progress bars; the window reads the lines. `parse_event` is the inverse of `to_json`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, ClassVar, Self, TypeAlias
+
+from studio.bounded_files import parse_json
+from studio.errors import Message, StudioError
+from studio.json_types import JsonData, JsonObject
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """Base of all events.
+
+    Attributes:
+        stage: the stage concerned; "" for the whole run.
+        time: seconds since 1970.
+    """
+
+    kind: ClassVar[str] = "event"
+    stage: str = ""
+    time: float = field(default_factory=time.time)
+
+    def to_json(self) -> str:
+        """One line without a newline, encodable as UTF-8. NaN and infinity, which JSON does not have, become null."""
+        text = json.dumps({"event": self.kind, **_finite(asdict(self))}, ensure_ascii=False)
+        # file names that are not UTF-8 hold lone surrogates, which cannot be encoded
+        return _SURROGATE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Notice(Event):
+    """Base of events that carry a `studio.errors.Message`; `of` makes them.
+
+    Attributes:
+        message: the full sentence, for display.
+        code: identifies it for programs ("footage.no_frames").
+        file: the file or folder concerned.
+        value: the value found, if any.
+        fix: how to fix it, as a sentence.
+        fields: camera, frame, setting, expected, ...
+    """
+
+    message: str = ""
+    code: str = ""
+    file: str | None = None
+    value: JsonData = None
+    fix: str = ""
+    fields: Mapping[str, JsonData] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, what: Message, **own: Any) -> Self:
+        """The event of a message, JSON-ready and of bounded length.
+
+        Args:
+            what: fills in `message`, `code`, `file`, `value`, `fix` and `fields`.
+            own: the event's other attributes.
+        """
+        found = what.to_dict()
+        parts = {name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found}
+        return cls(**parts, fields=found, **own)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunStarted(Event):
+    """First event of a run.
+
+    Attributes:
+        take: the take's folder.
+        stages: stages that will run, in order.
+        done: stages that are up to date.
+        pid: process id of the run.
+        version: program version.
+    """
+
+    kind: ClassVar[str] = "run_started"
+    take: str
+    stages: tuple[str, ...]
+    done: tuple[str, ...]
+    pid: int
+    version: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageStarted(Event):
+    """A stage begins.
+
+    Attributes:
+        reason: why it runs ("never run", "bake.quality changed from 22 to 30").
+    """
+
+    kind: ClassVar[str] = "stage_started"
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress(Event):
+    """Progress of the stage and of the run.
+
+    Attributes:
+        fraction: of the stage, 0 to 1.
+        total_fraction: of all stages of this run, 0 to 1 (an estimate).
+        seconds_left: of the stage; None while unknown.
+        total_seconds_left: of the run; None while unknown.
+        label: the step in progress ("group 1, frame 7: motion").
+        figures: loss, psnr, splats, iteration, group, frame ..., depending on the stage.
+    """
+
+    kind: ClassVar[str] = "progress"
+    fraction: float
+    total_fraction: float = 0.0
+    seconds_left: float | None = None
+    total_seconds_left: float | None = None
+    label: str = ""
+    figures: Mapping[str, JsonData] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metrics(Event):
+    """Final figures of a trained frame, a baked group or an evaluation.
+
+    Attributes:
+        values: by name.
+        group: number of the group, counted from 0; None for all.
+        frame: frame number in the footage; None for all.
+    """
+
+    kind: ClassVar[str] = "metrics"
+    values: Mapping[str, JsonData]
+    group: int | None = None
+    frame: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupState(Event):
+    """Where a group is in a run on several machines.
+
+    Attributes:
+        group: number of the group, counted from 0.
+        state: "queued", "running", "retried" (queued again), "done" or "failed".
+        node: name of the node that it runs on, or ran on last; "" while it was on none.
+        gpu: the GPUs that it uses there ("0"); "" for none.
+        attempt: 1 at first.
+        frames_done, frames: finished frames of the group, and all.
+        psnr: of its training views, in dB, if known.
+        seconds_per_frame: mean over the frames that this attempt has trained, if any.
+        message: why it was retried or failed.
+    """
+
+    kind: ClassVar[str] = "group"
+    group: int
+    state: str
+    node: str = ""
+    gpu: str = ""
+    attempt: int = 1
+    frames_done: int = 0
+    frames: int = 0
+    psnr: float | None = None
+    seconds_per_frame: float | None = None
+    message: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preview(Event):
+    """A preview image.
+
+    Attributes:
+        path: a PNG file in the take, absolute.
+        caption: what it shows.
+        camera: name of the camera that it is rendered from.
+        group, frame, iteration: what was being trained.
+    """
+
+    kind: ClassVar[str] = "preview"
+    path: str
+    caption: str
+    camera: str = ""
+    group: int | None = None
+    frame: int | None = None
+    iteration: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log(Event):
+    """A detail that is only shown in logs."""
+
+    kind: ClassVar[str] = "log"
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Warned(Notice):
+    """A warning; the run continues."""
+
+    kind: ClassVar[str] = "warning"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageFinished(Event):
+    """A stage finished and its results are in the take.
+
+    Attributes:
+        seconds: work time, without pauses.
+        summary: the stage's main figures (`pipelines.stages.summaries`).
+    """
+
+    kind: ClassVar[str] = "stage_finished"
+    seconds: float
+    summary: Mapping[str, JsonData] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageFailed(Notice):
+    """A stage failed.
+
+    Attributes:
+        traceback: of an unexpected error, which is a bug; "" for bad input.
+    """
+
+    kind: ClassVar[str] = "stage_failed"
+    traceback: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunFinished(Notice):
+    """The last event of a command.
+
+    Attributes:
+        outcome: "done", "failed" or "cancelled". If failed, the inherited attributes hold the error.
+        seconds: work time, without pauses.
+    """
+
+    kind: ClassVar[str] = "run_finished"
+    outcome: str
+    seconds: float
+
+
+AnyEvent: TypeAlias = (
+    RunStarted
+    | StageStarted
+    | Progress
+    | Metrics
+    | GroupState
+    | Preview
+    | Log
+    | Warned
+    | StageFinished
+    | StageFailed
+    | RunFinished
 )
+Emit: TypeAlias = Callable[[Event], None]
 
-__all__ = [
-    "MAX_TEXT",
-    "AnyEvent",
-    "Emit",
-    "Event",
-    "GroupState",
-    "Log",
-    "Metrics",
-    "Preview",
-    "Progress",
-    "RunFinished",
-    "RunStarted",
-    "StageFailed",
-    "StageFinished",
-    "StageStarted",
-    "Warned",
-    "as_message",
-    "parse_event",
-    "read_line",
-]
+_KINDS: dict[str, type[Event]] = {
+    cls.kind: cls
+    for cls in (
+        RunStarted, StageStarted, Progress, Metrics, GroupState, Preview, Log, Warned, StageFinished, StageFailed,
+        RunFinished,
+    )
+}  # fmt: skip
+
+
+_SURROGATE = re.compile("[\ud800-\udfff]")
+_START = '{"event":'
+MAX_TEXT = 500
+"""Characters kept of a line that is not an event."""
+
+
+def as_message(error: BaseException) -> Message:
+    """The message of a StudioError; of any other exception, one with the code `program.bug`."""
+    if isinstance(error, StudioError):
+        return error.message
+    return Message("program.bug", f"{type(error).__name__}: {error}", fields={"exception": type(error).__name__})
+
+
+def parse_event(line: str) -> Event:
+    """Parse one line of `--json` output or of a take's events.jsonl.
+
+    Unknown fields are ignored, so that an old window can follow a newer run.
+
+    Raises:
+        StudioError: not an event (`event.invalid`).
+    """
+    try:
+        return _event_of(parse_json(line))
+    except ValueError:
+        raise StudioError("event.invalid", f"not an event: {line[:200]!r}", value=line[:200]) from None
+
+
+def read_line(line: bytes | str) -> tuple[Event | None, str]:
+    """Split a line of another process's output into an event and the text around it. Never raises.
+
+    Native libraries may print between events, or in front of one without a newline.
+
+    Args:
+        line: with or without its newline; bytes need not be UTF-8.
+
+    Returns:
+        the event or None; the text around it, at most `MAX_TEXT` characters, "" if there is none.
+    """
+    text = line.decode("utf-8", "replace") if isinstance(line, bytes) else line
+    start = text.find(_START)
+    event = None
+    if start >= 0:
+        try:
+            values, end = json.JSONDecoder().raw_decode(text, start)
+            event = _event_of(values)
+            text = text[:start] + text[end:]
+        except (ValueError, RecursionError):  # truncated, nested too deeply, or not an event
+            pass
+    text = "".join(character if character.isprintable() else " " for character in text[: MAX_TEXT + 1]).strip()
+    return event, text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + " ..."
+
+
+def _event_of(values: Any) -> Event:
+    """Raises ValueError if the values are not those of an event."""
+    try:
+        cls = _KINDS[values.pop("event")]
+        known = {f.name for f in fields(cls)}
+        kept: JsonObject = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known}
+        if issubclass(cls, Notice) and cls is not RunFinished:
+            kept["message"]  # required
+        return cls(**kept)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"not an event: {error}") from None
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if value is None or isinstance(value, (str, int, float, bool)):
+        return value
+    if hasattr(value, "item"):  # numpy and torch scalars
+        return _finite(value.item())
+    return str(value)

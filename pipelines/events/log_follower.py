@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from pipelines.events.event_types import Event, read_line
+from pipelines.events import Event, read_line
 
 _HEAD_BYTES = 256
 """What a log is known by: its first event has the time and the process of its run."""

@@ -13,7 +13,7 @@ from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, PANEL, RGB, TEXT
 from gui.models.take.inspector import heading
 from gui.models.take.remedies import Fix
-from pipelines.events.event_types import Notice
+from pipelines.events import Notice
 
 LEVELS: dict[str, tuple[str, RGB, RGB]] = {
     "": ("", DIM, TEXT),

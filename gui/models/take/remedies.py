@@ -11,7 +11,7 @@ from pydantic import JsonValue
 from gui.models.take.settings import stage_of
 from gui.models.take.workspace import setting_value
 from pipelines.config import Config
-from pipelines.events.event_types import Notice
+from pipelines.events import Notice
 from studio.json_types import JsonData
 from studio.yaml_text import inline_yaml
 

@@ -11,6 +11,7 @@ from pipelines.events import (
     GroupState,
     Log,
     Metrics,
+    Notice,
     Preview,
     Progress,
     RunFinished,
@@ -20,7 +21,6 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
-from pipelines.events.event_types import Notice
 from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import duration
 
