@@ -262,7 +262,7 @@ class BoundedServer(uvicorn.Server):
                 self._refusing += 1
                 self._keep(self._refuse(connection))
             else:
-                self._turn_away(connection)
+                connection.close()
 
     async def _serve_connection(self, connection: socket.socket) -> None:
         def ended() -> None:
@@ -297,14 +297,6 @@ class BoundedServer(uvicorn.Server):
         finally:
             self._refusing -= 1
             connection.close()
-
-    def _turn_away(self, connection: socket.socket) -> None:
-        """Answer 503 if the request is there already, and close at once."""
-        with contextlib.suppress(OSError):
-            connection.setblocking(False)
-            if self.config.ssl is None and connection.recv(65536):
-                connection.send(_BUSY)
-        connection.close()
 
 
 class BoundedLog(logging.Filter):
