@@ -24,8 +24,6 @@ import { MotionTables } from "../src/stream/motion.ts";
 import { planePositions, planesLayout } from "../src/stream/planes.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
 import { DepthSorter } from "../src/stream/sort.ts";
-import { warmUp } from "../src/stream/warm_up.ts";
-import { demuxSample } from "../src/worker/sample_video.ts";
 import { linkTo, parseTime, parseView } from "../src/ui/link.ts";
 import { inDisplayOrder, packetsNeeded } from "../src/worker/order.ts";
 
@@ -139,42 +137,6 @@ void test("a damaged side file is refused, whatever byte is wrong", async () => 
 void test("a side file that decompresses to far more than it says is not decompressed", async () => {
   const bomb = new Uint8Array(zlib.deflateRawSync(new Uint8Array(8 << 20)));
   await assert.rejects(inflate(bomb, 1000), /more than 1000/);
-});
-
-void test("warming up reads what it has made up, for as long as it is wanted", async () => {
-  let rounds = 0;
-  let others = 0;
-  await warmUp(() => ++rounds <= 6, () => {
-    others++;
-    return Promise.resolve();
-  });
-  // Asked before each of the two parts of a round.
-  assert.equal(rounds, 7);
-  assert.equal(others, 3);
-});
-
-void test("the demuxer is warmed up with a video that it reads", async () => await demuxSample());
-
-void test("tables are right whichever groups came before", async () => {
-  const [motion, read] = await side();
-  const { tile, columns } = motion;
-  const bigger = { ...motion, tile: tile + 5 };
-  const wider = { ...motion, columns: columns + 1 };
-  const luma = bytes("motion.luma").subarray(0, tile * columns * tile * motion.rows);
-  const positions = (tables: MotionTables): Float32Array => {
-    const out = new Float32Array(3 * motion.splats);
-    tables.positions(0, luma, tables.blocks(0), out);
-    return out;
-  };
-  const before = positions(new MotionTables(motion, read));
-  for (const other of [bigger, wider]) {
-    const tables = new MotionTables(other, read);
-    assert.deepEqual(tables.pixels, tilePixels(other.tile, motion.splats));
-    const rest = read.cells.subarray(0, 3 * 100);
-    const fewer = { ...read, cells: rest, labels: read.labels.subarray(0, 100), classes: read.classes.subarray(0, 100) };
-    assert.deepEqual(new MotionTables({ ...other, splats: 100 }, fewer).pixels, tilePixels(other.tile, 100));
-  }
-  assert.deepEqual(positions(new MotionTables(motion, read)), before);
 });
 
 void test("all that is drawn is finite, whatever numbers the manifest has", async () => {

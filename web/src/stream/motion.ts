@@ -11,50 +11,23 @@ export const BLOCK_FLOATS = 4 * BLOCK_TEXELS;
 
 const f = Math.fround;
 
-/** Where the splats of a group lie; most groups of a stream have images of the same size. */
-interface Places {
-  readonly tile: number;
-  readonly columns: number;
-  /** Pixel of each splat within a tile: row * tile + column. */
-  readonly pixels: Uint32Array<ArrayBuffer>;
-  /** Distance of each splat's value from the first one of its tile in the image. */
-  readonly offsets: Uint32Array<ArrayBuffer>;
-}
-
-/** The last ones, the newest first: a stream in renditions has several sizes. */
-const places: Places[] = [];
-const MAX_PLACES = 4;
-
-function placesOf({ tile, columns, splats }: MotionRendition): Places {
-  const at = places.findIndex((one) => one.tile === tile && one.columns === columns && one.pixels.length >= splats);
-  places.unshift(at < 0 ? newPlaces(tile, columns) : places.splice(at, 1)[0]);
-  places.length = Math.min(places.length, MAX_PLACES);
-  return places[0];
-}
-
-/** For all pixels of a tile, so that they also serve groups with more splats. */
-function newPlaces(tile: number, columns: number): Places {
-  const pixels = tilePixels(tile, tile ** 2);
-  return { tile, columns, pixels, offsets: pixels.map((pixel) => (columns - 1) * tile * Math.floor(pixel / tile) + pixel) };
-}
-
 /** Data shared by all frames of a group. */
 export class MotionTables {
   /** (N) pixel of each splat within a tile: row * tile + column. */
   readonly pixels: Uint32Array<ArrayBuffer>;
   /** (B, 3) mean cell of each block, rounded down. */
   readonly centers: Float64Array;
+  /** (N) distance of each splat's value from the first one of its tile in the image. */
   private readonly offsets: Uint32Array;
   /** (N, 3) centers in the keyframe, and their places in their blocks, in units of the blocks' radius. */
   private readonly keyframe: Float32Array;
   private readonly local: Float32Array;
 
   constructor(readonly group: MotionRendition, readonly side: SideFile) {
-    const { splats, blocks, positions } = group;
+    const { splats, blocks, positions, tile, columns } = group;
     const { cells, labels } = side;
-    const { pixels, offsets } = placesOf(group);
-    this.pixels = pixels.subarray(0, splats);
-    this.offsets = offsets.subarray(0, splats);
+    this.pixels = tilePixels(tile, splats);
+    this.offsets = this.pixels.map((pixel) => (columns - 1) * tile * Math.floor(pixel / tile) + pixel);
     // The loops create no objects and call no functions for each splat: see side_file.ts.
     const centers = (this.centers = new Float64Array(3 * blocks.count));
     const members = new Uint32Array(blocks.count);

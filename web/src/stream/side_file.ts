@@ -59,20 +59,14 @@ class Cursor {
 
 /** Coordinates of an octree level's occupied cells, one array per axis. */
 class Level {
-  x = new Uint16Array(0);
-  y = new Uint16Array(0);
-  z = new Uint16Array(0);
+  readonly x: Uint16Array;
+  readonly y: Uint16Array;
+  readonly z: Uint16Array;
 
-  reserve(count: number): void {
-    if (this.x.length >= count) return;
-    this.x = new Uint16Array(count);
-    this.y = new Uint16Array(count);
-    this.z = new Uint16Array(count);
+  constructor(most: number) {
+    [this.x, this.y, this.z] = [new Uint16Array(most), new Uint16Array(most), new Uint16Array(most)];
   }
 }
-
-/** A level and the next one, swapped at each level; kept for the next group. */
-const levels: readonly [Level, Level] = [new Level(), new Level()];
 
 const WRONG_CELLS = "the octree's cells do not match the number of splats";
 
@@ -116,10 +110,8 @@ function subdivide(from: Level, occupancy: Uint8Array, to: Level, most: number):
 
 /** Cells of the octree's last level in Morton order, each repeated once per splat in it: (splats, 3). */
 function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
-  let [from, to] = levels;
-  from.reserve(splats);
-  to.reserve(splats);
-  from.x[0] = from.y[0] = from.z[0] = 0;
+  // The root is at (0, 0, 0).
+  let [from, to] = [new Level(splats), new Level(splats)];
   let count = 1;
   for (let level = 0; level < bits; level++) {
     count = subdivide(from, cursor.take(count), to, splats);

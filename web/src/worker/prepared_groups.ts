@@ -28,8 +28,6 @@ export interface Prepared {
 }
 
 export class PreparedGroups {
-  /** Whether no group has been fetched yet. */
-  fresh = true;
   path: DecodePath;
   private readonly mayChangePath: boolean;
   private readonly groups = new Map<number, Promise<Prepared>>();
@@ -89,7 +87,7 @@ export class PreparedGroups {
   }
 
   private async read(index: number): Promise<Prepared> {
-    const { group, files } = await this.store.get(index).finally(() => (this.fresh = false));
+    const { group, files } = await this.store.get(index);
     const began = performance.now();
     if (!isMotion(group)) {
       const videos = group.components.flatMap(({ planes }) => planes);

@@ -5,7 +5,6 @@ import { GroupTable } from "../stream/group_table.ts";
 import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, type Rendition, whatChanged } from "../stream/manifest.ts";
 import { planePositions } from "../stream/planes.ts";
 import { DepthSorter } from "../stream/sort.ts";
-import { warmUp } from "../stream/warm_up.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
 import { EarlyFiles } from "./early_files.ts";
 import { EmbeddedSource } from "./embedded.ts";
@@ -15,7 +14,6 @@ import { Closed, type Luma, PathFailed } from "./pictures.ts";
 import { Pool } from "./pool.ts";
 import { type Prepared, PreparedGroups } from "./prepared_groups.ts";
 import { RateRule } from "./rate_rule.ts";
-import { demuxSample } from "./sample_video.ts";
 import { pictureSize, setupOf } from "./setup.ts";
 import { readChecked, type Source } from "./source.ts";
 import { GroupStore } from "./store.ts";
@@ -82,9 +80,6 @@ export class Session {
    */
   async open(): Promise<void> {
     const { request, closing } = this;
-    // Until the first group is there, this thread has nothing else to do.
-    const idle = (): boolean => !closing.signal.aborted && this.opened?.groups.fresh !== false;
-    void warmUp(idle, demuxSample).catch(() => undefined);
     const early = request.early === null ? null : new EarlyFiles(request.early);
     const remote = request.files === null && request.archive === null;
     const { source, name } = this.openSource(early);
