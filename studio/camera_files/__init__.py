@@ -117,7 +117,7 @@ def _read_json(path: Path) -> Rig:
     rig = rig_from_json(path, values)
     if rig is not None:
         return rig
-    keys = ", ".join(f"'{key}'" for key in list(values)[:8]) if isinstance(values, dict) else "a list"
+    keys = ", ".join(f"'{key}'" for key in list(values)[:20]) if isinstance(values, dict) else "a list"
     raise _unknown_format(f"the JSON has no cameras under a known key ({keys or 'empty'})", path)
 
 

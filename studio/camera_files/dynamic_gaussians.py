@@ -60,18 +60,21 @@ def _cameras(path: Path) -> Rig:
                 fix="Delete it if it does not belong to the cameras.",
                 key=unknown[0],
             )
-        lists = {key: values.get(key) for key in _LISTS if key != "cam_id" or key in values}
-        for key, value in lists.items():
+        lists: dict[str, list[list[Any]]] = {}
+        for key in _LISTS:
+            value = values.get(key)
+            if key == "cam_id" and value is None:
+                continue
             if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
                 raise missing_key(key, "0")
-        shapes = {tuple(len(row) for row in value) for value in lists.values()}
-        if len(shapes) > 1:
+            lists[key] = value
+        if len({tuple(len(row) for row in value) for value in lists.values()}) > 1:
             raise no_cameras("the lists " + ", ".join(f"'{key}'" for key in lists) + " differ in length")
         found: dict[str, JsonObject] = {}
-        for frame in range(len(lists["fn"])):
-            for index, file in enumerate(lists["fn"][frame]):
-                _add(found, file, {"k": lists["k"][frame][index], "w2c": lists["w2c"][frame][index]})
-    size = {key: values[key] for key in ("w", "h") if key in values}
+        for files, Ks, poses in zip(lists["fn"], lists["k"], lists["w2c"], strict=True):
+            for file, K, pose in zip(files, Ks, poses, strict=True):
+                _add(found, file, {"k": K, "w2c": pose})
+    size: JsonObject = {key: values[key] for key in ("w", "h") if key in values}
     rig = keyed_rig(path, [(name, {**entry, **size}) for name, entry in found.items()], KeyedForm(corner=True))
     return replace(rig, notes=())
 

@@ -89,22 +89,28 @@ def _of_multical(path: Path, values: JsonObject, cameras: JsonObject) -> Rig:
             pose = np.eye(4)
             pose[:3, :3] = matrix(_object(path, entry).get("R"), (3,), 3, "R", key)
             pose[:3, 3] = array(entry.get("T"), "T", key).reshape(-1)[:3]
-            name, joint, base = key.rpartition("_to_")
-            base = entry.get("parent") or base
-            if key in cameras or not joint:
-                name = key
-            if base in cameras and base != name:
-                relative[name] = (str(base), pose)
+            name, _, base = ("", "", "") if key in cameras else key.rpartition("_to_")
+            base = str(entry.get("parent") or base)
+            if base and base not in cameras:
+                raise StudioError(
+                    "camera.unknown",
+                    f"the pose '{key}' is relative to '{base}', which is not one of the cameras",
+                    value=base,
+                    fix="Export the cameras again.",
+                    camera=name or key,
+                )
+            if base:
+                relative[name or key] = (base, pose)
             else:
-                found[name] = pose
+                found[key] = pose
         for _ in relative:  # each pass places the cameras whose base is placed
             for name, (base, pose) in relative.items():
                 if base in found:
                     found[name] = pose @ found[base]
         entries = []
         for name, entry in cameras.items():
-            pose = {"world_to_camera": found[name].tolist()} if name in found else {}
-            entries.append((name, {**_object(path, entry), **pose}))
+            placed = {"world_to_camera": found[name].tolist()} if name in found else {}
+            entries.append((name, {**_object(path, entry), **placed}))
     return keyed_rig(path, entries)
 
 
@@ -124,8 +130,7 @@ def _of_3dgs(path: Path, entries: list[JsonObject]) -> Rig:
             for key in middle:
                 middle[key] = number(entry, key, name, middle[key])
             rest = {key: value for key, value in entry.items() if key not in ("position", "rotation", "img_name")}
-            pose = {"world_to_camera": rigid_inverse(pose).tolist()}
-            converted.append((name, {**rest, **middle, **pose}))
+            converted.append((name, {**rest, **middle, "world_to_camera": rigid_inverse(pose).tolist()}))
     if not any("cx" in entry for entry in entries):
         notes.append("3DGS's cameras.json has no principal points: they are taken to be the image centers.")
     rig = keyed_rig(path, converted, KeyedForm(corner=True))

@@ -199,8 +199,8 @@ def _camera(path: Path, name: str, values: Mapping[str, Any], form: KeyedForm, f
     K = _K(name, given)
     if not form.corner:
         K[:2, 2] += 0.5
-    width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(path.parent, name, name))
     distortion = _distortion(name, given)
+    width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(path.parent, name, name))
     (found.straight if distortion is None else found.bent).append(name)
     coefficients = np.zeros(0) if distortion is None or not distortion.any() else distortion
     return Camera(name, width, height, K, pose, coefficients)
@@ -228,18 +228,18 @@ def _known(name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) 
     return given
 
 
-_NEEDED = (
-    ("lens distortion", {"distortion"}, *({term} for term in TERMS)),
-    ("intrinsic matrix", {"K"}, {"fx", "fy", "cx", "cy"}),
-    ("pose", {"rotation", "translation"}, {"world_to_camera"}, {"camera_to_world"}),
-    ("image size", {"size"}, {"width", "height"}),
+_NEEDED: tuple[tuple[str, tuple[set[str], ...]], ...] = (
+    ("lens distortion", ({"distortion"}, *({term} for term in TERMS))),
+    ("intrinsic matrix", ({"K"}, {"fx", "fy", "cx", "cy"})),
+    ("pose", ({"rotation", "translation"}, {"world_to_camera"}, {"camera_to_world"})),
+    ("image size", ({"size"}, {"width", "height"})),
 )
 """What a camera needs, and the sets of canonical keys of which one gives it."""
 
 
 def _missing(given: _Given) -> str:
     """The first thing that a camera needs and does not have; "" if it has everything."""
-    for what, *ways in _NEEDED:
+    for what, ways in _NEEDED:
         if not any(way <= given.keys() for way in ways):
             return what
     return ""
@@ -279,8 +279,8 @@ def _agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray
     first_key, first = parsed[0]
     for key, value in parsed[1:]:
         size = max(first.size, value.size)
-        both = [np.pad(part.ravel(), (0, size - part.size)) for part in (first, value)]
-        if not np.allclose(*both, rtol=1e-3, atol=1e-3):
+        one, other = (np.pad(part.ravel(), (0, size - part.size)) for part in (first, value))
+        if not np.allclose(one, other, rtol=1e-3, atol=1e-3):
             raise StudioError(
                 "camera.conflict",
                 f"Camera '{name}': '{first_key}' and '{key}' differ",

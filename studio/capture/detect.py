@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from studio.bounded_files import parse_json, read_bounded
 from studio.capture.inference import Layout, groups_of, infer_layouts, looks_like_camera
@@ -161,6 +161,18 @@ def named_in(path: Path) -> set[str]:
         return {Path(entry["file_path"]).stem for entry in entries}
     except (OSError, ValueError, KeyError, TypeError):
         return set()
+
+
+def _masks_named_in(path: Path) -> tuple[list[str], set[str]]:
+    """Patterns of files and names of folders that the `mask_path` of the entries of a transforms.json have."""
+    try:
+        entries = parse_json(read_bounded(path))["frames"]
+        pairs = [(PurePosixPath(entry["file_path"]), PurePosixPath(entry["mask_path"])) for entry in entries]
+    except (OSError, ValueError, KeyError, TypeError):
+        return [], set()
+    patterns = {str(mask).replace(image.stem, "{camera}") for image, mask in pairs}
+    folders = {mask.parts[0] for _, mask in pairs if len(mask.parts) > 1}
+    return list(patterns) if len(patterns) == 1 else [], folders
 
 
 def _only_folder(root: Path, folders: Sequence[str]) -> tuple[str, list[Match]] | None:
@@ -327,10 +339,15 @@ def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) 
     """
     wanted = set(cameras)
     listing = cache(lambda: list(walk(root, _DEPTH)))
+    named, own = _masks_named_in(root / "transforms.json") if folders is MASK_FOLDERS else ([], set())
+    for pattern in named:
+        found = _of_cameras(root, pattern, wanted)
+        if found is not None:
+            return found
     inside: dict[str, list[str]] = {}
     for path in listing():
         for name in path.split("/")[:-1]:
-            if folders.fullmatch(name):
+            if folders.fullmatch(name) or name in own:
                 inside.setdefault(name, []).append(path)
     for name in sorted(inside, key=lambda name: (len(name), name)):
         for pattern in (

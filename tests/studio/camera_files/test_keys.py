@@ -316,3 +316,12 @@ def test_meta_of_dynamic_gaussians(tmp_path: Path) -> None:
     write("train_meta.json", (0, 1), turn=0.1)
     with refuses("camera.moves", file=path, camera="cam0"):
         read_rig(path)
+
+
+def test_multical_poses_relative_to_a_camera_that_is_not_there(tmp_path: Path) -> None:
+    camera = {"model": "standard", "image_size": [640, 360], "K": K, "dist": [BEND]}
+    pose_of = {"R": np.eye(3).tolist(), "T": [0, 0, 1]}
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps({"cameras": {"cam0": camera}, "camera_poses": {"cam0_to_board": pose_of}}))
+    with refuses("camera.unknown", file=path, value="board"):
+        read_rig(path)

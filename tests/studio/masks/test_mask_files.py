@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -237,3 +238,17 @@ def test_a_few_cameras_with_masks_are_not_the_capture(tmp_path: Path, make: Simp
             file.unlink()
     with refuses("mask.missing", cameras=("a", "b", "c")):
         open_footage(CaptureSettings(root=root))
+
+
+@pytest.mark.parametrize("form", ["segmentation/{c}.png", "sam/v2/{c}_fg.png"])
+def test_masks_that_transforms_json_names(tmp_path: Path, make: SimpleNamespace, form: str) -> None:
+    frames = []
+    for index in range(3):
+        files = {"file_path": f"images/cam{index}.png", "mask_path": form.format(c=f"cam{index}")}
+        frames.append(files)
+        make.image(tmp_path / files["file_path"], make.numbered(index))
+        make.image(tmp_path / files["mask_path"], np.where(INSIDE, 255, 0).astype(np.uint8))
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": frames}))
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    np.testing.assert_array_equal(footage.mask("cam1", 0) > 127, INSIDE)
+    assert form.format(c="{camera}") in footage.description
