@@ -45,10 +45,6 @@ export class Program {
     }
     return place;
   }
-
-  dispose(): void {
-    this.gl.deleteProgram(this.handle);
-  }
 }
 
 /** A texture without filtering; its memory is reused while its size does not change. */

@@ -42,9 +42,6 @@ class Resources {
   readonly words: readonly [Texture, Texture];
   readonly wordsFrame: WebGLFramebuffer;
   readonly order: Texture;
-  readonly quads: WebGLBuffer;
-  readonly quadsArray: WebGLVertexArrayObject;
-  readonly emptyArray: WebGLVertexArrayObject;
   readonly splat: Program;
   readonly resolve: Program;
   readonly canvasTarget: Target;
@@ -63,15 +60,11 @@ class Resources {
       new Texture(gl, WORDS1, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]),
     ];
     this.wordsFrame = gl.createFramebuffer();
-    this.emptyArray = gl.createVertexArray();
     this.order = new Texture(gl, ORDER, [gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT]);
-    this.quadsArray = gl.createVertexArray();
-    this.quads = gl.createBuffer();
-    gl.bindVertexArray(this.quadsArray);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.quads);
+    // Shaders have no other input from buffers, so that it stays bound.
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     const corners = Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 2, 1, 3][i % 6]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
-    gl.bindVertexArray(null);
     this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
     this.resolve = new Program(gl, FULL_VERTEX, RESOLVE_FRAGMENT);
     this.canvasTarget = new Target(gl, DRAWING, half);
@@ -102,17 +95,6 @@ class Resources {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, first.handle, 0);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, second.handle, 0);
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
-  }
-
-  dispose(): void {
-    const { gl } = this;
-    const { luma, statics, blocks, escapedLuma, escapedStatics, order, words } = this;
-    for (const texture of [luma, statics, blocks, escapedLuma, escapedStatics, order, ...words]) texture.dispose();
-    this.canvasTarget.dispose();
-    gl.deleteFramebuffer(this.wordsFrame);
-    gl.deleteBuffer(this.quads);
-    for (const array of [this.quadsArray, this.emptyArray]) gl.deleteVertexArray(array);
-    for (const program of [this.splat, this.resolve, ...this.projects.values()]) program.dispose();
   }
 }
 
@@ -277,20 +259,18 @@ export class Renderer {
    * @param background - RGB, 0 to 1; null leaves the background transparent
    */
   draw(pinhole: Pinhole, background: readonly [number, number, number] | null): void {
-    const { gl, resources } = this;
-    if (resources === null) return;
+    const { gl } = this;
+    if (this.resources === null) return;
     const begun = this.beginTimer();
-    resources.canvasTarget.resize(pinhole.width, pinhole.height);
-    this.drawInto(resources, resources.canvasTarget, pinhole);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    this.resolveFrom(resources, resources.canvasTarget, { x: 0, y: 0, width: gl.canvas.width, height: gl.canvas.height }, background);
+    const { width, height } = gl.canvas;
+    this.drawViews([{ pinhole, viewport: { x: 0, y: 0, width, height } }], null, background);
     if (begun) gl.endQuery(this.timer!.TIME_ELAPSED_EXT);
     gl.deleteSync(this.fence);
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
   }
 
-  /** Draws several views into parts of another framebuffer of this context, such as that of a WebXR session. */
+  /** Renders views into parts of a framebuffer of this context, such as that of a WebXR session; null for the canvas. */
   drawViews(
     views: readonly { readonly pinhole: Pinhole; readonly viewport: Viewport }[],
     frame: WebGLFramebuffer | null,
@@ -330,8 +310,8 @@ export class Renderer {
   }
 
   dispose(): void {
-    this.resources?.dispose();
     this.resources = null;
+    // Frees all that is in it.
     this.gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 
@@ -358,9 +338,7 @@ export class Renderer {
     gl.uniform1i(splat.at("order"), ORDER);
     gl.uniform1i(splat.at("count"), this.count);
     gl.uniform1i(splat.at("batch"), BATCH);
-    gl.bindVertexArray(resources.quadsArray);
     gl.drawElementsInstanced(gl.TRIANGLES, 6 * BATCH, gl.UNSIGNED_SHORT, 0, Math.ceil(this.count / BATCH));
-    gl.bindVertexArray(null);
     gl.disable(gl.BLEND);
   }
 
@@ -368,7 +346,6 @@ export class Renderer {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
     gl.viewport(0, 0, setup.tile, setup.tile);
-    gl.bindVertexArray(resources.emptyArray);
     const program = this.useProject(resources, setup, pinhole);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     const { escapedSide: side } = this;
@@ -382,7 +359,6 @@ export class Renderer {
       gl.uniform2i(program.at("origin"), 0, setup.tile);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
     }
-    gl.bindVertexArray(null);
   }
 
   private useProject(resources: Resources, setup: GroupSetup, pinhole: Pinhole): Program {
@@ -430,9 +406,7 @@ export class Renderer {
     gl.uniform1i(resolve.at("drawing"), DRAWING);
     gl.uniform4f(resolve.at("viewport"), x, y, width, height);
     gl.uniform4f(resolve.at("background"), ...(background ?? ([0, 0, 0] as const)), background === null ? 0 : 1);
-    gl.bindVertexArray(resources.emptyArray);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    gl.bindVertexArray(null);
   }
 
   /** Starts a timer query if they are supported and the last one has finished. */

@@ -306,23 +306,25 @@ export class Controls {
     help.hidden = !open;
     if (open) {
       this.toggleSettings(false);
-      this.panel.toggle(false);
+      this.toggleInfo(false);
       help.focus();
     } else this.part(".stage").focus({ preventScroll: true });
   }
 
-  toggleInfo(): void {
-    this.toggleSettings(false);
-    this.toggleHelp(false);
-    this.panel.toggle();
-    this.part(".bar [data-act='info']").setAttribute("aria-pressed", String(this.panel.open));
+  toggleInfo(open = !this.panel.open): void {
+    if (open) {
+      this.toggleSettings(false);
+      this.toggleHelp(false);
+    }
+    this.panel.toggle(open);
+    this.part(".bar [data-act='info']").setAttribute("aria-pressed", String(open));
   }
 
   closeSheets(): void {
     this.toggleSettings(false);
     this.toggleHelp(false);
+    this.toggleInfo(false);
     this.links.hide();
-    this.panel.toggle(false);
   }
 
   private tapped(pointer: string, x: number, y: number): void {

@@ -20,9 +20,9 @@ export function figures(player: Player): [string, string][] {
     ["Sort", milliseconds(s.sort.mean())],
     ["Prepare", `${milliseconds(s.prepare.mean(4))} per group`],
     ["Upload", milliseconds(s.upload.mean())],
-    ["Draw", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
+    ["Render", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
     ["Main thread", `${milliseconds(s.main.mean())} per frame`],
-    ["Picture", `${width} × ${height}`],
+    ["Image", `${width} × ${height}`],
     ["Bandwidth", player.bandwidth === 0 ? "–" : `${player.bandwidth.toFixed(1)} Mbit/s`],
     // Of several renditions, only one of each group is fetched.
     ["Received", info?.renditions === 1 ? `${bytes(player.receivedBytes)} of ${bytes(info.totalBytes)}` : bytes(player.receivedBytes)],
@@ -48,7 +48,7 @@ export class Panel {
     return !this.element.hidden;
   }
 
-  toggle(open = !this.open): void {
+  toggle(open: boolean): void {
     this.element.hidden = !open;
     clearInterval(this.timer);
     if (!open) return;
