@@ -132,7 +132,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 @pytest.fixture
 def open_page(browser: Any, site: Site) -> Iterator[Callable[..., Page]]:
-    """`open_page(query, ...)`: the player's page on the stream in `site.stream`."""
+    """`open_page(query, ...)`: the player's page on the stream in `site.stream`; `address`: any other page."""
     contexts: list[Any] = []
     pages: list[Page] = []
 
@@ -144,6 +144,7 @@ def open_page(browser: Any, site: Site) -> Iterator[Callable[..., Page]]:
         setup: Callable[[Any], None] | None = None,
         host: str = "127.0.0.1",
         path: str = "/",
+        address: str | None = None,
         **options: Any,
     ) -> Page:
         context = browser.new_context(viewport={"width": size[0], "height": size[1]}, **options)
@@ -153,7 +154,7 @@ def open_page(browser: Any, site: Site) -> Iterator[Callable[..., Page]]:
             setup(handle)
         page = Page(handle)
         pages.append(page)
-        handle.goto(f"http://{host}:{site.port}{path}{query}")
+        handle.goto(address or f"http://{host}:{site.port}{path}{query}")
         if wait:
             page.wait_ready()
         return page
@@ -201,29 +202,38 @@ _RESET = """() => {
 
 @pytest.fixture(scope="module")
 def shared_page(
-    chromium: _Chromium, baked: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
+    request: pytest.FixtureRequest,
+    chromium: _Chromium,
+    baked: Callable[..., Path],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Page]:
-    """One page for all tests of a file that only need a stream; `page` resets it."""
+    """One page for all tests of a file that only need a stream; `page` resets it. The file may have a function
+    `set_up`, which gets the page before it loads, and its `SIZE`."""
+    size = _size(request)
     folder = tmp_path_factory.mktemp("shared") / "site"
     shutil.copytree(PLAYER, folder)
     shutil.copytree(baked(), folder / "stream")
     with Site(folder) as site:
         context = chromium.get().new_context(
-            viewport={"width": SHARED_SIZE[0], "height": SHARED_SIZE[1]},
-            reduced_motion="reduce",
-            permissions=["clipboard-read", "clipboard-write"],
+            viewport=size, reduced_motion="reduce", permissions=["clipboard-read", "clipboard-write"]
         )
         page = Page(context.new_page())
+        getattr(request.module, "set_up", lambda handle: None)(page.handle)
         page.handle.goto(f"http://127.0.0.1:{site.port}/?t=0")
         page.wait_ready()
         yield page
         context.close()
 
 
+def _size(request: pytest.FixtureRequest) -> Any:
+    width, height = getattr(request.module, "SIZE", SHARED_SIZE)
+    return {"width": width, "height": height}
+
+
 @pytest.fixture
-def page(shared_page: Page, browser: Any) -> Iterator[Page]:
+def page(request: pytest.FixtureRequest, shared_page: Page, browser: Any) -> Iterator[Page]:
     """The file's page, paused at the first frame and the first view; motion is reduced."""
-    shared_page.handle.set_viewport_size({"width": SHARED_SIZE[0], "height": SHARED_SIZE[1]})
+    shared_page.handle.set_viewport_size(_size(request))
     shared_page.evaluate(_RESET)
     shared_page.wait("player.state.frame === 0 && !player.state.playing && player.state.view.azimuth === 0")
     yield shared_page

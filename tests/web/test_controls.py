@@ -226,6 +226,7 @@ def test_keys(page):
     assert panel.is_visible()
     keyboard.press("Escape")
     assert not panel.is_visible()
+    assert page.handle.locator("v3-player .bar [data-act='info']").get_attribute("aria-pressed") == "false"
     page.evaluate(
         """() => {
           const button = {pressed: false, value: 0};
@@ -294,7 +295,17 @@ def test_the_statistics_have_the_figures(page):
     page.handle.locator("v3-player .settings [data-act='info']").click()
     text = page.handle.locator("v3-player .info").inner_text()
     assert "paused (25 fps)" in text
-    for name in ("Frame rate", "Dropped", "Splats", "Decode", "Dequantize", "Sort", "Draw", "Main thread", "Received"):
+    for name in (
+        "Frame rate",
+        "Dropped",
+        "Splats",
+        "Decode",
+        "Dequantize",
+        "Sort",
+        "Render",
+        "Main thread",
+        "Received",
+    ):
         assert name in text
     assert "WebCodecs, WebGL2" in text
     assert "sizes and SHA-256" in text

@@ -11,7 +11,7 @@ import pytest
 
 from studio.stream.sidefile import deflate
 from tests.support import hostile_streams
-from tests.support.streams import best_of, edit_manifest, replace_file
+from tests.support.streams import best_of, edit_manifest, group_files, replace_file
 
 pytestmark = pytest.mark.web
 
@@ -38,29 +38,50 @@ def test_mutated_streams(baked, browser):
     assert not errors
 
 
-def test_a_bomb_is_not_unpacked(site, baked, open_page):
-    shutil.copytree(baked(), site.stream)
+def unpack_a_bomb(stream):
     bomb = deflate([bytes(200_000_000)])
     for group in range(2):
-        replace_file(site.stream, group, "side", bomb)
-    page = open_page(wait=False)
-    page.wait("(seen.error ?? []).length")
-    assert "decompresses to more than" in page.seen("error")[0]
+        replace_file(stream, group, "side", bomb)
 
 
-def test_a_path_out_of_the_stream_is_refused(site, baked, open_page):
-    shutil.copytree(baked(), site.stream)
-    edit_manifest(site.stream, lambda values: best_of(values["groups"][0])["side"].update(path="../secret.bin"))
-    page = open_page(wait=False)
-    page.wait("(seen.error ?? []).length")
-    assert "groups.0.renditions.0.side.path" in page.seen("error")[0]
-    assert not any("secret" in path for path, _ in site.requests)
+def lose_the_videos(stream):
+    for group in range(2):
+        group_files(stream, group)[1].unlink()
 
 
-def test_a_manifest_that_was_edited_is_refused(site, baked, open_page):
-    shutil.copytree(baked(), site.stream)
-    path = site.stream / "manifest.json"
+def edit_without_sealing(stream):
+    path = stream / "manifest.json"
     path.write_bytes(path.read_bytes().replace(b'"fps":25', b'"fps":24'))
-    page = open_page(wait=False)
+
+
+def lead_out_of_the_stream(stream):
+    edit_manifest(stream, lambda values: best_of(values["groups"][0])["side"].update(path="../secret.bin"))
+
+
+REFUSED = {
+    shutil.rmtree: "manifest.json cannot be fetched: the server returned status 404",
+    lambda stream: edit_manifest(stream, lambda values: values.update(version=99)): "format version 99",
+    edit_without_sealing: "does not match its own SHA-256",
+    lead_out_of_the_stream: "groups.0.renditions.0.side.path",
+    unpack_a_bomb: "decompresses to more than",
+    lose_the_videos: ".mp4 cannot be fetched: the server returned status 404",
+}
+
+
+def test_what_cannot_be_played_is_refused_in_a_sentence(site, baked, open_page):
+    """In one page, which then plays another stream."""
+    page = open_page("?src=none/&t=0", wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "does not match its own SHA-256" in page.seen("error")[0]
+    failure = page.handle.locator("v3-player .failure")
+    open_other = "name => { window.seen = {}; document.querySelector('v3-player').setAttribute('src', name); }"
+    for number, (spoil, said) in enumerate(REFUSED.items()):
+        spoil(shutil.copytree(baked(), site.folder / str(number)))
+        page.evaluate(open_other, f"{number}/")
+        page.wait("(seen.error ?? []).length")
+        assert said in page.seen("error")[0]
+        assert failure.inner_text().startswith(page.seen("error")[0])
+    assert not any("secret" in path for path, _ in site.requests)
+    shutil.copytree(baked(), site.folder / "whole")
+    page.evaluate(open_other, "whole/")
+    page.wait_ready()
+    assert not failure.is_visible()

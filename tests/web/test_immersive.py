@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import os
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -50,19 +49,16 @@ _READ = """() => new Promise(done => {
 })"""
 
 
-@pytest.fixture
-def headset(site, baked, open_page):
-    """`headset(query)`: the player's page on a device with an emulated headset."""
+SIZE = (500, 240)
+
+
+def set_up(handle):
+    """The page is on a device with an emulated headset."""
     if not RUNTIME.is_file():
         message = "The emulated headset (iwer) is not installed; run `make web`."
         pytest.fail(message) if os.environ.get("CI") else pytest.skip(message)
-    shutil.copytree(baked(), site.stream)
-
-    def setup(handle):
-        handle.add_init_script(path=RUNTIME)
-        handle.add_init_script(path=Path(__file__).with_name("xr_runtime.js"))
-
-    return lambda query: open_page(query, setup=setup, size=(500, 240))
+    handle.add_init_script(path=RUNTIME)
+    handle.add_init_script(path=Path(__file__).with_name("xr_runtime.js"))
 
 
 def start(page, kind):
@@ -118,14 +114,13 @@ def halves(page):
     return pixels[:, : width // 2], pixels[:, width // 2 :]
 
 
-def test_each_eye_sees_what_the_rasterizer_draws_in_vr(headset, site):
-    page = headset("?t=0&background=black")
+def test_each_eye_sees_what_the_rasterizer_renders_in_vr(page, baked):
     page.seek_frame(3)
     view = page.state["view"]
     start(page, "vr")
     # The emulated head stands at 1.6 m and looks along -z: the figure stands 2 m ahead, life-size (it is 1.4 m high).
     head = pose(page, (0.5, 1.3, -0.4), (20.0, -20.0, 5.0))
-    python = support.PythonFrames(site.stream)
+    python = support.PythonFrames(baked())
     gaussians = python.gaussians(3)
     python.close()
     box = page.evaluate("() => document.querySelector('v3-player').engine.info.box")
@@ -141,8 +136,7 @@ def test_each_eye_sees_what_the_rasterizer_draws_in_vr(headset, site):
     assert page.state["view"] == view
 
 
-def test_a_tap_places_it_on_the_table_in_ar(headset, site):
-    page = headset("?t=0")
+def test_a_tap_places_it_on_the_table_in_ar(page, baked):
     start(page, "ar")
     head = pose(page, (0.0, 1.6, 0.0), (0.0, -45.0, 0.0))
     page.wait("player.immersive.seen")
@@ -154,7 +148,7 @@ def test_a_tap_places_it_on_the_table_in_ar(headset, site):
     page.wait("player.immersive.placed")
     # It stays where it is while the head moves.
     viewer, head = head[0], pose(page, (0.3, 1.4, -0.3), (25.0, -50.0, 0.0))
-    python = support.PythonFrames(site.stream)
+    python = support.PythonFrames(baked())
     drawn = [support.draw(python.gaussians(0), eye) for eye in eyes(page, head, place, viewer, 0.5)]
     python.close()
     seen = halves(page)

@@ -47,8 +47,7 @@ def test_it_stops_at_the_end_without_looping(site, baked, open_page):
     assert min(entry["frame"] for entry in page.seen("time")[before:]) < 8, "from the beginning"
 
 
-def test_seeking_shows_the_very_frame(stream, open_page):
-    page = open_page("?t=0")
+def test_seeking_shows_the_very_frame(page):
     assert page.state["frame"] == 0
     assert not page.state["playing"]
     for seconds, frame in ((0.16, 4), (0.2, 5), (0.0, 0), (99.0, 8), (0.04, 1)):
@@ -64,8 +63,7 @@ def test_seeking_shows_the_very_frame(stream, open_page):
     assert page.state["frame"] == 7
 
 
-def test_speed(stream, open_page):
-    page = open_page("?t=0")
+def test_speed(page):
     page.call("setSpeed", 0.25)
     began = page.evaluate("() => performance.now()")
     page.call("play")
@@ -89,28 +87,6 @@ def test_a_damaged_group_is_left_out(stream, open_page, file, how):
     # Seeking into it continues with what follows.
     page.call("seek", 6 / 25)
     page.wait("player.state.frame < 5")
-
-
-def test_all_groups_damaged(stream, open_page):
-    for group in range(2):
-        group_files(stream, group)[1].unlink()
-    page = open_page(wait=False)
-    page.wait("(seen.error ?? []).length")
-    assert ".mp4 cannot be fetched: the server returned status 404" in page.seen("error")[0]
-    assert page.handle.locator("v3-player .failure").is_visible()
-
-
-def test_no_stream(open_page):
-    page = open_page(wait=False)
-    page.wait("(seen.error ?? []).length")
-    assert "manifest.json cannot be fetched: the server returned status 404" in page.seen("error")[0]
-
-
-def test_another_version_is_refused_in_a_sentence(stream, open_page):
-    edit_manifest(stream, lambda values: values.update(version=99))
-    page = open_page(wait=False)
-    page.wait("(seen.error ?? []).length")
-    assert "format version 99" in page.seen("error")[0]
 
 
 def test_a_cut_connection_is_resumed_where_it_broke(site, stream, open_page):
@@ -161,8 +137,7 @@ _LOSE = """() => new Promise(done => {
 })"""
 
 
-def test_the_context_is_lost_and_restored(stream, open_page):
-    page = open_page("?t=0")
+def test_the_context_is_lost_and_restored(page):
     page.seek_frame(2)
     view = support.camera_values(support.camera(30, size=(200, 250)))
     before = page.picture(view)

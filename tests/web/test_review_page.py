@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from driver import PATIENCE, Page
+from driver import Page
 
 from pipelines.share.player_files import read_player
 from pipelines.share.served import find_reviews, find_streams
@@ -34,29 +34,41 @@ LOOK = f"""([x, y]) => {{
 }}"""
 
 
-@pytest.fixture
-def take(finished: Path, tmp_path: Path) -> Take:
-    return Take.open(Path(shutil.copytree(finished, tmp_path / "project")) / "take")
+@pytest.fixture(scope="module")
+def take(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Take:
+    return Take.open(Path(shutil.copytree(finished, tmp_path_factory.mktemp("reviewed") / "project")) / "take")
 
 
-@pytest.fixture
-def address(browser: Any, take: Take) -> Iterator[str]:
+@pytest.fixture(scope="module")
+def address(take: Take) -> Iterator[str]:
     streams = find_streams(str(take.root))
     with running(build_app(streams, read_player(), Reviews(SECRET, find_reviews(streams)))) as port:
         yield f"http://127.0.0.1:{port}/"
 
 
-@pytest.fixture
-def page(browser: Any, address: str) -> Iterator[Page]:
-    """The review, paused at the first frame."""
-    context = browser.new_context(viewport={"width": 640, "height": 900})
+@pytest.fixture(scope="module")
+def review(chromium: Any, address: str) -> Iterator[Page]:
+    context = chromium.get().new_context(reduced_motion="reduce")
     page = Page(context.new_page())
     page.handle.goto(f"{address}{SECRET}/?t=0")
     page.wait_ready()
-    page.handle.wait_for_selector(".v3-review .plot")
     yield page
     context.close()
-    assert not page.errors, page.errors
+
+
+@pytest.fixture
+def page(review: Page, browser: Any) -> Page:
+    """The review, paused at the first frame without a comparison; the tests of this file mark different frames."""
+    review.handle.set_viewport_size({"width": 640, "height": 900})
+    review.handle.wait_for_selector(".v3-review .plot")
+    for name in ("End comparison", "Cancel"):
+        if (button := review.handle.get_by_role("button", name=name, exact=True)).is_visible():
+            button.click()
+    review.handle.locator("v3-player .stage").press("Escape")
+    review.call("resetView")
+    review.seek_frame(0)
+    assert not review.errors, review.errors
+    return review
 
 
 def curve(page: Page, kind: str, low: float, high: float) -> list[float]:
@@ -126,14 +138,14 @@ def test_a_mark_is_written_to_the_take_and_shown_after_reloading(page, take):
     page.handle.get_by_placeholder("Note").fill("The axe <b>blurs</b>")
     page.handle.get_by_placeholder("Your name").fill("Jane")
     page.handle.get_by_role("button", name="Save").click()
-    page.handle.wait_for_selector(".v3-review li", timeout=PATIENCE)
-    marks = read_marks(take.marks)
-    assert {frame: (mark.note, mark.author) for frame, mark in marks.items()} == {3: ("The axe <b>blurs</b>", "Jane")}
+    said = page.handle.get_by_text("The axe <b>blurs</b> Jane")
+    said.wait_for()
+    mark = read_marks(take.marks)[3]
+    assert (mark.note, mark.author) == ("The axe <b>blurs</b>", "Jane")
     page.handle.reload()
     page.wait_ready()
-    page.handle.wait_for_selector(".v3-review li", timeout=PATIENCE)
-    assert "The axe <b>blurs</b> Jane" in page.handle.locator(".v3-review li").inner_text()
-    page.handle.locator(".v3-review .strip button").click()
+    said.wait_for()
+    page.handle.get_by_role("button", name="Mark at frame 3", exact=True).click()
     page.wait("player.state.frame === 3")
 
 
@@ -160,7 +172,7 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
     page.handle.locator("v3-player .stage").press("n")
     page.handle.get_by_placeholder("Note").fill("hand")
     page.handle.get_by_placeholder("Note").press("Enter")
-    page.handle.wait_for_selector(".v3-review li")
+    page.handle.get_by_role("button", name="Go to frame 2").wait_for()
     saved = read_marks(take.marks)[2].view
     assert saved is not None
     assert saved.camera == ""
@@ -177,7 +189,7 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
         assert view_of(page)[name] == pytest.approx(value)
 
     # Another word in the note leaves the view as it was, the comparison that is on the screen replaces it.
-    page.handle.get_by_role("button", name="Edit the mark").click()
+    page.handle.get_by_role("button", name="Edit the mark at frame 2").click()
     page.handle.get_by_placeholder("Note").fill("left hand")
     page.handle.get_by_role("button", name="Save").click()
     page.handle.get_by_text("left hand").wait_for()
@@ -190,7 +202,7 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
     compared = read_marks(take.marks)[2].view
     assert (compared.camera, compared.wipe) == ("cam4", 1)
     page.handle.get_by_role("button", name="End comparison").click()
-    page.handle.locator(".v3-review .strip button").click()
+    page.handle.get_by_role("button", name="Mark at frame 2", exact=True).click()
     page.handle.get_by_role("button", name="End comparison").wait_for()
     assert page.handle.locator("v3-player .wipe [role=slider]").get_attribute("aria-valuenow") == "100"
 
@@ -198,7 +210,7 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
 def test_a_note_that_is_not_saved_is_not_replaced(page, take):
     page.handle.set_viewport_size({"width": 1200, "height": 900})  # the list of marks stays beside the form
     change_mark(take.marks, 1, Mark(frame=1, note="elbow"), None)
-    page.handle.get_by_text("elbow").wait_for(timeout=PATIENCE)
+    page.handle.get_by_text("elbow").wait_for()
     page.handle.locator("v3-player .stage").press("n")
     note = page.handle.get_by_placeholder("Note")
     note.fill("the hand is blur")
@@ -284,5 +296,5 @@ def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address,
         change,
     )
     assert status in (404, 405)
-    assert read_marks(take.marks) == {}
+    assert all(mark.note != "no" for mark in read_marks(take.marks).values())
     context.close()

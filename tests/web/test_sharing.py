@@ -13,65 +13,16 @@ from typing import Any
 
 import pytest
 import support
-import uvicorn
 from driver import Page, psnr
 
-from pipelines.share.certificates import make_certificate
 from pipelines.share.page import PageText, first_files
-from pipelines.share.player_files import read_player
-from pipelines.share.served import find_streams
-from pipelines.share.server import listen
+from pipelines.share.serving import serve
 from pipelines.share.sharing import share
-from pipelines.share.web_app import build_app
 
 pytestmark = pytest.mark.web
 
 TEXT = PageText('Walk <1> & "2"', "Jane Doe's studio", "CC BY 4.0 </script><!--")
 SIZE = (640, 500)  # wide enough for all buttons
-
-
-@pytest.fixture
-def open_address(browser: Any) -> Iterator[Callable[..., Page]]:
-    """`open_address(address, ...)`: any page with a player."""
-    contexts, pages = [], []
-
-    def go(address: str, requests: list[str] | None = None, wait: bool = True, **options: Any) -> Page:
-        context = browser.new_context(viewport={"width": SIZE[0], "height": SIZE[1]}, **options)
-        contexts.append(context)
-        handle = context.new_page()
-        if requests is not None:
-            handle.on("request", lambda request: requests.append(request.url))
-        page = Page(handle)
-        pages.append(page)
-        handle.goto(address)
-        if wait:
-            page.wait_ready()
-        return page
-
-    yield go
-    errors = [error for page in pages for error in page.errors]
-    for context in contexts:
-        context.close()
-    assert not errors, errors
-
-
-@contextmanager
-def serving(folder: Path, https: bool = False) -> Iterator[str]:
-    """`v3studio serve` over a folder; its address."""
-    with listen("127.0.0.1", 0) as sock:
-        app = build_app(find_streams(str(folder)), read_player())
-        config = uvicorn.Config(app, log_level="error", lifespan="off")
-        if https:
-            config.load()
-            config.ssl = make_certificate(["127.0.0.1"]).context
-        server = uvicorn.Server(config)
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
-        thread.start()
-        try:
-            yield f"http{'s' * https}://127.0.0.1:{sock.getsockname()[1]}"
-        finally:
-            server.should_exit = True
-            thread.join(10)
 
 
 @contextmanager
@@ -89,6 +40,11 @@ def plain_server(folder: Path) -> Iterator[str]:
             yield f"http://127.0.0.1:{server.server_port}"
         finally:
             server.shutdown()
+
+
+def recording(requests: list[str]) -> Callable[[Any], None]:
+    """Appends the addresses that a page requests."""
+    return lambda handle: handle.on("request", lambda request: requests.append(request.url))
 
 
 def plays_right(page: Page, stream: Path) -> None:
@@ -121,22 +77,22 @@ def fetched_once(requests: list[str], manifest: str, stream: Path) -> None:
     assert any(request.endswith(".mp4") for request in requests[worker:]), requests
 
 
-def test_the_served_page_plays(baked, open_address):
-    with serving(baked()) as address:
+def test_the_served_page_plays(baked, open_page):
+    with serve(baked()) as serving:
         requests: list[str] = []
-        page = open_address(address, requests)
+        page = open_page(address=serving.address, setup=recording(requests), size=SIZE)
         plays_right(page, baked())
         assert head(page) == ("Test figure", "")
-        fetched_once(requests, f"{address}/manifest.json", baked())
+        fetched_once(requests, f"{serving.address}manifest.json", baked())
         assert page.handle.title() == "Test figure"
 
 
-def test_of_several_streams_one_is_chosen_and_plays_over_https(baked, open_address, tmp_path):
+def test_of_several_streams_one_is_chosen_and_plays_over_https(baked, open_page, tmp_path):
     names = ("b plain", "a #1 50% ?&'\"<x>é影")
     for name in names:
         shutil.copytree(baked(), tmp_path / name)
-    with serving(tmp_path, https=True) as address:
-        page = open_address(address, wait=False, ignore_https_errors=True)
+    with serve(tmp_path, https=True) as serving:
+        page = open_page(address=f"{serving.bases[0]}/", wait=False, ignore_https_errors=True)
         links = page.handle.locator("a")
         assert links.all_inner_texts() == sorted(names)
         links.first.click()
@@ -145,36 +101,36 @@ def test_of_several_streams_one_is_chosen_and_plays_over_https(baked, open_addre
         page.wait("player.state.playing && player.state.frame > 0")
 
 
-def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_address, tmp_path):
+def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_page, tmp_path):
     place = tmp_path / "some" / "where é"
     share(baked(), place, TEXT)
     requests: list[str] = []
     with plain_server(tmp_path) as address:
-        page = open_address(f"{address}/some/where%20é/", requests)
+        page = open_page(address=f"{address}/some/where%20é/", setup=recording(requests), size=SIZE)
         plays_right(page, baked())
         assert head(page) == (TEXT.title, f"{TEXT.credits} · {TEXT.license}")
         assert page.handle.title() == TEXT.title
         page.click("link")
         page.wait("location.search.includes('view=')")
-        again = open_address(page.evaluate("() => location.href"))
+        again = open_page(address=page.evaluate("() => location.href"))
         assert again.state["frame"] == 6
         assert not again.state["playing"]
     assert all(request.startswith((f"{address}/some/where", "blob:", "data:")) for request in requests), requests
     fetched_once(requests, f"{address}/some/where%20%C3%A9/stream/manifest.json", baked())
 
 
-def test_a_single_file_plays_from_the_disk(baked, open_address, tmp_path):
+def test_a_single_file_plays_from_the_disk(baked, open_page, tmp_path):
     file = tmp_path / "take é.html"
     share(baked(), file, TEXT, single_file=True)
     requests: list[str] = []
-    page = open_address(file.as_uri(), requests)
+    page = open_page(address=file.as_uri(), setup=recording(requests), size=SIZE)
     plays_right(page, baked())
     assert head(page) == (TEXT.title, f"{TEXT.credits} · {TEXT.license}")
     page.click("link")
     page.wait(
         "document.querySelector('v3-player').shadowRoot.querySelector('.notice').textContent.match(/link|address/i)"
     )
-    again = open_address(f"{file.as_uri()}?t=0.2&view=30,10,2.5,0,0,0")
+    again = open_page(address=f"{file.as_uri()}?t=0.2&view=30,10,2.5,0,0,0")
     assert again.state["frame"] == 5
     assert again.state["view"]["azimuth"] == pytest.approx(30)
     assert all(request.startswith((file.as_uri(), "blob:", "data:")) for request in requests), requests

@@ -19,7 +19,7 @@ from pipelines.config import dump_config, load_config
 from pipelines.review import TakeReview
 from pipelines.share.served import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
-from pipelines.takes.atomic_files import Result, read_model, write_model
+from pipelines.takes.atomic_files import write_model
 from pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
 from pipelines.takes.records import StageRecord
 from pipelines.takes.take import Take
@@ -166,29 +166,13 @@ def test_marks_are_written_to_the_take_as_plain_text(port: int, take: Take) -> N
 VIEW = {"eye": [0.0, -3.5, 1.0], "target": [0.0, 0.0, 1.0], "fov": 40.0, "camera": "cam4", "wipe": 0.25, "whole": True}
 
 
-def test_a_mark_keeps_its_view_which_older_versions_leave_in_the_file(port: int, take: Take) -> None:
+def test_a_mark_keeps_its_view(port: int, take: Take) -> None:
     change = mark(1, "soft")
     change["mark"]["view"] = VIEW
     status, answer = send(port, change)
     assert (status, json.loads(answer)["marks"][0]["view"]) == (200, VIEW)
     (row,) = json.loads(take.marks.read_text())["marks"]
     assert row == {"frame": 1, "note": "soft", "author": "Anna", "view": VIEW}
-
-    class OldMark(Result):  # of version 0.2
-        frame: int
-        note: str
-        author: str = ""
-
-    class OldMarks(Result):
-        marks: tuple[OldMark, ...]
-
-    old = read_model(take.marks, OldMarks)
-    assert (old.marks[0].frame, old.marks[0].note, old.marks[0].author) == (1, "soft", "Anna")
-    write_model(take.marks, old.model_copy(update={"marks": (*old.marks, OldMark(frame=2, note="new"))}))
-    marks = read_marks(take.marks)
-    assert marks[1].view is not None
-    assert marks[1].view.to_json() == VIEW
-    assert marks[2].view is None
 
 
 @pytest.mark.parametrize(
