@@ -321,7 +321,9 @@ def make_sources(
                 "footage.video_as_frame",
                 f"the file is a video, but the pattern treats it as a single frame of camera '{camera}'",
                 file=videos[0].path,
-                fix="Remove {frame} from the pattern.",
+                fix="Remove {frame} from the pattern."
+                if len(group) == 1
+                else "Put {chapter} in the place of {frame} if the videos are parts of one recording, else name one.",
                 camera=camera,
             )
         if videos:

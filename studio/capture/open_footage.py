@@ -26,6 +26,10 @@ from studio.masks.sources import open_mask_source
 from studio.memory import memory_limit
 from studio.memory_cache import image_cache
 from studio.storage import is_address, mirrored
+from studio.yaml_text import inline_yaml
+
+_SUGGESTED_STEP = 8
+"""Of so many cameras, one is suggested to be held out."""
 
 
 def open_footage(
@@ -104,13 +108,24 @@ def open_footage(
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     exact, exact_note = exact_masks(spec, held_out or tuple(sources), masked)
     notes.append(exact_note)
-    if held_out:
-        notes.append(f"Held out: {', '.join(held_out)}.")
+    notes.append(_held_out_note(held_out, tuple(sources)))
     description = "\n".join(note for note in notes if note)
     return Footage(
         spec, sources, frames, held_out, rate / spec.step, mask_source, exact, warps, pool, cache, description,
         tuple(problems), sound, garbage,
     )  # fmt: skip
+
+
+def _held_out_note(held_out: Sequence[str], names: Sequence[str]) -> str:
+    if held_out:
+        return f"Held out: {', '.join(held_out)}."
+    if len(names) < 2:
+        return ""
+    some = [f"every {_SUGGESTED_STEP}"] if len(names) >= _SUGGESTED_STEP else [names[-1]]
+    return (
+        "No camera is held out, so quality is measured on cameras of training. To measure new views: "
+        f"capture.held_out: {inline_yaml(some)}."
+    )
 
 
 def _with_masks(
@@ -152,10 +167,19 @@ def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
             f"no image or video matches the pattern '{spec.images}'",
             file=spec.root,
             value=spec.images,
-            fix="Check capture.images.",
+            fix=f"Check capture.images.{_instead(spec.root)}",
             setting="capture.images",
         )
     return spec.images, matches
+
+
+def _instead(root: Path) -> str:
+    """The layout that `auto` would find, as a sentence with a space before it."""
+    try:
+        pattern, matches = detect_images(root)
+    except StudioError:
+        return ""
+    return f" '{pattern}' matches {counted(len(matches), 'file')}."
 
 
 def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], setting: str) -> None:
@@ -225,6 +249,7 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
         )
     common = set(wanted).intersection(*(source.frames for source in sources.values()))
     problems = []
+    first_end = min(source.frames[-1] for source in sources.values())
     for camera, source in sources.items():
         have = set(source.frames)
         missing = [frame for frame in wanted if frame not in have]
@@ -237,7 +262,7 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
                     "footage.camera_ends_early",
                     f"Camera '{camera}' ends after frame {last}, but others continue to frame {wanted[-1]}",
                     value=last,
-                    fix=f"Replace its footage, or set capture.stop to {last + 1} to use only common frames.",
+                    fix=f"Replace its footage, or set capture.stop to {first_end + 1} to use only common frames.",
                     fields={"camera": camera, "expected": wanted[-1], "setting": "capture.stop"},
                 )
             )

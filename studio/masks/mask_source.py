@@ -136,8 +136,8 @@ class MissingMaskSource:
         self.message = Message(
             "mask.no_source",
             f"capture.masks is auto, but the capture has no masks that could be used: {reasons}",
-            fix="Set capture.masks to chroma_key, plain or model, add masks or clean plates, or set it to none if the "
-            "pictures show nothing but the performer.",
+            fix="Add masks or clean plates, or set capture.masks: to chroma_key before a colored screen, to model with "
+            "capture.mask_model, or to none if the images show nothing but the performer.",
             fields={"setting": "capture.masks"},
         )
 

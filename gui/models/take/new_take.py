@@ -17,9 +17,6 @@ from studio.errors import StudioError
 from studio.storage import is_address
 
 PRESET_WITHOUT_GPU = "standard"
-NONE_HELD_OUT = (
-    "No camera is held out: quality is then measured on cameras of training. Choose some with View > Cameras."
-)
 MOST_FPS = 10_000
 """Limit of `capture.fps`."""
 
@@ -119,8 +116,6 @@ class NewTake:
         )
         if not self.settings.strip() and not has_gpu():
             cameras += f" No GPU: the preset is {PRESET_WITHOUT_GPU}."
-        if not footage.held_out_cameras:  # else the description says which
-            cameras += f"\n{NONE_HELD_OUT}"
         found = footage.problems
         problems = f"\n{counted(len(found), 'problem')}: {found[0]}" if found else ""
         given = (None if self.fps.strip() else config.capture.fps) or footage.filmed_fps  # as `open_footage`

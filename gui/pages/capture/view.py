@@ -12,6 +12,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height, shortened, wrapped
 from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
 from gui.models.stages import Inputs
+from gui.models.take.inspector import Block
 from gui.models.take.workspace import Workspace
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
@@ -55,6 +56,11 @@ class CaptureView(StageView):
         self.garbage = GarbageDrawing(workspace)
         self._image_at: _ImageAt | None = None
         self._told: object = None  # why the polygons cannot be shown
+
+    @property
+    def blocks(self) -> Sequence[Block]:
+        """For the inspector: which files were found, and how they are read."""
+        return [] if self._reduced is None else [Block("Footage", [], self._reduced.footage.description)]
 
     def state(self) -> Hashable:
         """The capture settings, the frame, the mode, the result of the check."""

@@ -22,7 +22,7 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
 from gui.models.take.cameras import CameraUses
 from gui.models.take.inspector import review_blocks
-from gui.models.take.new_take import NONE_HELD_OUT, NewTake
+from gui.models.take.new_take import NewTake
 from gui.models.take.settings import SECTIONS, fields_of
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.qp_trial import TRIED_QPS
@@ -328,11 +328,11 @@ def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
     new.footage = str(footage_project / "capture")
     assert "6 cameras" in new.found().words
     assert "cameras.json" in new.found().words
-    assert NONE_HELD_OUT in new.found().words
+    assert "No camera is held out" in new.found().words
     assert Path(new.proposed_take()).parent == footage_project
     new.settings, new.take = str(footage_project / "ball.yaml"), str(tmp_path / "take")
     words = new.found().words
-    assert NONE_HELD_OUT not in words
+    assert "No camera is held out" not in words
     assert "Held out: " in words
     root = new.create()
     assert load_config(root / "config.yaml").train.group_size == 3

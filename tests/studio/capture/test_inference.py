@@ -14,6 +14,7 @@ from studio.capture import CaptureSettings, open_footage
 from studio.capture.detect import MASK_FOLDERS, detect_beside, detect_images
 from studio.capture.inference import infer_layouts
 from studio.capture.patterns import find_files
+from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 
 CAMERAS = ("cam0", "cam1", "cam2", "cam10")
@@ -214,3 +215,32 @@ def test_suggestions_work_when_pasted(tmp_path: Path, make: SimpleNamespace, fil
         detect_images(tmp_path)
     pasted = str(caught.value).split("for example '")[1].split("'")[0]
     assert len(open_footage(CaptureSettings(root=tmp_path, masks="none", images=pasted)).camera_names) >= 2
+
+
+@pytest.mark.parametrize("count", [3, 12])
+def test_suggested_held_out_cameras_can_be_pasted(tmp_path: Path, make: SimpleNamespace, count: int) -> None:
+    for index in range(count):
+        make.image(tmp_path / "images" / f"{index:02d}" / "0.png", make.numbered(0))
+    description = open_footage(CaptureSettings(root=tmp_path, masks="none")).description
+    pasted = description.split("capture.held_out: ")[1].split("]")[0] + "]"
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none", held_out=parse_yaml(pasted)))
+    assert len(footage.measured_cameras) == 1
+    assert "No camera is held out" not in footage.description
+
+
+def test_a_pattern_without_files_is_answered_with_one_that_has_some(tmp_path: Path) -> None:
+    touch(tmp_path, *(f"{camera}/frame_{frame}.png" for camera in CAMERAS for frame in FRAMES))
+    with refuses("footage.not_found", setting="capture.images") as caught:
+        open_footage(CaptureSettings(root=tmp_path, images="images/{camera}.png"))
+    assert "'{camera}/frame_{frame}.png'" in str(caught.value)
+
+
+def test_a_numbered_recording_opens_as_chapters(tmp_path: Path, make: SimpleNamespace) -> None:
+    for camera in ("a", "b"):
+        for part in range(2):
+            make.video(tmp_path / camera / f"clip_{part}.mp4", [make.numbered(part)] * 2)
+    with refuses("footage.video_as_frame") as caught:
+        open_footage(CaptureSettings(root=tmp_path, masks="none", images="{camera}/clip_{frame}.mp4"))
+    assert "{chapter}" in str(caught.value)
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none", images="{camera}/clip_{chapter}.mp4"))
+    assert [make.number_of(footage.image("a", frame)) for frame in footage.frames] == [0, 0, 1, 1]
