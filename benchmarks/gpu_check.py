@@ -8,12 +8,12 @@ gsplat (`pip install 'v3studio[cuda]'`, whose kernels are compiled with nvcc whe
 be used is measured; training uses gsplat where it can be used, as `v3studio` does. The parts:
 
     kernels cuda, kernels triton
-                 time until the backend has drawn its first image, including compilation; at most four minutes
+                 time until the backend has rendered its first image, including compilation; at most four minutes
     tests        the tests that need a CUDA device
     training kernels
                  image loss, loss on coded values, and motion field: the kernels against their definitions in PyTorch,
                  errors of values and gradients relative to the definition in float64, and milliseconds of both passes
-    rasterizer   forward and backward pass of each backend that drew, milliseconds
+    rasterizer   forward and backward pass of each backend that rendered, milliseconds
     keyframe     frame 0 of the sample with the default settings, which are the paper's schedule
     frames       the five frames after it: 500 steps of motion and 2,000 of fine-tuning each
 
@@ -106,7 +106,7 @@ class Check:
         self.dry, self.device = dry, "cpu" if dry else "cuda"
         self.ends = time.monotonic() + seconds
         self.backends: list[str] = []
-        """Those that have drawn."""
+        """Those that have rendered."""
         self.report: Report = {"dry_run": dry, "machine": machine(), "parts": {}}
         self.settings = TrainSettings()
         if dry:
@@ -133,7 +133,7 @@ class Check:
         return "error" not in found
 
     def all_kernels(self) -> bool:
-        """Draw a first image with each backend. Returns whether one did."""
+        """Render a first image with each backend. Returns whether one did."""
         wanted = ("cpu",) if self.dry else tuple(name for name in ("cuda", "triton") if name in available_backends())
         self.backends = [name for name in wanted if self.part(f"kernels {name}", functools.partial(self.kernels, name))]
         if not wanted:
@@ -141,9 +141,9 @@ class Check:
         return bool(self.backends)
 
     def kernels(self, backend: str) -> Report:
-        """Compile a backend's kernels in a child process, whose compilation can be ended, and draw."""
+        """Compile a backend's kernels in a child process, whose compilation can be ended, and render."""
         if self.dry:
-            return {"mean_of_picture": float(forward_function(*person(100, 64, 64), backend)().image.mean())}
+            return {"mean_of_image": float(forward_function(*person(100, 64, 64), backend)().image.mean())}
         code = (
             "import sys; sys.path[:0] = sys.argv[1:2]\n"
             "from rasterizer import forward_function, person\n"
@@ -153,7 +153,7 @@ class Check:
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(COMPILING))
         if done.returncode:
             raise RuntimeError(done.stderr[-1500:])
-        return {"mean_of_picture": float(done.stdout.split()[-1])}
+        return {"mean_of_image": float(done.stdout.split()[-1])}
 
     def tests(self) -> Report:
         """The tests marked `gpu`; in a dry run they are skipped for want of a GPU."""
@@ -309,7 +309,7 @@ def training_cases(dry: bool) -> dict[str, Callable[[torch.dtype, str], Computat
         here = Corners(corners.rows.to(device), corners.weights.to(device, dtype), corners.level_rows)
         return lambda: field(here), lambda: field.forward_torch(here), list(field.parameters())
 
-    return {"picture loss": picture, "coded loss": coded, "motion field": motion}
+    return {"image loss": picture, "coded loss": coded, "motion field": motion}
 
 
 class Steps:

@@ -17,7 +17,7 @@ import os
 import platform
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -142,19 +142,19 @@ class Scene:
         parameters = list(field.parameters())
         self.pair("motion field", lambda: torch.autograd.grad(field(corners), parameters, upstream), "motion")
         view, black = self.views[0], torch.zeros(3)
-        drawn = [*(tensor for _, tensor in splats.items())]
+        leaves = [tensor for _, tensor in splats.items()]
 
-        def draw() -> object:
-            render = rasterize(splats, view.camera, black)
-            return torch.autograd.grad([render.image, render.alpha], drawn, [view.image, view.mask])
+        def render() -> object:
+            found = rasterize(splats, view.camera, black)
+            return torch.autograd.grad([found.image, found.alpha], leaves, [view.image, view.mask])
 
         for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
-            self.two("drawing", draw, draw, step, calls)
+            self.two("rendering", render, render, step, calls)
         image = view.composited(black).clone().requires_grad_()
         target = view.composited(torch.ones(3))
         for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
             self.two(
-                "picture loss",
+                "image loss",
                 lambda: torch.autograd.grad(photometric_loss(image, target, settings.dssim_weight), image),
                 lambda: torch.autograd.grad(photometric_loss_torch(image, target, settings.dssim_weight), image),
                 step,
@@ -247,20 +247,20 @@ def table_of(pairs: list[Pair]) -> Table:
         for pair in (pair for pair in pairs if pair.step == step):
             fused, plain = (f"{median:.2f} / {least:.2f}" for median, least in (pair.fused, pair.plain))
             share = f"{pair.calls * pair.fused[0] / whole[step]:.0%}"
-            ratio = "" if pair.name == "drawing" else f"{pair.ratio:.2f}"
-            plain = "" if pair.name == "drawing" else plain
+            ratio = "" if pair.name == "rendering" else f"{pair.ratio:.2f}"
+            plain = "" if pair.name == "rendering" else plain
             table.add_row(step, pair.name, str(pair.calls), fused, plain, ratio, share)
         table.add_section()
     return table
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     """Measure, print, and write the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path, help="a trained take")
     parser.add_argument("--rounds", type=int, default=25, help="calls of each side")
     parser.add_argument("--json", type=Path, help="write the results to this file")
-    options = parser.parse_args()
+    options = parser.parse_args(words)
     torch.set_num_threads(1)
     set_kernel_threads(1)
     scene = Scene(options.take, options.rounds)

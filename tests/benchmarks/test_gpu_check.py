@@ -30,14 +30,14 @@ def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert parts["frame 1"]["psnr"] > 5
     assert parts["rasterizer"]["cases"][0]["both_ms"] > 0
     kernels = parts["training kernels"]["kernels"]
-    assert [one["kernel"] for one in kernels] == ["picture loss", "coded loss", "motion field"]
+    assert [one["kernel"] for one in kernels] == ["image loss", "coded loss", "motion field"]
     assert all(0 < one["error"] < 1e-4 and 0 < one["definition_error"] < 1e-4 for one in kernels)
 
 
 def test_a_wrong_training_kernel_fails_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(script, "photometric_loss", lambda *images: 1.001 * script.photometric_loss_torch(*images))
     found = script.Check(True, 60.0).training_kernels()
-    assert found["error"] == "wrong: picture loss"
+    assert found["error"] == "wrong: image loss"
     assert found["kernels"][0]["error"] == pytest.approx(1e-3, rel=0.1)
 
 
