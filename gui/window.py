@@ -46,7 +46,7 @@ from gui.widgets.modes import ModesPanel
 from gui.widgets.notice_bar import NoticeBar
 from gui.widgets.path_panel import PathPanel
 from gui.widgets.picture import color, holds, plain_label, put
-from gui.widgets.raycast import MeshPicture
+from gui.widgets.raycast import RaycastMesh
 from gui.widgets.stages import StagesPanel
 from gui.widgets.swap_guard import SwapGuard
 from gui.widgets.timeline import TimelinePanel
@@ -92,8 +92,8 @@ class MainWindow:
         self.preferences = Preferences.read()
         self.device = device
         self.workspace = Workspace()
-        self.player = PlayerPresenter(read_mesh=MeshPicture)
-        self.views = StageViews(self.workspace, self.player, MeshPicture)
+        self.player = PlayerPresenter(read_mesh=RaycastMesh)
+        self.views = StageViews(self.workspace, self.player, RaycastMesh)
         self.exports, self.serving = Exports(), Serving()
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.notices = Notices()
@@ -341,7 +341,7 @@ class MainWindow:
             self.actions.start.copied(copied)
         changed = self.actions.path.advance()
         changed |= self.views.fit_transport()
-        pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
+        pixels = self.views.poll(self.viewport.size, self.viewport.render_size, self.em)
         if pixels is not None:
             self.viewport.show(pixels)
             self.pictures += 1

@@ -27,7 +27,7 @@ from gui.models.scene.splats import draw  # noqa: E402
 from gui.models.take.workspace import Workspace  # noqa: E402
 from gui.pages.calibrate.view import CalibrateView  # noqa: E402
 from gui.pages.initialize import InitializeView  # noqa: E402
-from gui.widgets.raycast import MeshPicture  # noqa: E402
+from gui.widgets.raycast import RaycastMesh  # noqa: E402
 from pipelines.config import load_config  # noqa: E402
 from pipelines.stages.footage import performer_over  # noqa: E402
 from pipelines.stages.inputs import Inputs  # noqa: E402
@@ -162,9 +162,9 @@ def pictures(take: Path, work: Path) -> Iterator[tuple[str, np.ndarray]]:
     yield "capture_good", outline(take)[box]
     yield "capture_bad", outline(work / "masks")[box]
     yield "calibrate_good", stage_picture(work / "cal_good", CalibrateView)
-    yield "calibrate_bad", stage_picture(work / "swapped", InitializeView, MeshPicture)
-    yield "initialize_good", stage_picture(take, InitializeView, MeshPicture, frame=group_1)
-    yield "initialize_bad", stage_picture(work / "masks", InitializeView, MeshPicture)
+    yield "calibrate_bad", stage_picture(work / "swapped", InitializeView, RaycastMesh)
+    yield "initialize_good", stage_picture(take, InitializeView, RaycastMesh, frame=group_1)
+    yield "initialize_bad", stage_picture(work / "masks", InitializeView, RaycastMesh)
     yield "train_good", render(take, False, FRAME)[box]
     yield "train_bad", render(work / "few", False, 0)[box]
     yield "bake_good", render(take, True, FRAME)[box]

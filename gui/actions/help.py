@@ -12,7 +12,7 @@ from gui.models.take.remedies import Fix
 from gui.shell import Shell
 from gui.widgets.dialogs.base import BUTTON_PADDING
 from gui.widgets.picture import FIELD_PADDING, as_image, lowered
-from gui.widgets.stage_help import HELP, help_picture
+from gui.widgets.stage_help import HELP, help_image
 
 SHORTCUTS: dict[str, dict[str, str]] = {
     "Playback": {
@@ -23,7 +23,7 @@ SHORTCUTS: dict[str, dict[str, str]] = {
         "L": "toggle looping",
         "V": "sound off or on",
         "T": "select a span of frames: from here, to here, none",
-        "Drag the pictures": "above the timeline (or Shift + drag on it): select a span",
+        "Drag the images": "above the timeline (or Shift + drag on it): select a span",
         "M": "mark the frame, with a note",
         "< and >": "go to the previous or next mark",
     },
@@ -82,7 +82,7 @@ class HelpActions:
         """Show what to look for in the selected stage."""
         dialogs, stage = self._window.dialogs, self._window.stages.selected
         dialogs.widgets = {}
-        image = gui.ImageWidget(as_image(help_picture(stage, round(WIDTH * dialogs.em), dialogs.em)))
+        image = gui.ImageWidget(as_image(help_image(stage, round(WIDTH * dialogs.em), dialogs.em)))
         row = gui.Horiz(0.4 * dialogs.em)
         down = round(BUTTON_PADDING * dialogs.em) + FIELD_PADDING
         row.add_child(lowered(dialogs.label("If it looks bad:"), down))

@@ -13,7 +13,7 @@ from gui.models.take.shares import FORMS, PHONES, PHONES_SERVE, ShareRequest, sh
 from gui.shell import Shell
 from gui.widgets.dialogs.base import in_lines
 from gui.widgets.dialogs.form import Form
-from gui.widgets.picture import PictureWidget, color
+from gui.widgets.picture import ImagePanel, color
 from pipelines.share.addresses import qr_pixels
 from pipelines.share.sharing import ShareSize, share_size
 from studio.errors import StudioError
@@ -158,7 +158,7 @@ class ShareActions:
         """Show the address and its QR code."""
         dialogs, serving = self._window.dialogs, self._window.serving
         dialogs.widgets = {}
-        picture = PictureWidget()
+        picture = ImagePanel()
         picture.show(qr_pixels(serving.address, int(QR_SIZE * dialogs.em)))
         row = gui.Horiz()
         row.add_stretch()

@@ -78,7 +78,7 @@ class StartActions:
             self.show()
 
     def act(self, name: str) -> None:
-        """Do what a part of the page stands for, see `StartPicture`."""
+        """Do what a part of the page stands for, see `StartImage`."""
         kind, _, number = name.partition(" ")
         actions: dict[str, Callable[[], object]] = {
             "back": self.hide,

@@ -76,7 +76,7 @@ class NewestImage:
             self._missing_since = before if now - before >= SLOW_TICK else now
         if now - self._missing_since < (DIMMED_AFTER if wanted != self._shown else FRAME_DIMMED_AFTER):
             return None
-        words = "not available" if finished else "drawing"
+        words = "not available" if finished else "rendering"
         if words == self._words:
             return None
         self._words = words

@@ -137,7 +137,7 @@ class StageView:
         return ""
 
     def forget(self) -> None:
-        """Drop what is large of the take that was open."""
+        """Free the previous take's large buffers."""
 
     def close(self) -> bool:
         """End the thread. Returns whether it ended in time."""

@@ -213,7 +213,7 @@ class StageViews:
             stage_view.show_again()
 
     def forget(self) -> None:
-        """Drop what is large of the take that was open."""
+        """Free the previous take's large buffers."""
         for stage_view in (*self.stage_views.values(), self.points, self.editor):
             stage_view.forget()
 
@@ -247,18 +247,18 @@ class StageViews:
             return self.player.span(len(found.numbers), found.group_starts, found.fps)
         return self.player.span_source()
 
-    def poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
+    def poll(self, size: tuple[int, int], render_size: tuple[int, int], em: float) -> np.ndarray | None:
         """Return a new image if there is one. Never blocks; call at each tick.
 
         An image is never left under another label: while the chosen one is being made, the old one is dimmed.
 
         Args:
             size: size of the viewport, pixels.
-            drawn_size: size of images rendered from splats.
+            render_size: size of images rendered from splats.
             em: font size, pixels.
         """
         return self._newest.update(
-            self._poll(size, drawn_size, em), self._wanted, self._frame_shown, self._finished, self.message, size, em
+            self._poll(size, render_size, em), self._wanted, self._frame_shown, self._finished, self.message, size, em
         )
 
     @property
@@ -284,7 +284,7 @@ class StageViews:
             player.orbit = editor.orbit
         self._looks = (player.camera, editor.orbit)
 
-    def _poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
+    def _poll(self, size: tuple[int, int], render_size: tuple[int, int], em: float) -> np.ndarray | None:
         stage_view = self.stage_view
         self.player.on_screen = stage_view is None
         if self.edits_take:
@@ -295,13 +295,13 @@ class StageViews:
             found = self.workspace.assessment
             self.player.filmed = found.numbers
             self.player.filmed_groups = found.group_starts if found.numbers else ()
-            wanted = size if self.player.rests(size) else drawn_size
+            wanted = size if self.player.rests(size) else render_size
             self.player.em = em * wanted[0] / max(size[0], 1)  # texts of a smaller image are enlarged with it
             self.player.resize(*wanted)
             picture = self.player.poll()
             return picture.image if picture is not None else None
         resting = stage_view.sharp and self._rest.rests((stage_view.state(), size), self.player.transport.playing)
-        wanted = drawn_size if stage_view.orbits and not resting else size
+        wanted = render_size if stage_view.orbits and not resting else size
         stage_view.em = em * wanted[0] / max(size[0], 1)
         stage_view.frame = self.player.transport.frame
         return stage_view.poll(wanted)

@@ -86,7 +86,7 @@ class CommandList:
         row = self.first + int(y * ROWS // max(height, 1))
         return row if 0 <= row < len(self.found) else None
 
-    def picture(self, width: int, em: float) -> np.ndarray:
+    def image(self, width: int, em: float) -> np.ndarray:
         """(ROWS * row height, width, 3) uint8: menu, words and shortcut of each; of those that are not possible now,
         the reason. At the right, which part of the list that is, if it is not all of it."""
         row, size = row_height(em), round(0.9 * em)

@@ -9,7 +9,7 @@ from open3d.visualization import gui
 
 from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import LINE, TEXT
-from gui.widgets.picture import PictureWidget, holds
+from gui.widgets.picture import ImagePanel, holds
 
 DELAY = 0.4
 """Seconds for which the pointer must rest on a button."""
@@ -55,7 +55,7 @@ class Hints:
         self.text = ""
         self.listing = False
         self.bar: Callable[[], Box] = lambda: (0, 0, 0, 0)
-        self.picture = PictureWidget()
+        self.picture = ImagePanel()
         self.picture.widget.visible = False
 
     def give(self, widget: gui.Widget, text: str, row: gui.Widget) -> None:

@@ -20,7 +20,7 @@ from gui.models.take.inspector import (
 from gui.models.take.log import LogLine, LogRow, LogView, grouped, log_rows
 from gui.models.take.remedies import Fix, fix_of
 from gui.models.take.workspace import Workspace
-from gui.widgets.picture import PictureWidget
+from gui.widgets.picture import ImagePanel
 
 PAUSE = 0.25
 """Minimum seconds between two updates of the figures of the same frame."""
@@ -69,8 +69,8 @@ class InspectorPanel:
         laid_out: Callable[[], None] = lambda: None,
     ) -> None:
         self._em, self._changed, self._apply_fix, self._laid_out = em, changed, apply_fix, laid_out
-        self.figures = PictureWidget(self._on_figures)
-        self.log = PictureWidget(self._on_mouse)
+        self.figures = ImagePanel(self._on_figures)
+        self.log = ImagePanel(self._on_mouse)
         self.stage = "review"
         self.large = False
         self.log_height: float | None = None
@@ -197,14 +197,14 @@ class InspectorPanel:
                 self._back = 0
             self._lines_of = lines_of
             config = workspace.config
-            lines = zip(run.lines, run.times, run.notices, strict=True)
-            told = grouped(LogLine(*line, time_of_day, notice) for line, time_of_day, notice in lines)
-            warnings = [line for line in told if line.kind]
+            events = zip(run.lines, run.times, run.notices, strict=True)
+            lines = grouped(LogLine(*line, time_of_day, notice) for line, time_of_day, notice in events)
+            warnings = [line for line in lines if line.kind]
             self._warnings = len(warnings)
-            told = warnings if self.only_warnings else told
+            lines = warnings if self.only_warnings else lines
             self._rows = log_rows(
-                [(line.kind, line.text) for line in told], size[0], self._em, [line.told for line in told],
-                [fix_of(line.notice, config) for line in told],
+                [(line.kind, line.text) for line in lines], size[0], self._em, [line.told for line in lines],
+                [fix_of(line.notice, config) for line in lines],
             )  # fmt: skip
         view = self._view
         state = (view.shown, view.back, size, view.large, view.warnings, view.only_warnings)

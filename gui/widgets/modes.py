@@ -12,7 +12,7 @@ from gui.drawing.icons import icon
 from gui.drawing.palette import ACCENT, ACCENT_DARK, GROUND, RAISED
 from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
-from gui.widgets.picture import PictureWidget, color, holds, put
+from gui.widgets.picture import ImagePanel, color, holds, put
 
 Choice = tuple[str, str, str]
 """Key, label, tooltip. An empty key is a gap."""
@@ -69,7 +69,7 @@ class ModesPanel:
         self.buttons: dict[tuple[str, str], gui.Button] = {}
         self._on: dict[tuple[str, str], bool] = {}
         self._words: dict[str, frozenset[str] | None] = {}
-        self._bars: dict[str, PictureWidget] = {}
+        self._bars: dict[str, ImagePanel] = {}
         self._bar_height = max(round(BAR * em), 2)
         for stage, choices in sets.items():
             row = self.rows[stage] = Flow(0.25 * em, self._line)
@@ -85,7 +85,7 @@ class ModesPanel:
                 row.add(button, before)
                 before = 0.0
                 self._on[stage, key] = False
-            bar = self._bars[stage] = PictureWidget()
+            bar = self._bars[stage] = ImagePanel()
             bar.show(np.full((1, 1, 3), ACCENT, np.uint8))
             bar.widget.visible = False
             row.widget.add_child(bar.widget)  # after the buttons, so that it is drawn over them

@@ -9,7 +9,7 @@ from open3d.visualization import gui
 
 from gui.models.camera_path import PathEditor
 from gui.widgets.path_list import HINTS, PathList
-from gui.widgets.picture import PictureWidget
+from gui.widgets.picture import ImagePanel
 
 
 class PathPanel:
@@ -30,7 +30,7 @@ class PathPanel:
     ) -> None:
         self._em, self._editor, self._act, self._changed = em, editor, act, changed
         self.shown = False
-        self.picture = PictureWidget(self._on_mouse)
+        self.picture = ImagePanel(self._on_mouse)
         self.picture.widget.visible = False
         self._down = 0.0
         self._list = PathList(16, 16, em)

@@ -75,7 +75,7 @@ def lowered(label: gui.Label, down: int = FIELD_PADDING, room: float = 0.0) -> g
     return row
 
 
-class PictureWidget:
+class ImagePanel:
     """An image widget that shows images pixel for pixel and forwards mouse events.
 
     Open3D keeps the texture of every image that it has drawn and finds it again by the content that the image had at

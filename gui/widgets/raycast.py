@@ -12,7 +12,7 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 
-class MeshPicture:
+class RaycastMesh:
     """A triangle mesh that can be rendered from any camera.
 
     Args:

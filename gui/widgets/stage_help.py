@@ -101,7 +101,7 @@ HELP: Mapping[str, StageHelp] = {
 """By key of `TITLES`."""
 
 
-def picture_of(stage: str, kind: str) -> np.ndarray:
+def example_of(stage: str, kind: str) -> np.ndarray:
     """(H, W, 3) uint8 RGB.
 
     Args:
@@ -120,13 +120,13 @@ def picture_of(stage: str, kind: str) -> np.ndarray:
     return np.ascontiguousarray(pixels[..., ::-1])
 
 
-def help_picture(stage: str, width: int, em: float) -> np.ndarray:
+def help_image(stage: str, width: int, em: float) -> np.ndarray:
     """(H, width, 3) uint8: the sentences above the two images, drawn at the window's font size."""
     found, size, small = HELP[stage], round(0.95 * em), round(0.85 * em)
     step = line_height(size)
     points = [wrapped(point, size, width - 1.2 * em) for point in found.points]
     each = (width - em) / 2
-    pictures = {kind: picture_of(stage, kind) for kind in KINDS}
+    pictures = {kind: example_of(stage, kind) for kind in KINDS}
     high = max(each * one.shape[0] / one.shape[1] for one in pictures.values())
     captions = {kind: wrapped(getattr(found, kind), small, each) for kind in KINDS}
     below = max(map(len, captions.values())) * line_height(small)

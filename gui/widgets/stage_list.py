@@ -25,7 +25,7 @@ def row_at(y: float, em: float, count: int) -> int | None:
     return row if 0 <= row < count else None
 
 
-def picture(rows: Sequence[StageRow], selected: str, width: int, em: float) -> np.ndarray:
+def image(rows: Sequence[StageRow], selected: str, width: int, em: float) -> np.ndarray:
     """(rows * row_height, width, 3) uint8."""
     each = row_height(em)
     canvas = Canvas(width, each * len(rows), PANEL)

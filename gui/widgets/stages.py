@@ -13,7 +13,7 @@ from gui.models.take.settings import SettingField, stage_of
 from gui.models.take.workspace import Workspace
 from gui.widgets import stage_list
 from gui.widgets.hints import Hints
-from gui.widgets.picture import PictureWidget, color, put
+from gui.widgets.picture import ImagePanel, color, put
 from gui.widgets.settings import SettingActions, SettingsList
 from gui.widgets.swap_guard import SwapGuard
 from pipelines.config import Config
@@ -65,7 +65,7 @@ class StagesPanel:
         self._guard, self._hints = guard, hints
         self.selected = "review"
         self._drawn: object = None
-        self.list = PictureWidget(self._on_mouse)
+        self.list = ImagePanel(self._on_mouse)
         self.ground = gui.Vert()  # behind widgets without a background
         self.ground.background_color = color(PANEL)
         self.detail = gui.Label("")
@@ -252,7 +252,7 @@ class StagesPanel:
         state = (rows, self.selected, self.list.size)
         if state != self._drawn:
             self._drawn = state
-            self.list.show(stage_list.picture(rows, self.selected, self.list.size[0], self._em))
+            self.list.show(stage_list.image(rows, self.selected, self.list.size[0], self._em))
             changed = True
         row = self._workspace.row(self.selected)
         config, setting = self._workspace.config, self.error_setting

@@ -12,7 +12,7 @@ from gui.models.playback.filmstrip import ASPECT, Filmstrip, draw_strip, has_pic
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.timeline_plots import Plot, TimelinePlots
 from gui.models.playback.timeline_zoom import TimelineZoom
-from gui.widgets.picture import PictureWidget, holds
+from gui.widgets.picture import ImagePanel, holds
 from studio.edits.edit_list import Trim
 
 HOVER_SECONDS = 4.0
@@ -66,7 +66,7 @@ class TimelinePanel:
         self.path_keys: Sequence[int] = ()
         self.moved_key: Callable[[int, int], None] = lambda key, frame: None
         self._dragged: tuple[int, int] | None = None
-        self.picture = PictureWidget(self._on_mouse)
+        self.picture = ImagePanel(self._on_mouse)
 
     @property
     def plots_view(self) -> TimelinePlots:

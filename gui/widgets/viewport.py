@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from open3d.visualization import gui
 
-from gui.widgets.picture import PictureWidget
+from gui.widgets.picture import ImagePanel
 
 MAX_PIXELS = 960 * 540
 """Maximum number of pixels of an image, which bounds the time to render it; it is stretched to the widget."""
@@ -85,7 +85,7 @@ class Viewport:
         self.clicked_at = self._start = (0.0, 0.0)
         self.picture_size = (16, 16)
         self.most_pixels = MAX_PIXELS
-        self.picture = PictureWidget(self.on_mouse)
+        self.picture = ImagePanel(self.on_mouse)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -93,7 +93,7 @@ class Viewport:
         return self.picture.size
 
     @property
-    def drawn_size(self) -> tuple[int, int]:
+    def render_size(self) -> tuple[int, int]:
         """Size of images rendered from splats: that of the widget, or smaller to stay fast."""
         return picture_size(*self.picture.size, self.most_pixels)
 

@@ -439,7 +439,7 @@ class PlayerPresenter(Viewpoint):
             self.camera or "free view",
         ]
         if not current:
-            parts.append("drawing")
+            parts.append("rendering")
         elif picture.splats:
             parts.append(counted(picture.splats, "splat"))
         count = len(self.left_out)

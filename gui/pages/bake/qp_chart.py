@@ -21,7 +21,7 @@ class QpChart:
         em: font size, pixels.
         trial: its results so far.
         current: the QP that is set.
-        told: what the last click did; "" if there was none.
+        done: what the last click did; "" if there was none.
 
     Attributes:
         canvas: the image.
@@ -29,15 +29,15 @@ class QpChart:
         cells: the table as words: titles, then a row for each QP with results.
     """
 
-    def __init__(self, size: Size, em: float, trial: QpTrial, current: int, told: str) -> None:
+    def __init__(self, size: Size, em: float, trial: QpTrial, current: int, done: str) -> None:
         self.canvas, self._em, self._current = Canvas(*size, GROUND), em, current
         self.points: dict[int, tuple[float, float]] = {}
         results, running = dict(sorted(trial.results.items())), trial.running
         self.cells = [list(TITLES), *(_words(qp, found, trial.fps) for qp, found in results.items())]
         canvas = self.canvas
         canvas.text(em, 0.8 * em, trial.words, round(em), TEXT, width=size[0] - 2 * em)
-        note = told or "Click a point to set its QP, then run Bake. Lower QPs look better and take more bytes."
-        canvas.text(em, 2.3 * em, note, self._small, ACCENT if told else DIM, width=size[0] - 2 * em)
+        note = done or "Click a point to set its QP, then run Bake. Lower QPs look better and take more bytes."
+        canvas.text(em, 2.3 * em, note, self._small, ACCENT if done else DIM, width=size[0] - 2 * em)
         table = 21 * em
         beside = size[0] > 2 * table
         top = 5.2 * em

@@ -88,7 +88,7 @@ class BakeView(StageView):
         super().__init__(workspace)
         self.trial = QpTrial()
         self.points: dict[int, tuple[float, float]] = {}
-        self._told = ""
+        self._done = ""
         self._cells: list[list[str]] = []
 
     def state(self) -> Hashable:
@@ -98,7 +98,7 @@ class BakeView(StageView):
         stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
         config = self.workspace.config
         qp = config.bake.qp if config is not None else 0
-        return (take, stamp, self.mode, self.trial.changes, qp, self._told, self.em)
+        return (take, stamp, self.mode, self.trial.changes, qp, self._done, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """See `StageView`."""
@@ -163,7 +163,7 @@ class BakeView(StageView):
     def _rates(self, size: Size) -> np.ndarray:
         config = self.workspace.config
         assert config is not None
-        chart = QpChart(size, self.em, self.trial, config.bake.qp, self._told)
+        chart = QpChart(size, self.em, self.trial, config.bake.qp, self._done)
         self.points = chart.points
         self._cells = chart.cells
         return chart.canvas.pixels
@@ -176,7 +176,7 @@ class BakeView(StageView):
         if math.hypot(left - x, top - y) > 1.5 * self.em:
             return
         refusal = self.workspace.change_setting("bake.quality", qp)
-        self._told = f"QP {qp} is set. Run Bake to use it." if refusal is None else str(refusal)
+        self._done = f"QP {qp} is set. Run Bake to use it." if refusal is None else str(refusal)
 
     @property
     def table_text(self) -> str:

@@ -55,7 +55,7 @@ class CaptureView(StageView):
         self._check = FootageCheck()
         self.garbage = GarbageDrawing(workspace)
         self._image_at: _ImageAt | None = None
-        self._told: object = None  # why the polygons cannot be shown
+        self._refused: object = None  # why the polygons cannot be shown
 
     @property
     def blocks(self) -> Sequence[Block]:
@@ -130,7 +130,7 @@ class CaptureView(StageView):
         if self.mode == GARBAGE:
             drawn = self._drawn_polygons()
         else:
-            self._told = None  # again when they are to be drawn again
+            self._refused = None  # again when they are to be drawn again
         places, image_at = [], None
         width, row = grid(len(names), canvas.width, height, _aspect(footage, names[0]), self._small)
         columns = max(canvas.width // width, 1)
@@ -174,12 +174,12 @@ class CaptureView(StageView):
         try:
             found = self.garbage.polygons()
         except StudioError as error:
-            told = (str(error), error.value)
-            if told != self._told:  # once, not with each frame
-                self._told = told
+            refused = (str(error), error.value)
+            if refused != self._refused:  # once, not with each frame
+                self._refused = refused
                 self.garbage.refused.emit(str(error))
             return {}
-        self._told = None
+        self._refused = None
         return found
 
     def click(self, x: float, y: float) -> None:

@@ -59,7 +59,7 @@ KEYS = "Arrow keys and Enter: choose    Delete: remove from the list    Ctrl+V: 
 
 
 @dataclass
-class StartPicture:
+class StartImage:
     """The image of the page, and its parts.
 
     Attributes:
@@ -190,9 +190,9 @@ class StartPicture:
         if picture is not None:
             canvas.image(x + 1, y + 1, _filled(picture, round(wide) - 2, round(tall)))
         else:
-            words = {"web": "stream on the web", "missing": "missing", "damaged": "no picture", "unknown": ""}
+            words = {"web": "stream on the web", "missing": "missing", "damaged": "no image", "unknown": ""}
             canvas.rect(x + 1, y + 1, wide - 2, tall, GROUND)
-            canvas.text(x + wide / 2, y + 0.45 * tall, words.get(card.kind, "no picture yet"), small, DIM, "middle")
+            canvas.text(x + wide / 2, y + 0.45 * tall, words.get(card.kind, "no image yet"), small, DIM, "middle")
         top, room = y + tall + 0.5 * em, wide - 2 * pad
         date = date_words(card.changed, now)
         normal = round(em)

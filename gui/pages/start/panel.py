@@ -7,9 +7,9 @@ from collections.abc import Callable
 from open3d.visualization import gui
 
 from gui.pages.start.cards import Card
-from gui.pages.start.drawing import HINTS, StartPicture
+from gui.pages.start.drawing import HINTS, StartImage
 from gui.pages.start.page import StartPage
-from gui.widgets.picture import PictureWidget
+from gui.widgets.picture import ImagePanel
 
 _MOVES = {
     gui.KeyName.LEFT: (-1, 0),
@@ -25,7 +25,7 @@ class StartPanel:
     Args:
         page: what it shows.
         em: font size, pixels.
-        act: called with the name of what was chosen, see `StartPicture`.
+        act: called with the name of what was chosen, see `StartImage`.
         changed: called when something must be drawn again.
 
     Attributes:
@@ -35,9 +35,9 @@ class StartPanel:
     def __init__(self, page: StartPage, em: float, act: Callable[[str], None], changed: Callable[[], None]) -> None:
         self._page, self._em, self._act, self._changed = page, em, act, changed
         self.shown = False
-        self.picture = PictureWidget(self._on_mouse)
+        self.picture = ImagePanel(self._on_mouse)
         self.picture.widget.visible = False
-        self._list = StartPicture(16, 16, em)
+        self._list = StartImage(16, 16, em)
         self._hover = self._pressed = ""
         self._down = 0.0
         self._drawn: object = None
@@ -71,7 +71,7 @@ class StartPanel:
         if state == self._drawn:
             return False
         self._drawn = state
-        self._list = StartPicture(*size, self._em, self._down)
+        self._list = StartImage(*size, self._em, self._down)
         pixels = self._list.draw(self._page, self._hover, line)
         if self._down > self._list.most_down:
             self._down = self._list.down = self._list.most_down

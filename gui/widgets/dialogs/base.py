@@ -11,7 +11,7 @@ from open3d.visualization import gui
 from gui.drawing.palette import ACCENT_DARK, DIM, RAISED
 from gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
 from gui.platform.keyboard import BACKSPACE, END, HOME, KEYS, TAB, send_key, tap_key, type_keys
-from gui.widgets.picture import PictureWidget, color
+from gui.widgets.picture import ImagePanel, color
 
 TAB_DOWN, TAB_UP = 3, 5
 """Number of frames drawn of a dialog with a text field before Tab is pressed, and has surely had its effect."""
@@ -67,7 +67,7 @@ class Dialogs:
         self.lines: list[str] = []
         self.last_folder = ""
         self.remembered: Callable[[str], object] = lambda _folder: None
-        self.pictures: list[PictureWidget] = []
+        self.pictures: list[ImagePanel] = []
         self.on_key: Callable[[gui.KeyEvent], bool] | None = None
         self.on_press: Callable[[int], object] | None = None
         self.expected = False

@@ -9,7 +9,7 @@ from open3d.visualization import gui
 from gui.platform.keyboard import DOWN, PAGE_DOWN, PAGE_UP, UP
 from gui.widgets.command_list import ROWS, Command, CommandList, row_height, search
 from gui.widgets.dialogs.base import Dialogs
-from gui.widgets.picture import PictureWidget
+from gui.widgets.picture import ImagePanel
 
 NAME = "commands"
 WIDTH = 42
@@ -41,7 +41,7 @@ class CommandDialog:
         self._typed = ""
         self._searched: str | None = None
         self._drawn: object = None
-        self._picture: PictureWidget | None = None
+        self._picture: ImagePanel | None = None
         self._hint = gui.Label("")
         self._images: dict[tuple[int, ...], gui.UIImage] = {}  # of all openings
         self._pressed: Command | None = None  # by the mouse
@@ -57,7 +57,7 @@ class CommandDialog:
         edit.placeholder_text = "type part of a command"
         edit.set_on_text_changed(self._type)
         self._width = min(round(WIDTH * dialogs.em), dialogs.room)
-        picture = self._picture = PictureWidget(self._on_mouse, self._images)
+        picture = self._picture = ImagePanel(self._on_mouse, self._images)
         hint = self._hint = dialogs.label("")
         self.update()  # before it is shown, as the dialog does not resize
         answers = [("run", "Run", self._enter), ("close", "Cancel", dialogs.close)]
@@ -82,7 +82,7 @@ class CommandDialog:
         if self._list == self._drawn:
             return False
         self._drawn = self._list
-        self._picture.show(self._list.picture(self._width, self._dialogs.em))
+        self._picture.show(self._list.image(self._width, self._dialogs.em))
         more = self._list.more
         self._hint.text = f"{more}. {KEYS}" if more else KEYS
         return True

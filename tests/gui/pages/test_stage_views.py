@@ -32,7 +32,7 @@ from gui.pages.capture.view import FootageCheck, grid
 from gui.pages.stage_views import StageViews
 from gui.pages.train import NOT_RUN, TrainView
 from gui.shell import Shell
-from gui.widgets.raycast import MeshPicture
+from gui.widgets.raycast import RaycastMesh
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config.loading import all_names
 from pipelines.stages.inputs import Inputs
@@ -55,7 +55,7 @@ SIZE = (720, 500)
 @pytest.fixture
 def views() -> Iterator[StageViews]:
     workspace, player = Workspace(), PlayerPresenter()
-    found = StageViews(workspace, player, MeshPicture)
+    found = StageViews(workspace, player, RaycastMesh)
     yield found
     assert found.close()
     assert workspace.close()
@@ -421,7 +421,7 @@ def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_projec
         assert gate.wait(60)
         return np.full((camera.height, camera.width, 3), 200, np.uint8)
 
-    views = StageViews(workspace, PlayerPresenter(draw), MeshPicture, lambda: clock[0])
+    views = StageViews(workspace, PlayerPresenter(draw), RaycastMesh, lambda: clock[0])
     opened(views, finished_project / "take")
     views.choose("trained")
     first = shown(views)
@@ -430,7 +430,7 @@ def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_projec
     views.choose("decoded")
     assert views.poll(SIZE, SIZE, 16.0) is None, "not at once: that would flicker"
     assert not views.player.current
-    assert "drawing" in views.player.status
+    assert "rendering" in views.player.status
     clock[0] = 1.0
     waiting = views.poll(SIZE, SIZE, 16.0)
     assert waiting is not None

@@ -36,8 +36,8 @@ def test_the_selected_command_stays_in_view() -> None:
     for step in (1, 3, 30, 99, -2, -99):
         shown = shown.moved(step)
         assert 0 <= shown.at < len(COMMANDS)
-        picture = shown.picture(600, em)
+        picture = shown.image(600, em)
         rows = np.flatnonzero((picture[:, 2] == ACCENT_DARK).all(axis=1))
         assert shown.row_at(rows.mean(), height) == shown.at
     assert CommandList([]).selected is None
-    assert CommandList([]).moved(1).picture(600, em).shape == (height, 600, 3)
+    assert CommandList([]).moved(1).image(600, em).shape == (height, 600, 3)

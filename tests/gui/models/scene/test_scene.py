@@ -19,7 +19,7 @@ from gui.models.scene.reader import SceneReader
 from gui.models.scene.rest import RESTS_AFTER
 from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
-from gui.widgets.raycast import MeshPicture
+from gui.widgets.raycast import RaycastMesh
 from pipelines.config import load_config
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
@@ -37,8 +37,8 @@ class Scene:
     def __init__(self, take: Path) -> None:
         self.clock = 100.0
         self.workspace = Workspace()
-        self.player = PlayerPresenter(now=lambda: self.clock, read_mesh=MeshPicture)
-        self.views = StageViews(self.workspace, self.player, MeshPicture)
+        self.player = PlayerPresenter(now=lambda: self.clock, read_mesh=RaycastMesh)
+        self.views = StageViews(self.workspace, self.player, RaycastMesh)
         assert self.player.open(take), self.player.message
         self.workspace.open(Take.open(take))
         self.player.transport.pause()
@@ -117,7 +117,7 @@ def test_it_is_sharp_at_rest_and_quick_when_it_moves(scene: Scene) -> None:
 
 def test_the_mesh_is_as_far_away_as_its_vertices(scene: Scene, finished_project: Path) -> None:
     path = Take.open(finished_project / "take").initialize_group(0) / "mesh.ply"
-    mesh, camera = MeshPicture(path), scene.player.orbit.camera(*FULL)
+    mesh, camera = RaycastMesh(path), scene.player.orbit.camera(*FULL)
     pixels, depth = mesh.seen(camera)
     assert (pixels == mesh.draw(camera)).all()
     vertices = np.asarray(o3d.io.read_triangle_mesh(str(path)).vertices)
@@ -180,7 +180,7 @@ def test_frusta_have_the_images_of_the_frame_once_the_view_rests(scene: Scene) -
     assert context is not None
     rig = scene.player.opened.rig if scene.player.opened is not None else None
     assert rig is not None
-    reader, first = SceneReader(MeshPicture), next(iter(rig)).name
+    reader, first = SceneReader(RaycastMesh), next(iter(rig)).name
 
     def image(frame: int, still: bool) -> np.ndarray | None:
         wanted = SceneWanted(

@@ -16,7 +16,7 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.take.workspace import Workspace
 from gui.pages.capture.view import GARBAGE
 from gui.pages.stage_views import StageViews
-from gui.widgets.raycast import MeshPicture
+from gui.widgets.raycast import RaycastMesh
 from pipelines.config import load_config
 from pipelines.runs.runner import status
 from pipelines.stages.footage import TakeFootage
@@ -33,7 +33,7 @@ CORNERS = ((4.0, 3.0), (40.0, 3.0), (40.0, 30.0), (4.0, 30.0))
 def views(take_copy: Path) -> Iterator[StageViews]:
     """Camera 1 of a take shown alone, to draw on."""
     workspace, player = Workspace(), PlayerPresenter()
-    found = StageViews(workspace, player, MeshPicture)
+    found = StageViews(workspace, player, RaycastMesh)
     workspace.open(Take.open(take_copy))
     wait_in_loop("the take", lambda: workspace.assessed)
     found.select("capture")

@@ -11,7 +11,7 @@ import pytest
 from gui.models.take.take_queue import TakeQueue
 from gui.pages.start import page as page_module
 from gui.pages.start.cards import Card
-from gui.pages.start.drawing import StartPicture
+from gui.pages.start.drawing import StartImage
 from gui.pages.start.page import LOOK_EVERY, StartPage
 from pipelines.batch.queue_file import QueueFile
 from tests.support.looping import wait_in_loop
@@ -81,7 +81,7 @@ def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None
     page.places = tuple(f"/takes/{number}" for number in range(5))
     page.back = "walk"
     for size in ((1280, 760), (820, 600)):
-        picture = StartPicture(*size, 16)
+        picture = StartImage(*size, 16)
         picture.draw(page)
         names = [name for _, name in picture.boxes.all]
         assert {"back", "new", "open", "address", "sample", *(f"card {number}" for number in range(5))} <= set(names)
