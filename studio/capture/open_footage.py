@@ -422,7 +422,12 @@ def _warps(
         source = sources[name]
         same = source.width * camera.height == source.height * camera.width
         image = None if same else source.read(source.frames[0])[:, :, :3]
-        fit = fit_size(camera, source.width, source.height, spec.size_rule, image)
+        try:
+            fit = fit_size(camera, source.width, source.height, spec.size_rule, image)
+        except StudioError as error:
+            message = error.message
+            problem = message.problem + (f" ({source.note})" if source.note else "")
+            raise StudioError(message.code, problem, value=message.value, fix=message.fix, **message.fields) from None
         if fit.note:
             notes.append(fit.note[0].upper() + fit.note[1:] + ".")
         warps[name] = Warp(camera, source.width, source.height, spec.scale, fit)

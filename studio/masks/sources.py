@@ -53,13 +53,12 @@ def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
     Raises:
         StudioError: `mask.*`: its files are not found, or files for a camera or frame are missing.
     """
-    kind, names = inputs.spec.masks, inputs.names
+    kind = inputs.spec.masks
     for source in SOURCES:
         if source.name == kind or (kind == "auto" and source.automatic):
             found = source.open(inputs, kind != "auto")
             if found is not None:
-                cameras = f"all {len(names)} cameras" if len(names) > 1 else f"camera '{names[0]}'"
-                return found[0], f"Masks: {found[1]}{f' (chosen by auto for {cameras})' if kind == 'auto' else ''}."
+                return found[0], f"Masks: {found[1]}{' (chosen by auto)' if kind == 'auto' else ''}."
     missing = MissingMaskSource(
         "no alpha channel, mask files, clean plates or plain background, and too few frames to estimate the background "
         f"({inputs.frame_count}; {FEW_FRAMES} are needed)"
