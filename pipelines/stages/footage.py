@@ -111,7 +111,7 @@ class TakeFootage:
         run = self.config.run
         return open_footage(
             self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads,
-            most_cached=self.most_cached,
+            most_cached=self.most_cached, every_camera=True,
         )  # fmt: skip
 
 

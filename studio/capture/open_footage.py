@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -41,6 +40,7 @@ def open_footage(
     device: str = "auto",
     threads: int = 0,
     most_cached: int | None = None,
+    every_camera: bool = False,
 ) -> Footage:
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
@@ -57,6 +57,8 @@ def open_footage(
         device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
         most_cached: bytes that decoded images may take, if that is less than what the settings allow; None: no such
             limit.
+        every_camera: raise if the footage lacks a camera of the rig, as files that are not mounted do. Otherwise, those
+            cameras are left out. With `spec.cameras`, they always are.
 
     Returns:
         the footage.
@@ -64,7 +66,7 @@ def open_footage(
     Raises:
         StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
             unknown camera in the settings, missing frames, or an aspect ratio that differs from the calibration's;
-            `calibration.camera_missing`; `mask.*`: masks are missing; `storage.*`.
+            `calibration.camera_missing`, `footage.camera_missing`; `mask.*`: masks are missing; `storage.*`.
     """
     spec = _on_this_machine(spec)
     if not spec.root.is_dir():
@@ -85,6 +87,8 @@ def open_footage(
         raise
     pool.limit = min(decoder_limit(source.width, source.height) for source in sources.values())
     refuse_unknown_cameras(tuple(spec.offsets), tuple(sources), "capture.offsets")
+    if every_camera and rig is not None and not spec.cameras:
+        _refuse_missing(rig, tuple(sources))
     frames, problems = _frames(spec, sources)
     if strict and problems:
         raise _all_of(problems)
@@ -366,13 +370,14 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
     if without:
         known = sorted(cameras, key=natural_key)
         shared = [name for name in names if name in cameras]
-        use = ", ".join(json.dumps(name, ensure_ascii=False) for name in shared)
-        others = f"Set capture.cameras to [{use}] to use only the others, or rename" if shared else "Rename"
+        others = (
+            f"Set capture.cameras to {inline_yaml(shared)} to use only the others, or rename" if shared else "Rename"
+        )
         raise StudioError(
             "calibration.camera_missing",
             f"{_and_more('Camera', without)} of the footage not found in the calibration, which has {', '.join(known)}",
             value=without[0],
-            fix=f"{others} the files, or calibrate again.",
+            fix=f"{others}ename the files, or calibrate again.",
             cameras=tuple(without),
             known=tuple(known),
             setting="capture.cameras",
@@ -380,26 +385,46 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
     return {name: replace(cameras[name], name=name) for name in names}
 
 
+def _refuse_missing(rig: Rig, names: Sequence[str]) -> None:
+    missing = [name for name in rig.names if name not in names]
+    if missing:
+        raise StudioError(
+            "footage.camera_missing",
+            f"{_and_more('Camera', missing)} of the take's cameras not found in the footage",
+            value=missing[0],
+            fix=f"Add the missing files, or set capture.cameras to {inline_yaml(list(names))}.",
+            cameras=tuple(missing),
+            setting="capture.cameras",
+        )
+
+
 def rig_notes(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> tuple[str, ...]:
-    """What the reader of a rig assumed, and how many of its cameras are not in the footage, one sentence each."""
+    """What the reader of a rig assumed, and which of its cameras are left out, one sentence each."""
     extra = len(rig) - len(names)
-    if extra <= 0 or spec.cameras:
+    if spec.cameras or extra <= 0:
         return rig.notes
-    return *rig.notes, f"The calibration has {counted(extra, 'more camera')}, which the footage does not have."
+    unused = [camera.name for camera in rig if camera.name not in names and _stem(camera.name) not in names]
+    which = _and_more("Camera", unused) if len(unused) == extra else counted(extra, "camera")  # matched by number
+    return *rig.notes, f"{which} of the calibration: not in the footage that is used."
 
 
 def _by_number(cameras: Mapping[str, Camera], names: Sequence[str]) -> dict[str, Camera]:
-    """Cameras by the name in the footage that has the same, and only, number, as in `00000007` and `cam_7`; empty
-    unless this holds for all cameras of both."""
-    mine, others = ({_only_number(name): name for name in group} for group in (names, cameras))
-    if None in mine or None in others or set(mine) != set(others) or len(mine) != len(names):
+    """Cameras by the name in the footage that has the same numbers, as in `00000007` and `cam_7` or `hd_00_03` and
+    `00_03`; empty unless this is unambiguous and holds for all of the footage.
+
+    Of names with a single number, the rig must have no other: it may count from 0 and the footage from 1.
+    """
+    mine, others = ({_numbers(name): name for name in group} for group in (names, cameras))
+    ambiguous = len(mine) != len(names) or len(others) != len(cameras) or () in mine
+    if ambiguous or not set(mine) <= set(others):
         return {}
-    return {name: cameras[others[number]] for number, name in mine.items()} if len(others) == len(cameras) else {}
+    if set(mine) != set(others) and min(map(len, mine)) < 2:
+        return {}
+    return {name: cameras[others[numbers]] for numbers, name in mine.items()}
 
 
-def _only_number(name: str) -> int | None:
-    numbers = re.findall(r"\d+", name)
-    return int(numbers[0]) if len(numbers) == 1 else None
+def _numbers(name: str) -> tuple[int, ...]:
+    return tuple(map(int, re.findall(r"\d+", name)))
 
 
 def _cameras(names: Sequence[str]) -> str:

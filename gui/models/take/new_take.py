@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gui.models.stages import camera_file
 from pipelines.config import Config, dump_config, load_config
@@ -15,6 +16,9 @@ from pipelines.takes.take import Take
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.storage import is_address
+
+if TYPE_CHECKING:
+    from studio.capture import Footage
 
 PRESET_WITHOUT_GPU = "standard"
 MOST_FPS = 10_000
@@ -109,11 +113,7 @@ class NewTake:
             rig = camera_file(footage.spec)  # of a capture in object storage, this has the folder on this machine
         except StudioError as error:
             return Found(str(error))
-        cameras = (
-            f"Camera file: {os.path.relpath(rig, footage.spec.root)}."  # it may be beside the footage's folder
-            if rig
-            else "No camera file: Calibrate estimates the cameras."
-        )
+        cameras = _of_camera_file(rig, footage) if rig else "No camera file: Calibrate estimates the cameras."
         if not self.settings.strip() and not has_gpu():
             cameras += f" No GPU: the preset is {PRESET_WITHOUT_GPU}."
         found = footage.problems
@@ -160,6 +160,20 @@ class NewTake:
             take = Take.create(root)
             write_text(take.config, dump_config(config))
         return take.root
+
+
+def _of_camera_file(path: Path, footage: Footage) -> str:
+    """What is known about a camera file, one sentence per line; or why it cannot be used."""
+    from studio.camera_files import read_rig
+    from studio.capture import match_rig, rig_notes
+
+    name = os.path.relpath(path, footage.spec.root)  # it may be beside the footage's folder
+    try:
+        rig = read_rig(path)
+        match_rig(rig, footage.camera_names)
+    except StudioError as error:
+        return f"Camera file: {name}.\n{error}"
+    return "\n".join([f"Camera file: {name}.", *rig_notes(rig, footage.spec, footage.camera_names)])
 
 
 def _footage_folder(typed: str) -> str:

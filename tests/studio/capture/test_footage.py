@@ -1,4 +1,3 @@
-import json
 import re
 import threading
 from pathlib import Path
@@ -10,6 +9,7 @@ import pytest
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, open_footage
 from studio.memory_cache import image_cache
+from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 
@@ -173,9 +173,12 @@ def test_rig_and_footage_must_have_the_same_cameras(three_videos: Path, make: Si
     with refuses("calibration.camera_missing", value="cam10", cameras=("cam10",), known=("cam1", "cam2")):
         open_footage(spec, rig.subset(["cam1", "cam2"]))
     assert open_footage(spec.replace(cameras=("cam1", "cam2")), rig).rig.names == ("cam1", "cam2")
-    more = open_footage(spec, Rig((*rig.cameras, make.camera("cam11"))))
+    larger = Rig((*rig.cameras, make.camera("cam11")))
+    more = open_footage(spec, larger)
     assert more.rig.names == ("cam1", "cam2", "cam10")
-    assert "1 more camera" in more.description
+    assert "'cam11'" in more.description
+    with refuses("footage.camera_missing", value="cam11", cameras=("cam11",)):
+        open_footage(spec, larger, every_camera=True)
 
 
 def test_the_suggested_cameras_work(three_videos: Path, make: SimpleNamespace) -> None:
@@ -186,7 +189,7 @@ def test_the_suggested_cameras_work(three_videos: Path, make: SimpleNamespace) -
         open_footage(spec, rig)
     found = re.search(r"capture\.cameras to (\[.*?\])", str(caught.value))
     assert found is not None
-    names = json.loads(found[1])
+    names = parse_yaml(found[1])
     assert open_footage(spec.replace(cameras=tuple(names)), rig).rig.names == ("cam2", "cam10")
 
 

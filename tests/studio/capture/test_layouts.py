@@ -282,3 +282,7 @@ def test_numbers_match_names_only_if_unambiguous(make: SimpleNamespace) -> None:
     assert match_rig(rig, ("cam_7", "cam_0"))["cam_7"].name == "cam_7"
     with refuses("calibration.camera_missing"):
         match_rig(rig, ("cam_7", "cam_8"))
+    with refuses("calibration.camera_missing"):  # the rig may count from 0
+        match_rig(Rig(tuple(make.camera(name) for name in ("c0", "c1", "c2"))), ("cam_1", "cam_2"))
+    panoptic = Rig(tuple(make.camera(name) for name in ("00_00", "00_01", "01_01", "50_01")))
+    assert set(match_rig(panoptic, ("hd_00_01", "hd_00_00"))) == {"hd_00_00", "hd_00_01"}
