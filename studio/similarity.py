@@ -37,6 +37,12 @@ class Similarity:
         back = self.rotation.T
         return Similarity(1 / self.scale, back, -back @ self.translation / self.scale)
 
+    def after(self, first: Similarity) -> Similarity:
+        """From the old world of `first` to the new one of this, through the one between them."""
+        if first.is_identity or self.is_identity:
+            return self if first.is_identity else first
+        return Similarity(self.scale * first.scale, self.rotation @ first.rotation, self.points(first.translation))
+
     def points(self, points: np.ndarray) -> np.ndarray:
         """(..., 3) points of the old world in the new one, float64."""
         moved: np.ndarray = self.scale * (np.asarray(points, np.float64) @ self.rotation.T) + self.translation

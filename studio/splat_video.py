@@ -11,6 +11,7 @@ from studio.audio.pcm import Pcm, part_of
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.similarity import Similarity
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,8 @@ class SplatVideo:
         view: a camera with a good view of the performer; None if unknown.
         background: RGB color behind the splats, 0 to 1.
         sound: its sample 0 sounds when frame 0 appears; None: silent.
+        original: from the world of the splats to that of the cameras they were trained from, without rotation; exports
+            apply it.
         notes: what its reader ignored or assumed, one sentence each.
 
     Raises:
@@ -45,6 +48,7 @@ class SplatVideo:
     numbers: tuple[int, ...] = field(default=())
     """Frame numbers, if they differ from the indices: for the result of `part`, the indices in the whole video."""
     sound: Pcm | None = None
+    original: Similarity = field(default_factory=Similarity)
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

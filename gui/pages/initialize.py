@@ -113,8 +113,9 @@ def _home(take: Take, points: np.ndarray) -> OrbitCamera:
     if not take.rig.is_file():
         return OrbitCamera.around(points, np.array([0.0, 0.0, 1.0]))
     from studio.camera_files import read_rig
+    from studio.own_frame import in_own_frame
 
-    rig = read_rig(take.rig)
+    rig = in_own_frame(read_rig(take.rig))
     home = OrbitCamera.around(points, rig.up)
     first = next(iter(rig), None)
     return home if first is None else OrbitCamera.looking_through(first, home.target, rig.up)

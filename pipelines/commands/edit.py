@@ -131,8 +131,8 @@ def _vector(parser: argparse.ArgumentParser, name: str, text: str, required: boo
 
 def _coordinate(text: str) -> float:
     value = float(text)
-    if not abs(value) <= 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a coordinate between -1e9 and 1e9")
+    if not abs(value) <= 1e12:
+        raise argparse.ArgumentTypeError(f"{text} is not a coordinate between -1e12 and 1e12")
     return value
 
 
@@ -143,13 +143,14 @@ def _take(arguments: argparse.Namespace) -> Take:
 
 
 def _list(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.edits import describe, read_edits_file
+    from pipelines.takes.edits import describe, frame_of, read_edits_file
 
-    found = read_edits_file(_take(arguments).edits)
+    take = _take(arguments)
+    found = read_edits_file(take.edits)
     if arguments.json:
         print(found.edits.model_dump_json(indent=1), file=arguments.output)
         return 0
-    for name, words in describe(found.edits).items():
+    for name, words in describe(found.edits, frame_of(take)).items():
         print(f"{name:<12}{words}", file=arguments.output)
     if found.edits == type(found.edits)():
         print("no edits", file=arguments.output)
@@ -198,11 +199,11 @@ def _trim(arguments: argparse.Namespace) -> int:
 def _crop(arguments: argparse.Namespace) -> int:
     import numpy as np
 
-    from pipelines.takes.edits import read_edits
+    from pipelines.takes.edits import frame_of, placed_world, read_edits
     from studio.rotations import matrices_to_quats
 
     take = _take(arguments)
-    back = read_edits(take.edits).similarity.inverse
+    back = placed_world(read_edits(take.edits), frame_of(take)).inverse
     low, high = np.array(arguments.min_point), np.array(arguments.max_point)
     box: dict[str, object] = {
         "center": back.points((low + high) / 2).tolist(),
@@ -215,12 +216,13 @@ def _crop(arguments: argparse.Namespace) -> int:
 
 
 def _ground(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.edits import read_edits
+    from pipelines.takes.edits import frame_of, placed_world, read_edits
 
     take = _take(arguments)
     edits = read_edits(take.edits)
     normal = _up(take, edits)
-    point = edits.similarity.inverse.points(arguments.height * edits.similarity.directions(normal))
+    placed = placed_world(edits, frame_of(take))
+    point = placed.inverse.points(arguments.height * placed.directions(normal))
     return _change(take, "ground", {"normal": normal.tolist(), "height": float(point @ normal)})
 
 
@@ -254,7 +256,7 @@ def _floaters(arguments: argparse.Namespace) -> int:
 def _world(arguments: argparse.Namespace) -> int:
     import numpy as np
 
-    from pipelines.takes.edits import read_edits
+    from pipelines.takes.edits import frame_of, read_edits
 
     take = _take(arguments)
     before = read_edits(take.edits).world
@@ -262,7 +264,7 @@ def _world(arguments: argparse.Namespace) -> int:
     if arguments.up_point is not None:
         values["up"] = arguments.up_point
     if arguments.origin_point is not None:
-        values["origin"] = arguments.origin_point
+        values["origin"] = frame_of(take).points(np.array(arguments.origin_point)).tolist()
     measured = [arguments.from_point, arguments.to_point, arguments.distance]
     if any(one is not None for one in measured):
         if any(one is None for one in measured) or arguments.scale is not None:
@@ -306,7 +308,7 @@ def _region(arguments: argparse.Namespace) -> int:
 def _detail(arguments: argparse.Namespace) -> int:
     import numpy as np
 
-    from pipelines.takes.edits import read_edits
+    from pipelines.takes.edits import frame_of, placed_world, read_edits
     from pipelines.takes.followed import followed
 
     for option, least in (("radius", 0), ("weight", 1)):
@@ -320,7 +322,7 @@ def _detail(arguments: argparse.Namespace) -> int:
             )
     take = _take(arguments)
     edits = read_edits(take.edits)
-    back = edits.similarity.inverse
+    back = placed_world(edits, frame_of(take)).inverse
     mark = followed(
         take,
         arguments.frame,
@@ -386,7 +388,7 @@ def _change(take: Take, name: str, value: object) -> int:
     """Set an edit to JSON-ready values, and say what it is now."""
     from pydantic import ValidationError
 
-    from pipelines.takes.edits import change_edits, describe, read_edits
+    from pipelines.takes.edits import change_edits, describe, frame_of, read_edits
     from studio.edits.edit_list import EditList
     from studio.errors import violation
 
@@ -405,7 +407,7 @@ def _change(take: Take, name: str, value: object) -> int:
             else f"`v3studio edit {_one(name)} --help` shows what is possible.",
             edit=name,
         ) from None
-    words = list(describe(after).items())
+    words = list(describe(after, frame_of(take)).items())
     shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]
     change_edits(take.edits, after, (shown or [name])[0], before)
     for line in shown:

@@ -112,21 +112,41 @@ def _export(arguments: argparse.Namespace) -> int:
             video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         json_output = arguments.output if arguments.json else None
-        note = ""
+        notes: list[str] = []
         progress = stack.enter_context(working(f"export {arguments.format}", json_output))
         if EXPORTS[arguments.format].holds == "movie":
             written = _movie(video, arguments, size, progress)
         else:
             seen: set[float] = set()
             written = _frames(_noting_dilations(video, seen), arguments, progress)
-            note = _dilation_note(seen)
+            notes = [_dilation_note(seen), _place_note(video, arguments)]
     if not arguments.json:
         print(f"{arguments.out}: {written}")
-        if note:
+    for note in filter(None, notes):
+        if arguments.json:
+            print(json.dumps({"kind": "note", "text": note}), file=arguments.output, flush=True)
+        else:
             print(f"note: {note}")
-    elif note:
-        print(json.dumps({"kind": "note", "text": note}), file=arguments.output, flush=True)
     return 0
+
+
+def _place_note(video: SplatVideo, arguments: argparse.Namespace) -> str:
+    """Which world the files have, if it is not that of the splats; "" otherwise."""
+    if video.original.is_identity:
+        return ""
+    scale = f"in the units of the cameras' file (1 of them is {1 / video.original.scale:g} of the take's)"
+    if not video.original.translation.any():
+        return scale
+    if _for_viewers(arguments):
+        return f"{scale}, near zero; with --axes world, at the place of the cameras' file"
+    doubles = ", with positions as doubles" if arguments.format == "ply" else ""
+    return f"{scale}, at the place of the cameras' file{doubles}"
+
+
+def _for_viewers(arguments: argparse.Namespace) -> bool:
+    """Whether the splats are rotated to the axes of viewers."""
+    chosen = EXPORTS[arguments.format]
+    return bool(arguments.axes == "viewer" or (arguments.axes is None and not chosen.keeps_axes))
 
 
 def _noting_dilations(video: SplatVideo, seen: set[float]) -> SplatVideo:
@@ -267,8 +287,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
         export_videogs(video, out, qp=arguments.qp, progress=progress)
         return f"{counted(video.frame_count, 'frame')}, {counted(len(video.groups), 'group')}"
     chosen = EXPORTS[arguments.format]
-    viewer = arguments.axes == "viewer" or (arguments.axes is None and not chosen.keeps_axes)
-    rotation = axes_of(video, chosen.suffix, viewer)
+    rotation = axes_of(video, chosen.suffix, _for_viewers(arguments))
     options = {} if arguments.spz_version is None else {"version": arguments.spz_version}
     if out.suffix.lower() != chosen.suffix:
         export_sequence(video, out, chosen.suffix, rotation, progress, **options)
@@ -300,6 +319,9 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
         camera = lambda at: circling(at / seconds)  # noqa: E731
     else:
         keys = read_path_keys(arguments.path, arguments.seconds or video.duration)
+        if not video.original.is_identity:
+            back = video.original.inverse
+            keys = [replace(key, camera=back.camera(key.camera)) for key in keys]
         path = CameraPath(keys, *size)
         seconds = arguments.seconds or path.duration or video.duration
         camera = path.camera

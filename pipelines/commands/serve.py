@@ -107,8 +107,10 @@ def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.share.page import PageText, read_intro
     from pipelines.share.served import wait_for_first_group
     from pipelines.share.serving import prepare
+    from pipelines.takes.videos import original_of
 
     wait_for_first_group(arguments.folder)
+    intro = None if arguments.intro is None else read_intro(arguments.intro, original_of(str(arguments.folder)))
     player = _player()
     serving = prepare(
         arguments.folder,
@@ -121,7 +123,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         review=arguments.review,
         allow_hosts=arguments.allow_host,
         allow_origins=arguments.allow_origin,
-        text=PageText(title=arguments.title, intro=None if arguments.intro is None else read_intro(arguments.intro)),
+        text=PageText(title=arguments.title, intro=intro),
     )
     server = serving.server
     with contextlib.closing(serving):

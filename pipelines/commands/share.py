@@ -61,8 +61,9 @@ def page_text(arguments: argparse.Namespace) -> PageText:
     """
     _check_address(arguments.address)
     from pipelines.share.page import PageText, read_intro
+    from pipelines.takes.videos import original_of
 
-    intro = None if arguments.intro is None else read_intro(arguments.intro)
+    intro = None if arguments.intro is None else read_intro(arguments.intro, original_of(arguments.source))
     return PageText(
         arguments.title, arguments.credits, arguments.license, arguments.address, arguments.description, intro
     )

@@ -74,6 +74,7 @@ def open_takes(
     """
     from studio.camera_files import read_rig
     from studio.capture import open_footage
+    from studio.own_frame import in_own_frame
 
     first = _footage(footage or folders[0])
     names = _cameras(first, protocol, cameras)
@@ -90,7 +91,7 @@ def open_takes(
         # takes with the same cameras share decoded images
         key = own.take.rig.read_bytes() if own.take.rig.is_file() else b""
         if key not in seen:
-            rig = read_rig(own.take.rig)
+            rig = in_own_frame(read_rig(own.take.rig))
             seen[key] = open_footage(
                 spec, rig, cache_folder=first.take.footage_cache, device=run.device, threads=run.threads
             )

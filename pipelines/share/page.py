@@ -13,6 +13,7 @@ from pipelines.version import program_version
 from studio.bounded_files import parse_json
 from studio.errors import StudioError
 from studio.formats.camera_path import FORMAT, VERSION, CameraPath, read_path_keys
+from studio.similarity import Similarity
 
 GENERATOR = "V3 Studio share 1"
 """Marks pages that `v3studio share` has written, with the version of what they consist of."""
@@ -158,11 +159,12 @@ def first_files(manifest: bytes) -> list[str]:
     return paths if all(isinstance(path, str) and _HASHED.fullmatch(path) for path in paths) else []
 
 
-def read_intro(path: Path) -> str:
+def read_intro(path: Path, original: Similarity | None = None) -> str:
     """The text that a page holds of a camera path: times, sizes and poses, without names, frames and distortion.
 
     Args:
-        path: a camera path file (`studio.formats.camera_path`) or a rig file.
+        path: a camera path file (`studio.formats.camera_path`) or a rig file, in the world of exports.
+        original: what exports of the stream apply (`SplatVideo.original`); None: nothing.
 
     Raises:
         StudioError: the file is missing or no camera path (`camera_path.*`), or has more than `MAX_INTRO_KEYS` keys
@@ -178,6 +180,8 @@ def read_intro(path: Path) -> str:
             fix="Remove some of the keys.",
             expected=MAX_INTRO_KEYS,
         )
+    if original is not None and not original.is_identity:
+        keys = [replace(key, camera=original.inverse.camera(key.camera)) for key in keys]
     first = keys[0].camera
     CameraPath(keys, first.width, first.height)  # raises what is wrong with the times and the sizes
     entries = []

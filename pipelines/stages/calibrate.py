@@ -121,12 +121,15 @@ def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
     from studio.camera_files import read_rig
     from studio.cameras import Rig
     from studio.capture import match_rig, rig_notes
+    from studio.own_frame import frame_sentence, own_frame
 
     footage = inputs.footage.raw
     given = read_rig(path)
     notes = rig_notes(given, inputs.config.capture, footage.camera_names)
     rig = Rig(tuple(match_rig(given, footage.camera_names).values()))
     check_sizes(inputs, rig, path)
+    framed = frame_sentence(own_frame(rig))
+    notes = notes if framed is None else (*notes, framed)
     return rig, CamerasFromFile(source="file", file=str(path), notes=notes)
 
 

@@ -73,14 +73,15 @@ class TakeFootage:
 
     @cached_property
     def calibrated(self) -> Footage:
-        """The footage with the take's cameras.
+        """The footage with the take's cameras, in the take's own frame.
 
         Raises:
             StudioError: it cannot be opened, or the take has no cameras yet.
         """
         from studio.camera_files import read_rig
+        from studio.own_frame import in_own_frame
 
-        return self._open(read_rig(self.take.rig))
+        return self._open(in_own_frame(read_rig(self.take.rig)))
 
     @cached_property
     def digest(self) -> str:

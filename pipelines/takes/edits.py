@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipelines.takes.atomic_files import changing, read_json, validated, write_json
+from pipelines.takes.take import Take
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, Trim, World
 from studio.errors import StudioError
 from studio.json_types import JsonData
@@ -188,12 +189,38 @@ NAMES = ("trim", "crop", "ground", "floaters", "regions", "world", "details")
 """Edits, in the order in which they are listed."""
 
 
-def describe(edits: EditList) -> dict[str, str]:
+def frame_of(take: Take) -> Similarity:
+    """From the world of the take's cameras to its own frame; the identity if it has no cameras yet."""
+    from studio.camera_files import read_rig
+    from studio.own_frame import own_frame
+
+    return own_frame(read_rig(take.rig)) if take.rig.is_file() else Similarity()
+
+
+def placed_world(edits: EditList, frame: Similarity) -> Similarity:
+    """From the take's own frame to the world that the edits place, else to that of its cameras.
+
+    Args:
+        edits: of the take.
+        frame: from `frame_of`.
+    """
+    from studio.own_frame import undone
+
+    return undone(frame, placed=edits.world is not None).after(edits.similarity)
+
+
+def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]:
     """What is edited, by name; a region counts as `regions 1`, `regions 2`, ..., a detail as `details 1`.
 
-    Positions and sizes are in the world that the edits place, as `v3studio edit` takes them.
+    Args:
+        edits: of a take.
+        frame: from `frame_of`: positions and sizes are in the world that the edits place, else in that of the cameras,
+            as `v3studio edit` takes them. None: they are in the take's own frame.
     """
-    placed = edits.similarity
+    placed = edits.similarity if frame is None else placed_world(edits, frame)
+    if frame is not None and edits.world is not None:
+        origin = frame.inverse.points(np.array(edits.world.origin)).tolist()
+        edits = edits.model_copy(update={"world": edits.world.model_copy(update={"origin": tuple(origin)})})
     found: dict[str, str] = {}
     for name in NAMES:
         value = getattr(edits, name)

@@ -12,6 +12,7 @@ from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
+    from studio.similarity import Similarity
     from studio.splat_video import SplatVideo
     from studio.stream import CapturePlace, StreamReader
 
@@ -37,6 +38,8 @@ def trained_video(root: Path) -> SplatVideo:
     from pipelines.takes.edits import read_edits
     from studio.camera_files import read_rig
     from studio.edits.edit_list import UP
+    from studio.own_frame import in_own_frame, own_frame, undone
+    from studio.similarity import Similarity
     from studio.splat_video import SplatVideo
 
     take = Take.open(root)
@@ -46,7 +49,8 @@ def trained_video(root: Path) -> SplatVideo:
             "take.not_trained", "no trained frames yet", file=root, fix="Run `v3studio train`.", stage="train"
         )
     capture = load_config(take.config if take.config.is_file() else None).capture
-    rig = read_rig(take.rig) if take.rig.is_file() else None
+    given = read_rig(take.rig) if take.rig.is_file() else None
+    rig = None if given is None else in_own_frame(given)
     fps = None if capture.fps is None else capture.fps / capture.step
     if fps is None and (take.stream / "manifest.json").is_file():
         from studio.stream import StreamReader
@@ -73,6 +77,7 @@ def trained_video(root: Path) -> SplatVideo:
         up=up,
         view=view if view is None or world.is_identity else world.camera(view),
         background=(capture.background[0], capture.background[1], capture.background[2]),
+        original=Similarity() if given is None else undone(own_frame(given), placed=edits.world is not None),
     )
     if trim is None:
         return video
@@ -104,6 +109,7 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
         up=None if up is None else np.array(up, np.float64),
         view=None if camera is None else camera.undistorted(),
         background=metadata.background or (0.0, 0.0, 0.0),
+        original=metadata.original,
     )
 
 
@@ -123,6 +129,12 @@ def capture_place(reader: StreamReader) -> CapturePlace:
     from studio.stream import CapturePlace, StreamMetadata
 
     return StreamMetadata.from_json(reader.manifest.metadata).capture or CapturePlace()
+
+
+def original_of(text: str) -> Similarity:
+    """What exports of a stream apply to its splats (`SplatVideo.original`). Raises StudioError as `open_reader`."""
+    with open_reader(text) as reader:
+        return decoded_video(reader).original
 
 
 def stream_place(text: str) -> Path | str:

@@ -2,7 +2,8 @@
 
 Two of them change training, too: a crop box that says so, and details, which get more splats.
 
-All positions are in the world of the capture, so that an edit stays where it is when the world is placed differently.
+All positions are in the take's own frame (studio.own_frame), which is the world of the capture unless its cameras are
+far from zero, very large or very small: so an edit stays where it is when the world is placed differently.
 """
 
 from __future__ import annotations

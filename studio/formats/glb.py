@@ -23,8 +23,13 @@ _ARRAY_BUFFER = 34962
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
 
-def write(path: Path, gaussians: Gaussians) -> None:
+def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) -> None:
     """Write a GLB file with one node, mesh and primitive.
+
+    Args:
+        path: file to write.
+        gaussians: one frame.
+        offset: (3,) float64, translation of the node; None: none.
 
     Raises:
         StudioError: there are no splats, a value is not finite, or the file would have 4 GiB or more.
@@ -48,10 +53,10 @@ def write(path: Path, gaussians: Gaussians) -> None:
     views: list[JsonObject] = []
     accessors: list[JsonObject] = []
     chunks: list[bytes] = []
-    offset = 0
+    length = 0
     for name, values in attributes.items():
         data = np.ascontiguousarray(values).tobytes()  # lengths are already multiples of 4
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": _ARRAY_BUFFER})
+        views.append({"buffer": 0, "byteOffset": length, "byteLength": len(data), "target": _ARRAY_BUFFER})
         accessor: JsonObject = {
             "bufferView": len(accessors),
             "componentType": _BYTE if values.dtype == np.uint8 else _FLOAT,
@@ -64,7 +69,7 @@ def write(path: Path, gaussians: Gaussians) -> None:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         accessors.append(accessor)
         chunks.append(data)
-        offset += len(data)
+        length += len(data)
     extension = {
         "kernel": "ellipse",
         "colorSpace": "srgb_rec709_display",
@@ -81,15 +86,15 @@ def write(path: Path, gaussians: Gaussians) -> None:
         "extensionsUsed": [NAME],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
+        "nodes": [{"mesh": 0} if offset is None else {"mesh": 0, "translation": offset.tolist()}],
         "meshes": [{"primitives": [primitive]}],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{"byteLength": offset}],
+        "buffers": [{"byteLength": length}],
     }
     head = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
     head += b" " * (-len(head) % 4)
-    total = 12 + 8 + len(head) + 8 + offset
+    total = 12 + 8 + len(head) + 8 + length
     if total >= 1 << 32:
         raise StudioError(
             "splat_file.too_large",
@@ -100,7 +105,7 @@ def write(path: Path, gaussians: Gaussians) -> None:
     with path.open("wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, total))
         file.write(struct.pack("<I4s", len(head), b"JSON") + head)
-        file.write(struct.pack("<I4s", offset, b"BIN\0"))
+        file.write(struct.pack("<I4s", length, b"BIN\0"))
         for chunk in chunks:
             file.write(chunk)
 

@@ -27,8 +27,14 @@ _HEADER_BYTES = 1 << 20
 _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
 
 
-def write(path: Path, gaussians: Gaussians) -> None:
+def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) -> None:
     """Write a 3DGS PLY file.
+
+    Args:
+        path: file to write.
+        gaussians: one frame.
+        offset: (3,) float64, added to the positions, which are then written as doubles: far from zero, float32 has not
+            enough digits. None: float32, as in all other files.
 
     Raises:
         StudioError: there are no splats, or a value is not finite.
@@ -39,7 +45,7 @@ def write(path: Path, gaussians: Gaussians) -> None:
     count = len(gaussians)
     rest = arrays["sh"][:, 1:].transpose(0, 2, 1).reshape(count, -1)
     columns = {
-        **_columns("", "xyz", arrays["means"]),
+        **_columns("", "xyz", arrays["means"] if offset is None else arrays["means"] + offset),
         **_columns("n", "xyz", np.zeros((count, 3), np.float32)),
         **_columns("f_dc_", range(3), arrays["sh"][:, 0]),
         **_columns("f_rest_", range(rest.shape[1]), rest),
@@ -47,7 +53,7 @@ def write(path: Path, gaussians: Gaussians) -> None:
         **_columns("scale_", range(3), arrays["log_scales"]),
         **_columns("rot_", range(4), arrays["quats"]),
     }
-    vertices = np.empty(count, dtype=[(name, "<f4") for name in columns])
+    vertices = np.empty(count, dtype=[(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
     for name, values in columns.items():
         vertices[name] = values
     PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(path))

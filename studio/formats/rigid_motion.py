@@ -1,8 +1,9 @@
-"""Rotation of whole splat sets including spherical harmonics, and the axis conventions of other viewers."""
+"""Rotation and scaling of whole splat sets including spherical harmonics, and the axis conventions of other viewers."""
 
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -39,6 +40,13 @@ def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
         quats=quats.to(device, dtype),
         sh=sh.to(device, dtype),
     )
+
+
+def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
+    """Splats in a world of which one old unit has `factor` new ones, above 0."""
+    if factor == 1:
+        return gaussians
+    return replace(gaussians, means=gaussians.means * factor, log_scales=gaussians.log_scales + math.log(factor))
 
 
 def _sh_rotation(matrix: torch.Tensor, degree: int) -> torch.Tensor:

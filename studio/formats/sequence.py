@@ -13,7 +13,7 @@ from studio.formats.checks import check_some_usable, usable
 from studio.formats.frame_files import check_one_format, find_frames, formats_in
 from studio.formats.outliers import Bulk, Spread
 from studio.formats.placing import new_file, new_folder
-from studio.formats.rigid_motion import turned, upright
+from studio.formats.rigid_motion import scaled, turned, upright
 from studio.formats.videogs import is_videogs, open_videogs
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
@@ -174,7 +174,9 @@ def export_sequence(
     progress: ProgressFn = no_progress,
     **options: Any,
 ) -> None:
-    """Write `folder/frame_0000.ply`, ..., numbered as in the video.
+    """Write `folder/frame_0000.ply`, ..., numbered as in the video, in the world of `video.original`.
+
+    With a rotation, only its units count: viewers compute in float32.
 
     Args:
         video: the frames.
@@ -192,15 +194,23 @@ def export_sequence(
         for index in range(video.frame_count):
             progress(index, video.frame_count)
             path = temporary / f"frame_{video.number(index):0{digits}d}{suffix}"
-            write_splats(path, _rotated(video.read(index), rotation), **options)
+            write_splats(path, _placed(video, index, rotation), **_offset(video, rotation), **options)
         progress(video.frame_count, video.frame_count)
 
 
 def export_frame(video: SplatVideo, path: Path, rotation: np.ndarray | None = None, **options: Any) -> None:
     """Write the first frame to a file, in the format of its extension. Raises StudioError as `export_sequence`."""
     with new_file(path) as temporary:
-        write_splats(temporary, _rotated(video.read(0), rotation), **options)
+        write_splats(temporary, _placed(video, 0, rotation), **_offset(video, rotation), **options)
 
 
-def _rotated(gaussians: Gaussians, rotation: np.ndarray | None) -> Gaussians:
+def _placed(video: SplatVideo, index: int, rotation: np.ndarray | None) -> Gaussians:
+    """A frame in the units of `video.original`."""
+    gaussians = scaled(video.read(index), video.original.scale)
     return gaussians if rotation is None else turned(gaussians, rotation)
+
+
+def _offset(video: SplatVideo, rotation: np.ndarray | None) -> dict[str, np.ndarray]:
+    """The option for the translation of `video.original`, which files for viewers do not have."""
+    far = rotation is None and video.original.translation.any()
+    return {"offset": video.original.translation} if far else {}

@@ -67,7 +67,7 @@ _ZSTD_LEVEL = 19
 _LARGEST_WINDOW = 1 << 27  # of Zstandard; what level 22 needs
 
 
-def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION) -> None:
+def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offset: np.ndarray | None = None) -> None:
     """Write an SPZ file. The same splats give the same bytes.
 
     Positions have at least 12 fractional bits and at least 16 bits over the extent of the splats, if that fits.
@@ -76,10 +76,11 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION) -> N
         path: file to write.
         gaussians: one frame.
         version: 4 (Zstandard), or 3 (gzip) for older viewers; both have the same splats.
+        offset: (3,) float64, added to the positions; None: none.
 
     Raises:
         StudioError: the version is another one, there are no splats, a value is not finite, or a position is too far
-            from the origin for 24 bits.
+            from the origin for 24 bits, or so far that they leave less than 1/1000 of the extent.
     """
     if version not in WRITTEN_VERSIONS:
         raise StudioError(
@@ -90,7 +91,7 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION) -> N
             fix="Choose 3 or 4.",
         )
     arrays = to_arrays(path, gaussians)
-    means = arrays["means"].astype(np.float64)
+    means = arrays["means"] + (np.zeros(3) if offset is None else offset)
     farthest, extent = float(np.abs(means).max()), float(np.ptp(means, axis=0).max())
     fits = _FRACTION_BITS[1] if farthest == 0 else math.floor(math.log2(_LARGEST / farthest))
     wanted = _FRACTION_BITS[0] if extent == 0 else math.ceil(math.log2(65536 / extent))
@@ -101,6 +102,14 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION) -> N
             f"a splat is {farthest:g} units from the origin; SPZ supports up to {_LARGEST}",
             file=path,
             value=farthest,
+        )
+    if offset is not None and 0 < extent < 1000 * 2.0**-bits:
+        raise StudioError(
+            "splat_file.position_range",
+            f"{farthest:g} units from the origin, SPZ has steps of {2.0**-bits:g} units",
+            file=path,
+            value=farthest,
+            fix="Export with --axes viewer, which leaves them near the origin, or as PLY.",
         )
     fixed = np.rint(means * (1 << bits)).astype("<i4")
     sh = arrays["sh"]

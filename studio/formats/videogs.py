@@ -35,6 +35,7 @@ from studio.bounded_files import TextError, parse_json, read_bounded
 from studio.errors import StudioError
 from studio.formats import DEFAULT_FPS
 from studio.formats.placing import new_folder
+from studio.formats.rigid_motion import scaled
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
@@ -102,7 +103,9 @@ def export_videogs(
                     low, high = _ranges(values, qp)
                     planes = _planes(values, low, high, side)
                     list(pool.map(PlaneEncoder.add, encoders, planes))
-                    info = np.stack([low, high], axis=1).ravel().tolist()
+                    placed = np.zeros(len(low))
+                    placed[:POSITIONS] = video.original.translation
+                    info = np.stack([low + placed, high + placed], axis=1).ravel().tolist()
                     frames[str(index)] = {"num": values.shape[1], "info": info}
                 list(pool.map(PlaneEncoder.close, encoders))
             except BaseException:
@@ -121,7 +124,7 @@ def _attributes(video: SplatVideo, group: range) -> Iterator[np.ndarray]:
 
     def frames() -> Iterator[Gaussians]:
         for index in group:
-            yield video.read(index).to("cpu")
+            yield scaled(video.read(index), video.original.scale).to("cpu")
 
     order = morton_order(video.read(group[0]).means.detach().cpu().numpy())
     for values in component_frames(frames(), order):

@@ -62,6 +62,7 @@ class StreamMetadata:
         up: direction that points up in the world; None if not said.
         view_range: from where the splats can be looked at; None if not said: from everywhere.
         capture: where the stream lies in its take; None: it has the take's frames and world.
+        original: from the world of the stream to that of the cameras' file, if they differ; exports apply it.
     """
 
     suggested_camera: Camera | None = None
@@ -69,6 +70,7 @@ class StreamMetadata:
     up: Triple | None = None
     view_range: ViewRange | None = None
     capture: CapturePlace | None = None
+    original: Similarity = field(default_factory=Similarity)
 
     def to_json(self) -> JsonObject:
         """The metadata for `write_manifest`. The order of keys is part of the stream's bytes."""
@@ -86,6 +88,8 @@ class StreamMetadata:
             values["view_range"] = self.view_range.to_json()
         if self.capture is not None:
             values["capture"] = self.capture.to_json()
+        if not self.original.is_identity:
+            values["original"] = self.original.to_json()
         return values
 
     @classmethod
@@ -102,7 +106,13 @@ class StreamMetadata:
             up=(up[0], up[1], up[2]) if _is_vector(up) and any(up) else None,
             view_range=ViewRange.from_json(values.get("view_range")),
             capture=CapturePlace.from_json(values.get("capture")),
+            original=_without_rotation(Similarity.from_json(values.get("original"))),
         )
+
+
+def _without_rotation(found: Similarity | None) -> Similarity:
+    """The identity if there is none, or one with a rotation, which own frames never have."""
+    return found if found is not None and np.array_equal(found.rotation, np.eye(3)) else Similarity()
 
 
 def _is_vector(value: object) -> TypeGuard[list[float]]:

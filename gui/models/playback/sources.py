@@ -244,8 +244,9 @@ def _open_rig(take: Take, opened: Opened) -> None:
     if not take.rig.exists():
         return
     from studio.camera_files import read_rig
+    from studio.own_frame import in_own_frame
 
-    opened.rig = read_rig(take.rig)
+    opened.rig = in_own_frame(read_rig(take.rig))
     opened.up = opened.rig.up
     opened.view = next(iter(opened.rig), None)
 

@@ -250,13 +250,15 @@ def _place_of(request: ExportRequest) -> tuple[CapturePlace, int]:
     """Where what `v3studio export` reads of a take lies in the take, and its number of frames."""
     from pipelines.takes.edits import read_edits
     from pipelines.takes.take import Take
-    from pipelines.takes.videos import capture_place, open_reader, trained_video
+    from pipelines.takes.videos import capture_place, decoded_video, open_reader, trained_video
     from studio.stream import CapturePlace
 
     if request.of == "decoded":
         with open_reader(request.source) as reader:
-            return capture_place(reader), reader.frame_count
+            place, original = capture_place(reader), decoded_video(reader).original
+            return CapturePlace(place.first_frame, original.after(place.world)), reader.frame_count
     root = Path(request.source)
     edits = read_edits(Take.open(root).edits)
     first = edits.trim.first if edits.trim is not None else 0
-    return CapturePlace(first, edits.similarity), trained_video(root).frame_count
+    video = trained_video(root)
+    return CapturePlace(first, video.original.after(edits.similarity)), video.frame_count

@@ -107,10 +107,15 @@ class CalibrateView(OrbitView):
         if stamp == self._read_of:
             return
         from studio.camera_files import read_rig
+        from studio.own_frame import in_own_frame, own_frame
 
-        self._rig = read_rig(take.rig)
+        rig = read_rig(take.rig)
+        self._rig = in_own_frame(rig)
         self._report = read_cameras_report(take)
-        self._points = read_points(take.calibration_points) if take.calibration_points.is_file() else None
+        self._points = None
+        if take.calibration_points.is_file():
+            points, colors = read_points(take.calibration_points)
+            self._points = own_frame(rig).points(points).astype(np.float32), colors
         self._thumbnails.clear()
         self._home = _overview(self._rig)
         self._read_of = stamp

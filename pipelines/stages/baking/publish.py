@@ -88,7 +88,9 @@ def _sound(inputs: Inputs, plan: BakePlan, reporter: StageReporter) -> AudioEntr
 def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[BakedGroupNote]) -> StreamMetadata:
     """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
     camera: the footage does not show where the front is, and held-out cameras are chosen for other reasons."""
+    from studio.camera_files import read_rig
     from studio.coverage import view_range
+    from studio.own_frame import own_frame, undone
     from studio.stream import StreamMetadata
     from studio.stream.metadata import CapturePlace
     from studio.stream.suggested_view import suggested_view
@@ -111,4 +113,5 @@ def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[Bak
         covered = view_range(cameras, (np.array(low) + np.array(high)) / 2)
     first = plan.parts[0].first
     place = None if first == 0 and world.is_identity else CapturePlace(first, world)
-    return StreamMetadata(camera, inputs.config.capture.background, (x, y, z), covered, place)
+    original = undone(own_frame(read_rig(inputs.take.rig)), placed=inputs.edits.world is not None)
+    return StreamMetadata(camera, inputs.config.capture.background, (x, y, z), covered, place, original)

@@ -1,0 +1,69 @@
+"""A take's own frame: where its cameras are moved and scaled to, so that float32, the near plane and learning rates do
+not depend on where a surveyor put zero, or on the unit.
+
+Cameras whose distance from the origin and whose size are ordinary stay as they are. Others are moved by their middle,
+or scaled to the size of the sample capture, for which the defaults of the settings were measured. The frame follows
+from the cameras alone, so it need not be stored.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from studio.cameras import Rig
+from studio.similarity import Similarity
+
+_LEAST, _MOST = 0.5, 32.0  # radius of a rig that is not scaled, in its units
+_USUAL = 3.326  # radius of one that is: that of the sample capture, in meters
+_FARTHEST = 64.0  # distance of the middle from the origin, in radii; float32 then has 18 bits for a radius
+
+
+def own_frame(rig: Rig) -> Similarity:
+    """From the world of the cameras to the take's own frame.
+
+    Args:
+        rig: at least one camera. With a single one, or all in one place, nothing says how large the scene is, and it is
+            only moved.
+
+    Returns:
+        the identity for cameras of ordinary place and size.
+    """
+    centers = rig.centers
+    middle = centers.mean(axis=0)
+    radius = float(np.linalg.norm(centers - middle, axis=1).max())
+    usual = _LEAST <= radius <= _MOST or radius == 0
+    scale = 1.0 if usual else _USUAL / radius
+    far = np.linalg.norm(middle) > _FARTHEST * (radius or _USUAL)
+    return Similarity(scale, translation=-scale * middle if far else np.zeros(3))
+
+
+def in_own_frame(rig: Rig) -> Rig:
+    """The cameras in the take's own frame; the same object if that is their world."""
+    frame = own_frame(rig)
+    return rig if frame.is_identity else Rig(tuple(frame.camera(camera) for camera in rig), rig.notes)
+
+
+def undone(frame: Similarity, *, placed: bool) -> Similarity:
+    """What exports apply to the splats of a take.
+
+    Args:
+        frame: of `own_frame`.
+        placed: whether the take's world has been placed by an edit, which says where its origin is: then only the
+            unit is undone.
+
+    Returns:
+        from the world of the take's streams to the one in which the user thinks.
+    """
+    return Similarity(1 / frame.scale) if placed else frame.inverse
+
+
+def frame_sentence(frame: Similarity) -> str | None:
+    """What the frame does, for logs and checks; None for the identity."""
+    if frame.is_identity:
+        return None
+    x, y, z = frame.inverse.translation
+    moved = f"zero is at ({x:.6g}, {y:.6g}, {z:.6g}) of the cameras' world" if frame.translation.any() else ""
+    scaled = f"one unit of that world is {frame.scale:g} units" if frame.scale != 1 else ""
+    what = ", and ".join(part for part in (moved, scaled) if part)
+    why = "the cameras are far from zero, very large or very small"
+    return f"The take has a frame of its own, because {why}: {what}. Exports undo it."

@@ -1,0 +1,147 @@
+"""A take's own frame: which cameras get one, what they see in it, and that exports come back to where they were."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+import torch
+from plyfile import PlyData
+
+from studio.cameras import Camera, Rig
+from studio.formats import read_splats
+from studio.formats.sequence import axes_of, export_sequence
+from studio.formats.videogs import export_videogs
+from studio.gaussians import Gaussians
+from studio.own_frame import frame_sentence, in_own_frame, own_frame, undone
+from studio.similarity import Similarity
+from studio.splat_video import SplatVideo
+from studio.stream import StreamMetadata
+from tests.support.errors import refuses
+
+FAR = np.array([5.0e6, -1.2e6, 300.0])
+
+
+def ring(radius: float = 3.0, middle=(0.0, 0.0, 0.0), cameras: int = 6) -> Rig:
+    """Cameras on a circle that look at its middle."""
+    found = []
+    for index in range(cameras):
+        angle = 2 * np.pi * index / cameras
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        rotation = np.stack([np.cross([0.0, 0.0, -1.0], -out), [0.0, 0.0, -1.0], -out])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ (np.asarray(middle) + radius * out)
+        K = np.array([[500.0, 0, 320], [0, 500, 180], [0, 0, 1]])
+        found.append(Camera(f"cam{index}", 640, 360, K, pose))
+    return Rig(tuple(found))
+
+
+@pytest.mark.parametrize(
+    ("radius", "middle", "scaled", "moved"),
+    [
+        (3.0, (0, 0, 0), False, False),
+        (0.6, (1, 2, 0), False, False),
+        (30.0, (100, 0, 0), False, False),
+        (0.4, (1, 2, 0), True, False),
+        (40.0, (100, 0, 0), True, False),
+        (3.0, FAR, False, True),
+        (3.0, (150, 0, 150), False, True),
+        (0.001, (0, 0, 0), True, False),
+        (3000.0, (0, 0, 0), True, False),
+        (3000.0, FAR, True, True),
+        (0.001, (0.001, 0, 0), True, False),
+    ],
+)
+def test_ordinary_cameras_stay_and_others_become_ordinary(radius, middle, scaled, moved):
+    rig = ring(radius, middle)
+    frame = own_frame(rig)
+    assert (frame.scale != 1, bool(frame.translation.any())) == (scaled, moved)
+    found = in_own_frame(rig)
+    assert (found is rig) == (not scaled and not moved) == (frame_sentence(frame) is None)
+    size = np.linalg.norm(found.centers - found.centers.mean(axis=0), axis=1).max()
+    assert 0.5 <= size <= 32
+    assert np.linalg.norm(found.centers.mean(axis=0)) <= 64 * size
+    again = own_frame(found)
+    assert (again.scale, again.translation.any()) == (1, False)
+    point = np.asarray(middle) + radius * np.array([0.1, -0.2, 0.3])
+    for before, after in zip(rig, found, strict=True):
+        pixels = [camera.project(points[None])[0] for camera, points in ((before, point), (after, frame.points(point)))]
+        np.testing.assert_allclose(pixels[1], pixels[0], atol=1e-4)
+    np.testing.assert_allclose(frame.inverse.after(frame).points(point), point)
+
+
+def test_one_camera_is_not_scaled():
+    assert own_frame(ring(cameras=1)).is_identity
+    assert own_frame(ring(middle=FAR, cameras=1)).scale == 1
+
+
+def video(original: Similarity) -> SplatVideo:
+    random = torch.Generator().manual_seed(0)
+    splats = Gaussians(
+        torch.randn(200, 3, generator=random) * 0.4,
+        torch.randn(200, 4, generator=random),
+        torch.randn(200, 3, generator=random) * 0.3 - 4,
+        torch.randn(200, generator=random),
+        torch.randn(200, 1, 3, generator=random),
+    )
+    return SplatVideo("take", 30.0, 1, (0,), lambda index: splats, up=np.array([0.0, 0.0, 1.0]), original=original)
+
+
+@pytest.fixture(params=[3.0, 3000.0], ids=["meters", "millimeters"])
+def original(request):
+    """Of a take 5,000 km from zero, in meters or in millimeters."""
+    return undone(own_frame(ring(request.param, FAR * request.param / 3)), placed=False)
+
+
+def test_ply_and_glb_and_videogs_are_written_where_the_cameras_are(tmp_path, original):
+    take = video(original)
+    meant = original.points(take.read(0).means.numpy())
+    sizes = take.read(0).log_scales.numpy() + np.log(original.scale)
+    for suffix in (".ply", ".glb"):
+        export_sequence(take, tmp_path / suffix[1:], suffix)
+    rows = PlyData.read(str(tmp_path / "ply" / "frame_0000.ply"))["vertex"]
+    found = np.stack([rows[name] for name in "xyz"], axis=1)
+    np.testing.assert_allclose(found, meant, atol=1e-6 * original.scale)
+    np.testing.assert_allclose(rows["scale_1"], sizes[:, 1], atol=1e-5)
+    data = (tmp_path / "glb" / "frame_0000.glb").read_bytes()
+    head = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+    bounds = head["accessors"][0]
+    middle = (np.array(bounds["min"]) + bounds["max"]) / 2 + head["nodes"][0]["translation"]
+    np.testing.assert_allclose(middle, (meant.min(axis=0) + meant.max(axis=0)) / 2, atol=1e-5 * original.scale)
+    export_videogs(take, tmp_path / "videogs")
+    info = json.loads((tmp_path / "videogs" / "viewer_min_max.json").read_text())["0"]["info"]
+    np.testing.assert_allclose(np.reshape(info[:6], (3, 2)).T, [meant.min(axis=0), meant.max(axis=0)])
+
+
+def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path, original):
+    take = video(original)
+    rotation = axes_of(take, ".spz", True)
+    export_sequence(take, tmp_path / "spz", ".spz", rotation)
+    found = read_splats(tmp_path / "spz" / "frame_0000.spz").means.numpy()
+    meant = original.scale * take.read(0).means.numpy() @ rotation.T
+    np.testing.assert_allclose(found, meant, atol=1e-3 * original.scale)
+    with refuses("splat_file.position_range"):  # no more digits than for whole meters
+        export_sequence(take, tmp_path / "far", ".spz")
+
+
+def test_a_take_in_place_is_written_as_before(tmp_path):
+    export_sequence(video(Similarity()), tmp_path / "ply", ".ply")
+    rows = PlyData.read(str(tmp_path / "ply" / "frame_0000.ply"))["vertex"]
+    assert rows["x"].dtype == np.float32
+    np.testing.assert_array_equal(rows["x"], video(Similarity()).read(0).means[:, 0])
+
+
+def test_a_placed_world_keeps_its_origin():
+    frame = own_frame(ring(3000.0, FAR))
+    placed = undone(frame, placed=True)
+    assert (placed.scale, placed.translation.any()) == (1 / frame.scale, False)
+
+
+def test_the_stream_knows_where_it_was(original):
+    values = json.loads(json.dumps(StreamMetadata(original=original).to_json()))
+    found = StreamMetadata.from_json(values).original
+    assert found.scale == original.scale
+    np.testing.assert_array_equal(found.translation, original.translation)
+    assert "original" not in StreamMetadata().to_json()
+    for damaged in ("far", {"scale": 0}, {**values["original"], "rotation": [0, 1, 0, 0]}):
+        assert StreamMetadata.from_json({"original": damaged}).original.is_identity
