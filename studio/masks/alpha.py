@@ -9,6 +9,8 @@ import numpy as np
 from studio.errors import StudioError
 from studio.masks.mask_source import MaskInputs, MaskSource
 
+_SAMPLED_CAMERAS = 4
+
 
 class AlphaMaskSource:
     """A `MaskSource` that uses the alpha channel of the images."""
@@ -34,8 +36,10 @@ class AlphaMaskSource:
 def open_alpha(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
     """Masks from the images: see `studio.masks.sources`. Raises StudioError `mask.alpha_missing`."""
     bare = next((name for name, source in inputs.sources.items() if not source.has_alpha), None)
-    if bare is None:
-        return AlphaMaskSource(), "alpha channel of the images"
+    opaque = bare is None and _is_opaque(inputs)
+    if bare is None and (required or not opaque):
+        warning = ". Warning: it is opaque in the images that were looked at" if opaque else ""
+        return AlphaMaskSource(), f"alpha channel of the images{warning}"
     if not required:
         return None
     raise StudioError(
@@ -45,3 +49,10 @@ def open_alpha(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
         camera=bare,
         setting="capture.masks",
     )
+
+
+def _is_opaque(inputs: MaskInputs) -> bool:
+    """Whether nothing is transparent in the first image of some cameras: many programs write such a channel."""
+    names = inputs.names[:: -(-len(inputs.names) // _SAMPLED_CAMERAS)]
+    first = (inputs.sources[name] for name in names)
+    return all(source.read(source.frames[0])[:, :, 3].min() == 255 for source in first)
