@@ -377,7 +377,7 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
             "calibration.camera_missing",
             f"{_and_more('Camera', without)} of the footage not found in the calibration, which has {', '.join(known)}",
             value=without[0],
-            fix=f"{others}ename the files, or calibrate again.",
+            fix=f"{others} the files, or calibrate again.",
             cameras=tuple(without),
             known=tuple(known),
             setting="capture.cameras",
