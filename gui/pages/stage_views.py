@@ -346,11 +346,12 @@ class StageViews:
     def click(self, x: float, y: float) -> None:
         """Handle a click."""
         self.clicked.emit()
-        if self.stage_view is not None:
-            camera = self.stage_view.camera_at(x, y)
+        stage_view = self.stage_view
+        if stage_view is not None:
+            camera = stage_view.camera_at(x, y)
             if camera:
-                self.camera_clicked.emit(camera)
-            self.stage_view.click(x, y)
+                self.camera_clicked.emit(camera)  # which may select another stage
+            stage_view.click(x, y)
         elif self.shows_scene:
             self._click_scene(x, y)
 

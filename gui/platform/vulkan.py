@@ -57,11 +57,6 @@ class VulkanDevice:
     kind: str
     """One of: discrete GPU, integrated GPU, virtual GPU, software, other."""
 
-    @property
-    def is_software(self) -> bool:
-        """True if the CPU draws: fast enough for images in a widget, too slow for lit 3D scenes."""
-        return self.kind == "software"
-
 
 def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
     """All Vulkan devices of this machine, real GPUs first.

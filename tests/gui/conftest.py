@@ -12,19 +12,29 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
+import cv2
+import numpy as np
 import pytest
 import torch
 
 from gui.actions.menus import MENUS
+from gui.models.playback.player import PlayerPresenter
+from gui.models.take.workspace import Workspace
+from pipelines.config import load_config
+from pipelines.stages.inputs import Inputs
+from pipelines.takes.take import Take
 from studio.gaussians import SH_C0, Gaussians
 from studio.stream import BakeSettings, bake_group, write_manifest
 from tests.support.shared import made_once
 from tests.support.tiny_capture import write_project
-from tests.support.waiting import POLL, wait_until
+from tests.support.waiting import POLL, HandClock, wait_until
 from tests.support.warm_python import warm_python
 from tests.support.x_server import x_server
+
+ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
+"""Screenshots of tests that failed; ignored by git."""
 
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
@@ -79,6 +89,33 @@ def finished_project(finished: Path) -> Path:
 def take_copy(finished_project: Path, tmp_path: Path) -> Path:
     """A copy of the finished take."""
     return Path(shutil.copytree(finished_project / "take", tmp_path / "take"))
+
+
+@pytest.fixture
+def workspace() -> Iterator[Workspace]:
+    """A workspace without a take."""
+    found = Workspace()
+    yield found
+    if found.job is not None:
+        found.job.cancel()
+    assert found.close()
+
+
+@pytest.fixture
+def clock() -> HandClock:
+    """A clock for what is shown for a while."""
+    return HandClock()
+
+
+@pytest.fixture
+def player(finished_project: Path) -> Iterator[PlayerPresenter]:
+    """A small player of the finished take, with its footage."""
+    player, take = PlayerPresenter(), Take.open(finished_project / "take")
+    assert player.open(take.root), player.message
+    player.context = Inputs(take, load_config(take.config))
+    player.resize(256, 192)
+    yield player
+    assert player.close()
 
 
 @pytest.fixture(scope="session")
@@ -149,7 +186,7 @@ class RunningWindow:
             if self.process.poll() is not None:
                 break
             time.sleep(POLL)
-        pytest.fail(f"no state with {what} (status {self.process.poll()})\n{self._story()}")
+        self._fail(f"no state with {what} (status {self.process.poll()})\n{self._story()}")
 
     def saw(
         self, what: str, accept: Callable[[dict[str, Any]], bool], since: int = 0, seconds: float = 120.0
@@ -163,6 +200,12 @@ class RunningWindow:
 
         self.wait_for(what, came, seconds)
         return found[0]
+
+    def _fail(self, why: str) -> NoReturn:
+        """End the test; the screen is kept in `ARTIFACTS`."""
+        ARTIFACTS.mkdir(exist_ok=True)
+        self._screenshot(ARTIFACTS / f"{self.log.parent.name}.png")
+        pytest.fail(why)
 
     def _story(self, changes: int = 12) -> str:
         """What changed last, and what the window has said."""
@@ -194,10 +237,12 @@ class RunningWindow:
             int(geometry["Y"]) + int(top + down * height),
         )
 
-    def inside(self, widget: str) -> tuple[slice, slice]:
-        """Rows and columns of a screenshot that a widget covers."""
-        (left, top), (right, bottom) = self.point(widget, 0.0, 0.0), self.point(widget, 1.0, 1.0)
-        return slice(top, bottom), slice(left, right)
+    def pixels(self, widget: str) -> np.ndarray:
+        """(H, W, 3) uint8 RGB: what the screen shows where a widget is."""
+        (left, top), (right, bottom) = self.point(widget, 0.0, 0.0), self.point(widget, 1.0, 1.0)  # once it is still
+        image = cv2.imread(str(self._screenshot(self.log.with_suffix(".png"))))
+        assert image is not None
+        return image[top:bottom, left:right, ::-1]
 
     def ticks(self, count: int = 3, seconds: float = 60.0) -> None:
         """Wait for a number of ticks of the window. It polls events in each tick, so pending X events have been handled
@@ -229,7 +274,7 @@ class RunningWindow:
                 return list(place)
             self.ticks(still)
             self.drawn()
-        pytest.fail(f"{widget} never stopped moving; its frame is {place}")
+        self._fail(f"{widget} never stopped moving; its frame is {place}")
 
     def across_frame(self, frame: int) -> float:
         """Position of a frame on the timeline widget, 0 to 1."""
@@ -298,13 +343,13 @@ class RunningWindow:
 
     def retype(self, widget: str, text: str) -> None:
         """Replace the text of a field."""
-        field = f"the text of {widget}"
         self.click(widget, 0.9)
-        self.key("End")
-        while now := self.wait_for(field, lambda s: widget in s["texts"])["texts"][widget]:
+        self.chord("a")
+        if text:
+            self.enter_text(widget, text, selected=True)
+        else:
             self.key("BackSpace")
-            self.wait_for(f"{field} to shrink from {now!r}", lambda s, now=now: s["texts"][widget] != now)
-        self.enter_text(widget, text)
+            self.wait_for(f"{widget} to be empty", lambda s: s["texts"].get(widget) == "")
 
     def enter_text(self, widget: str, text: str, selected: bool = False) -> None:
         """Type into the field with the keyboard focus, and wait until it contains the text: appended, or replacing its
@@ -329,7 +374,7 @@ class RunningWindow:
         for modifier in held:
             self.send("keyup", modifier)
 
-    def screenshot(self, path: Path) -> Path:
+    def _screenshot(self, path: Path) -> Path:
         """The whole screen as a PNG."""
         subprocess.run(["import", "-window", "root", str(path)], env=self.environment, check=True, timeout=60)
         return path
@@ -355,11 +400,3 @@ def open_window(display: str, tmp_path: Path) -> Iterator[Callable[..., RunningW
         if window.process.poll() is None:
             window.process.kill()
             window.process.wait()
-
-
-@pytest.fixture(scope="session")
-def artifacts() -> Path:
-    """Folder for screenshots, ignored by git."""
-    folder = Path(__file__).parents[2] / "test-artifacts"
-    folder.mkdir(exist_ok=True)
-    return folder

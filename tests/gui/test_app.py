@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
@@ -46,27 +45,3 @@ def test_a_window_that_only_fails_is_given_up() -> None:
     ticks = Ticks("ok", *["tick"] * MOST_FAILURES)
     assert not ticks.run()
     assert len(ticks.reported) == MOST_FAILURES - 1
-
-
-FAILING = """
-import sys
-from gui.models.playback.transport import Transport
-
-def toggle(self):
-    raise RuntimeError("the space bar is stuck")
-
-Transport.toggle = toggle
-from gui.app import main
-sys.exit(main())
-"""
-
-
-def test_a_window_survives_a_callback_that_fails(open_window: Callable, stream_folder: Path) -> None:
-    window = open_window(str(stream_folder), program=("-c", FAILING))
-    window.wait_for("a window", lambda s: s["shown"] is not None)
-    window.key("space")
-    window.wait_for("the message", lambda s: "the space bar is stuck" in s["notice"])
-    window.click("notice dismiss")
-    window.wait_for("no message", lambda s: s["notice"] == "")
-    assert "RuntimeError: the space bar is stuck" in window.stderr.read_text()
-    assert window.close() == 0, window.stderr.read_text()[-2000:]

@@ -1,35 +1,53 @@
-"""Edits in the real window: tools by mouse, numbers and undo by keyboard; then tie points marked by hand."""
+"""Edits, the scene, cameras and points in the window: tools by mouse, numbers and undo by keyboard."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from PIL import Image
 
+from gui.drawing.palette import FAIR
+from pipelines.config import load_config
 from pipelines.takes.edits import read_edits
 from studio.calibration import read_tie_points
+from studio.capture import CaptureSettings
 from studio.edits import EditList
+from tests.gui.conftest import RunningWindow
 from tests.support.waiting import wait_until
 
 
-def bright(window: Any, path: Path) -> int:
+def press(window: RunningWindow, camera: str, button: int) -> None:
+    """Click what shows a camera."""
+    state = window.wait_for(f"a place of {camera}", lambda s: s["settled"] and camera in s["places"])
+    window.send("mousemove", *window.point("viewport", *state["places"][camera]))
+    window.send("mousedown", button)
+    window.send("mouseup", button)
+
+
+def box_pixels(window: RunningWindow) -> int:
+    """Pixels of the viewport in the color of the box around the visual hull."""
+    return int((np.abs(window.pixels("viewport").astype(int) - FAIR) < 30).all(axis=2).sum())
+
+
+def bright(window: RunningWindow) -> int:
     """Number of bright pixels in the lower left of the view, where nobody stands."""
-    rows, columns = window.inside("viewport")
-    wide, high = columns.stop - columns.start, rows.stop - rows.start
-    picture = np.asarray(Image.open(window.screenshot(path)).convert("L"))
-    return int((picture[rows.stop - high // 2 : rows.stop, columns.start : columns.start + wide // 3] > 150).sum())
+    pixels = window.pixels("viewport")
+    height, width, _ = pixels.shape
+    return int((pixels[height - height // 2 :, : width // 3].mean(axis=2) > 150).sum())
 
 
-def wider(window: Any, path: Path, before: int) -> int:
+def wider(window: RunningWindow, before: int) -> int:
     """How many more there are, once there are more."""
-    wait_until("a larger circle", lambda: bright(window, path) > before)
-    return bright(window, path) - before
+    wait_until("a larger circle", lambda: bright(window) > before)
+    return bright(window) - before
 
 
-def test_edits_and_tie_points(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
+def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWindow], take_copy: Path) -> None:
+    def capture() -> CaptureSettings:
+        return load_config(take_copy / "config.yaml").capture
+
+    uses = capture()
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
     window.key("Home")
@@ -43,16 +61,15 @@ def test_edits_and_tie_points(open_window: Callable, take_copy: Path, artifacts:
     window.wait_for("the brush", lambda s: "brush" in s["mode"])
     tops = {window.states()[-1]["widgets"][name][1] for name in ("done", "brush", "remove here", "removed")}
     assert len(tops) == 1, "all buttons in one row"
-    before = bright(window, artifacts / "edits_brush_away.png")
+    before = bright(window)
     window.send("mousemove", *window.point("viewport", 0.2, 0.7))
-    small = wider(window, artifacts / "edits_brush_circle.png", before)
+    small = wider(window, before)
     window.key("plus")
-    large = wider(window, artifacts / "edits_brush_large.png", before + small)
+    large = wider(window, before + small)
     assert large > 0, "a larger circle has more pixels"
     window.key("minus")
     window.drag("viewport", (0.45, 0.5), (0.55, 0.5))
     window.wait_for("a selection", lambda s: s["selected"] > 0)
-    window.screenshot(artifacts / "edits_brush.png")
     window.click("remove here")
     window.wait_for("one group to bake", lambda s: "regions 1" in s["edits"] and s["stages"]["bake"][0] == "partial")
     (region,) = read_edits(take_copy / "edits.json").regions
@@ -83,7 +100,6 @@ def test_edits_and_tie_points(open_window: Callable, take_copy: Path, artifacts:
     window.drag("viewport", (0.5, 0.5), (0.5, 0.5))
     window.wait_for("training to do again", lambda s: "details 1" in s["edits"] and s["stages"]["train"][0] != "done")
     window.wait_for("a picture of it", lambda s: s["settled"])
-    window.screenshot(artifacts / "edits_detail.png")
     window.click("numbers")
     window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"])
     window.key("1")
@@ -95,6 +111,83 @@ def test_edits_and_tie_points(open_window: Callable, take_copy: Path, artifacts:
     window.wait_for("no detail", lambda s: s["edits"] == {} and s["stages"]["train"][0] == "done")
     window.key("Escape")
     window.wait_for("the take", lambda s: "decoded" in s["mode"])
+
+    # the scene
+    window.key("Home")
+    window.key("o")
+    state = window.wait_for("the scene", lambda s: s["compare"] == "scene" and s["settled"] and "+x" in s["places"])
+    assert "volume" in state["mode"]
+    window.drawn()
+    wait_until("the box", lambda: box_pixels(window) > 200)
+    orbit = state["orbit"]
+    window.drag("viewport", (0.5, 0.8), (0.65, 0.7))
+    window.wait_for("turned", lambda s: s["orbit"] != orbit and s["settled"])
+    window.stage("calibrate")
+    window.wait_for("the scene is left", lambda s: s["compare"] == "single")
+    window.stage("review")
+    window.wait_for("the scene again", lambda s: s["compare"] == "scene" and s["settled"] and s["places"])
+    window.stage("calibrate")
+    window.key("o")
+    state = window.wait_for("the scene again", lambda s: s["compare"] == "scene" and s["settled"] and s["places"])
+    window.drawn()
+    wait_until("the box", lambda: box_pixels(window) > 200)
+    window.key("End")
+    window.wait_for("the last frame", lambda s: s["shown"] == s["frames"] - 1 and s["settled"])
+    window.key("space")
+    at = window.wait_for("playing", lambda s: s["playing"])["pictures"]
+    window.wait_for("more pictures", lambda s: s["pictures"] > at + 5)
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"] and s["settled"])
+    window.drawn()
+    with_box = box_pixels(window)
+    window.click("volume")
+    window.wait_for("no box", lambda s: "volume" not in s["mode"] and s["settled"])
+    # what is on the screen follows what is known
+    wait_until("no box on it", lambda: box_pixels(window) < 0.5 * with_box)
+    across, down = window.states()[-1]["places"]["+z"]
+    window.click("viewport", across, down)
+    window.wait_for("from above", lambda s: abs(s["orbit"][1]) > 1.5 and s["settled"])
+    window.key("Escape")
+    window.wait_for("the take", lambda s: s["compare"] == "single")
+
+    # cameras: menus, uses, the list
+    window.stage("capture")
+    press(window, "cam0", 3)
+    window.wait_for("its menu", lambda s: s["menu_camera"] == "cam0" and "camera list" in s["widgets"])
+    window.click("camera list")
+    window.wait_for("the list", lambda s: s["dialog"] == "cameras")
+    window.click("dialog hold out cam1", 0.2)
+    window.click("dialog use cam0")
+    window.click("dialog save")
+    window.wait_for("stale results", lambda s: s["dialog"] == "" and s["stages"]["train"][0] != "done")
+    assert capture().cameras == ("cam1", "cam2", "cam3", "cam4", "cam5")
+    assert capture().held_out == ("cam1", "cam4")
+    window.chord("z")
+    window.wait_for("the results", lambda s: s["stages"]["train"][0] == "done")
+    assert capture() == uses
+    press(window, "cam2", 1)
+    window.wait_for("one camera", lambda s: s["alone"] == "cam2" and s["settled"] and list(s["places"]) == ["cam2"])
+    window.key("Escape")
+    window.wait_for("all cameras", lambda s: s["alone"] == "" and len(s["places"]) == 6)
+    press(window, "cam2", 3)
+    state = window.wait_for("its menu", lambda s: s["menu_camera"] == "cam2" and "camera held out" in s["widgets"])
+    assert "camera training" not in state["widgets"]
+    window.click("camera held out")
+    window.wait_for("stale results", lambda s: s["menu_camera"] == "" and s["stages"]["train"][0] != "done")
+    assert capture().held_out == ("cam2", "cam4")
+    window.stage("calibrate")
+    front = window.wait_for("frustums", lambda s: s["settled"] and len(s["places"]) > 2)["places"]
+    nearest = list(front)[-1]
+    press(window, nearest, 3)
+    window.wait_for("its menu", lambda s: s["menu_camera"] == nearest and "camera errors" in s["widgets"])
+    window.click("camera errors")
+    window.wait_for("the report", lambda s: "report" in s["mode"] and s["settled"])
+    window.chord("c")
+    window.saw("the table on the clipboard", lambda s: "Copied the table" in s["notice"])
+    window.click("cameras")
+    window.wait_for("the cameras", lambda s: "cameras" in s["mode"] and s["settled"])
+    press(window, nearest, 1)
+    window.wait_for("its view", lambda s: s["stage"] == "review" and s["camera"] == nearest and s["settled"])
 
     # points marked by hand
     window.stage("calibrate")
@@ -115,7 +208,6 @@ def test_edits_and_tie_points(open_window: Callable, take_copy: Path, artifacts:
     window.retype("dialog line", "corner; 0 0 1")
     window.key("Return")
     window.wait_for("no dialog", lambda s: not s["dialog"])
-    window.screenshot(artifacts / "points_by_hand.png")
     assert read_tie_points(file)[0].name == "corner"
     assert read_tie_points(file)[0].world == (0, 0, 1)
     assert window.close() == 0

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 
 from gui.drawing.palette import PANEL
+from tests.gui.conftest import RunningWindow
+from tests.support.waiting import wait_until
 
 CLICK = ("mousedown", 1, "mouseup", 1)
 
 
-def test_input_that_is_faster_than_the_window(
-    open_window: Callable[..., Any], finished_project: Path, tmp_path: Path, artifacts: Path
-) -> None:
-    take = Path(shutil.copytree(finished_project / "take", tmp_path / "take"))
-    window = open_window(str(take))
+def test_input_that_is_faster_than_the_window(open_window: Callable[..., RunningWindow], take_copy: Path) -> None:
+    window = open_window(str(take_copy))
     state = window.wait_for("the take", lambda s: s["shown"] is not None and s["stages"]["review"][0] == "done")
     left, top = window.point("stages", 0.0, 0.0)
     titles = {"File": (left + 22, top - 12), "Help": (left + 306, top - 12)}
@@ -39,11 +35,17 @@ def test_input_that_is_faster_than_the_window(
     window.wait_for("no dialog", lambda s: not s["dialog"])
 
     # one click goes from one open menu to another: Help > Shortcuts
+    closed = {name: window.pixels(name) for name in ("stages", "viewport")}
+
+    def covered(name: str) -> bool:
+        """Whether a menu covers the upper left corner of a widget."""
+        corner = (slice(0, 60), slice(0, 150))
+        return bool((window.pixels(name)[corner] != closed[name][corner]).any(axis=2).mean() > 0.5)
+
     window.xdotool("mousemove", *titles["File"], *CLICK)
-    window.drawn()
+    wait_until("the menu File", lambda: covered("stages"))
     window.xdotool("mousemove", *titles["Help"], *CLICK)
-    window.drawn()
-    window.screenshot(artifacts / "interaction_menu.png")
+    wait_until("the menu Help", lambda: covered("viewport") and not covered("stages"))
     window.xdotool("mousemove", left + 326, top + 21 + round(24.3 * 2 + 6.4), *CLICK)
     window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
     window.key("Escape")
@@ -51,11 +53,9 @@ def test_input_that_is_faster_than_the_window(
 
     # Escape closes a menu: a click where its items were is for what is below
     window.xdotool("mousemove", *titles["File"], *CLICK)
-    window.drawn()
+    wait_until("the menu File", lambda: covered("stages"))
     window.xdotool("key", "Escape")
-    window.drawn()
-    window.drawn()
-    window.screenshot(artifacts / "interaction_escape.png")
+    wait_until("no menu", lambda: not covered("stages"))
     window.xdotool("mousemove", left + 42, top + 21, *CLICK)
     window.wait_for("the stage below the menu", lambda s: s["stage"] == "capture" and not s["dialog"])
     window.stage("review")
@@ -67,9 +67,8 @@ def test_input_that_is_faster_than_the_window(
     window.click("viewport")
     window.key("j")
     window.drawn()
-    seen = window.screenshot(artifacts / "interaction_log.png")
-    pixels = cv2.imread(str(seen))[window.inside("log")]
-    assert np.median(np.abs(pixels.astype(int) - PANEL[::-1]).max(2)) == 0, "nearly all of it has the color of panels"
+    pixels = window.pixels("log")
+    assert np.median(np.abs(pixels.astype(int) - PANEL).max(2)) == 0, "nearly all of it has the color of panels"
     window.key("j")
 
     # a note typed right after the key that opens its dialog

@@ -1,4 +1,4 @@
-"""In the real window: settings, help on a stage, the buttons below warnings, and spans on the timeline."""
+"""Settings, help, fixes of warnings and spans in the window."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from tests.gui.conftest import RunningWindow
 FOUND = ["setting train.rates.opacity"]
 
 
-def test_settings_help_a_fix_and_a_span(
-    open_window: Callable[..., RunningWindow], take_copy: Path, artifacts: Path
-) -> None:
+def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow], take_copy: Path) -> None:
     take = Take(take_copy)
     warning = Warned(
         stage="train",
@@ -33,8 +31,6 @@ def test_settings_help_a_fix_and_a_span(
     window.stage("train")
     window.key("F1")
     window.wait_for("help", lambda s: s["dialog"] == "help" and "dialog setting train.max_splats" in s["widgets"])
-    window.drawn()
-    window.screenshot(artifacts / "help_train.png")
     window.key("Escape")
     window.wait_for("no help", lambda s: not s["dialog"])
     window.click("help")
@@ -47,12 +43,10 @@ def test_settings_help_a_fix_and_a_span(
     fixes = window.wait_for("the switch", lambda s: switch in s["fixes"])["fixes"]
     window.click("log", *fixes[switch])
     window.wait_for("warnings only", lambda s: "all lines" in s["fixes"])
-    window.screenshot(artifacts / "help_warnings_only.png")
     fixes = window.wait_for("the button", lambda s: words in s["fixes"])["fixes"]
     window.click("log", *fixes[words])
     window.wait_for("another button", lambda s: "capture.scale is 0.5 now" in s["fixes"] and s["stage"] == "capture")
     assert load_config(take.config).capture.scale == 0.5
-    window.screenshot(artifacts / "help_fix.png")
     window.chord("z")
     window.wait_for("the button again", lambda s: words in s["fixes"])
     assert load_config(take.config).capture.scale == before
@@ -61,7 +55,6 @@ def test_settings_help_a_fix_and_a_span(
     frames = window.states()[-1]["frames"]
     window.drag("timeline", (window.across_frame(0), 0.1), (window.across_frame(frames - 1), 0.1))
     window.wait_for("a span", lambda s: s["span"] == [0, frames - 1])
-    window.screenshot(artifacts / "help_span.png")
     window.key("Escape")
     window.wait_for("no span", lambda s: s["span"] is None)
 
@@ -89,7 +82,6 @@ def test_settings_help_a_fix_and_a_span(
     window.drag("stages", (0.99, 0.5), (1.25, 0.5))
     state = window.wait_for("a wider panel", lambda s: s["widgets"]["stages"][2] > before + 40)
     assert state["stage"] == "train", "dragging the edge selects no stage"
-    window.screenshot(artifacts / "settings_wide.png")
     window.retype("settings filter", "")
     window.click("all settings", 0.2)
     window.wait_for("all of them", lambda s: len([n for n in s["widgets"] if n.startswith("setting ")]) > 40)

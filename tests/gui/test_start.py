@@ -1,8 +1,9 @@
-"""The start page and notices in the window, by keys."""
+"""The start page, notices and the queue of takes in the window."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,11 @@ from typing import Any
 import pytest
 
 from gui.platform.clipboard import Clipboard
+from pipelines.batch.queue_file import QueueFile
 from tests.support.waiting import wait_until
+
+ROWS = 12
+"""Of the list in the queue's dialog."""
 
 
 @pytest.fixture
@@ -22,12 +27,11 @@ def clipboard(display: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Clipboa
     found.close()
 
 
-def test_from_the_start_page_to_a_notice(
+def test_from_the_start_page_to_a_notice_and_a_queue(
     open_window: Callable[..., Any],
     clipboard: Clipboard,
     take_copy: Path,
     tmp_path: Path,
-    artifacts: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     opened, programs = tmp_path / "opened.txt", tmp_path / "bin"
@@ -68,8 +72,6 @@ def test_from_the_start_page_to_a_notice(
     window.key("Delete")
     window.wait_for("one card", lambda s: [card[0] for card in s["cards"]] == ["take"])
     assert json.loads(settings.read_text())["recent"] == [str(take_copy)]
-    window.drawn()
-    window.screenshot(artifacts / "start_page.png")
     window.key("Return")
     window.wait_for(
         "the take", lambda s: not s["start"] and s["shown"] is not None and s["title"] == "take - V3 Studio"
@@ -81,7 +83,6 @@ def test_from_the_start_page_to_a_notice(
     assert clipboard.copy(str(tmp_path / "nowhere"))
     window.chord("v")
     window.wait_for("a failure", lambda s: clipboard.poll() is None and "nowhere: no such folder" in s["notice"])
-    window.screenshot(artifacts / "start_notice.png")
     window.chord("c")
     window.saw("a copy", lambda s: s["notice"] == "Copied the message.")
     clipboard.ask()
@@ -108,8 +109,6 @@ def test_from_the_start_page_to_a_notice(
         "a remark over the view",
         lambda s: s["fullscreen"] and "status" in s["widgets"] and s["widgets"]["status"][3] > 0,
     )
-    window.drawn()
-    window.screenshot(artifacts / "fullscreen_remark.png")
     (x, y, width, height), (left, top, wide, high) = told["widgets"]["status"], told["widgets"]["viewport"]
     assert left < x < x + width < left + wide
     assert top < y < y + height < top + high
@@ -132,5 +131,46 @@ def test_from_the_start_page_to_a_notice(
     window.chord("o")  # while the notice is shown
     wait_until("the folder", opened.exists)
     wait_until("its name", lambda: opened.read_text() == f"{written.parent}\n")
+
+    # the queue: a take that fails does not stop the next one
+    queue = QueueFile(tmp_path / "state" / "v3studio" / "queue.json")
+    gone, broken = tmp_path / "gone", tmp_path / "broken"
+    shutil.copytree(take_copy, broken, ignore=shutil.ignore_patterns("train", "stream", "initialize"))
+    settings = (broken / "config.yaml").read_text()
+    (broken / "config.yaml").write_text(settings.replace("  root: ", "  root: /nowhere"))
+    queue.add(gone, None, ())
+    queue.add(broken, None, ())
+
+    def shown(*rows: str) -> None:
+        """Wait until the list shows these rows; each begins with the given text."""
+        window.wait_for(
+            f"{rows}",
+            lambda s: len(s["lines"]) == len(rows) and all(map(str.startswith, s["lines"], rows)),
+            240,
+        )
+
+    def choose(row: int) -> None:
+        window.click("dialog list", 0.2, 0.011 + (row + 0.5) / ROWS)
+
+    window.key("q")
+    shown("1   gone   waiting", "2   broken   waiting")
+    window.click("dialog add_open")
+    shown("1   gone   waiting", "2   broken   waiting", "3   take   waiting")
+    choose(0)
+    window.click("dialog remove")
+    shown("2   broken   waiting", "3   take   waiting")
+    choose(1)
+    window.click("dialog up")
+    shown("3   take   waiting", "2   broken   waiting")
+    window.click("dialog down")
+    shown("2   broken   waiting", "3   take   waiting")
+    window.click("dialog start")
+    shown("2   broken   failed", "3   take   done")
+    wait_until("the end of the program", lambda: not queue.is_run())
+    choose(0)
+    window.click("dialog retry")
+    shown("3   take   done", "2   broken   waiting")
+    window.click("dialog close")
+    window.wait_for("no dialog", lambda s: s["dialog"] == "")
     assert window.close() == 0, window.stderr.read_text()[-2000:]
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"

@@ -1,8 +1,11 @@
-"""The whole workflow in the window, with real mouse and keyboard events: from a folder of footage to a wipe."""
+"""The whole workflow in the window: from a folder of footage to a wipe, and a run that outlives the window."""
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +19,9 @@ def done(state: dict[str, Any]) -> bool:
     return all(state["stages"][stage][0] == "done" for stage in STAGES)
 
 
-def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tmp_path: Path, artifacts: Path) -> None:
+def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
+    open_window: Callable, footage_project: Path, tmp_path: Path
+) -> None:
     window = open_window()
     window.wait_for("an empty window", lambda s: "New take" in s["message"] or "new take" in s["message"])
     window.menu("File", "new")
@@ -28,12 +33,10 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.click("dialog take")
     window.enter_text("dialog take", str(tmp_path / "take"))
     window.key("Return")
-    window.screenshot(artifacts / "workstation_1_new_take.png")
     window.click("dialog create")
     window.wait_for("the footage", lambda s: s["stages"]["capture"][0] == "done" and s["stage"] == "capture")
     assert (tmp_path / "take" / "config.yaml").is_file()
     window.wait_for("thumbnails", lambda s: s["settled"])
-    window.screenshot(artifacts / "workstation_2_capture.png")
 
     # a setting that is refused, and one that is accepted; letters typed into a field are not shortcuts
     window.stage("bake")
@@ -52,7 +55,6 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     state = window.wait_for("all done", lambda s: done(s) and not s["busy"], 600)
     for stage in STAGES[1:5]:
         window.stage(stage)
-        window.screenshot(artifacts / f"workstation_{3 + STAGES.index(stage)}_{stage}.png")
 
     window.key("3")  # to the review
     window.wait_for("the decoded stream", lambda s: s["stage"] == "review" and s["what"] == "decoded")
@@ -64,10 +66,8 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.drag("viewport", (before["wipe"], 0.6), (0.3, 0.6))
     moved = window.wait_for("a moved line", lambda s: abs(s["wipe"] - 0.3) < 0.05 and s["settled"])
     assert moved["camera"] == "cam4", "dragging the line does not turn the view"
-    window.screenshot(artifacts / "workstation_8_wipe.png")
     window.key("d")
     window.wait_for("the difference", lambda s: s["compare"] == "difference" and s["settled"])
-    window.screenshot(artifacts / "workstation_9_difference.png")
 
     # a mark with a note
     window.key("m")
@@ -88,27 +88,50 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     _check_frames(window, 1280, 800)
     window.key("question")
     window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
-    window.screenshot(artifacts / "workstation_10_shortcuts.png")
-    assert window.close() == 0, window.stderr.read_text()[-2000:]
+    window.key("Escape")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+
+    # a run goes on without the window, and a small window finds it again
+    config = tmp_path / "take" / "config.yaml"
+    config.write_text(config.read_text().replace("keyframe_iterations: 25", "keyframe_iterations: 200000"))
+    window.wait_for("a stale training", lambda s: s["stages"]["train"][0] not in ("done", "missing"))
+    window.stage("train")
+    window.click("run")
+    window.wait_for("training", lambda s: s["stages"]["train"][0] == "running" and "%" in s["stages"]["train"][1])
+    window.menu("File", "quit")
+    window.wait_for("the question", lambda s: s["dialog"] == "ask")
+    window.click("dialog leave")
+    assert window.process.wait(60) == 0
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
-
-
-def test_nothing_overlaps_in_a_small_window(open_window: Callable, finished_project: Path, artifacts: Path) -> None:
-    """No two widgets of the layout overlap, and all are inside the window."""
-    window = open_window(str(finished_project / "take"), "--size", "820x640")
-    state = window.wait_for("an image", lambda s: s["shown"] is not None and done(s) and s["camera"] == "")
+    lock = json.loads((tmp_path / "take" / ".v3studio" / "lock").read_text())
+    try:
+        os.kill(lock["pid"], 0)  # it is alive
+        small = open_window(str(tmp_path / "take"), "--size", "820x640")
+        small.wait_for("the job, found again", lambda s: s["busy"] and s["stages"]["train"][0] == "running")
+        small.stage("train")
+        small.click("pause")
+        small.wait_for("a pause", lambda s: s["stages"]["train"][1] == "paused")
+        small.click("pause")
+        small.wait_for("the run going on", lambda s: "%" in s["stages"]["train"][1])
+        small.click("cancel")
+        small.wait_for("its end", lambda s: not s["busy"])
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(lock["pid"], signal.SIGKILL)
+    small.key("3")
+    state = small.wait_for("an image", lambda s: s["stage"] == "review" and s["shown"] is not None and s["settled"])
     assert not state["figures"]
-    _check_frames(window, 820, 640)
+    _check_frames(small, 820, 640)
     for key in ("footage", "trained", "decoded", "side by side", "wipe", "difference", "background", "reset view"):
         assert key in state["widgets"], key
-    window.key("i")
-    window.wait_for("the right panel", lambda s: s["figures"] and "inspector" in s["widgets"] and s["settled"])
-    _check_frames(window, 820, 640)
-    window.screenshot(artifacts / "workstation_0_review_820.png")
-    assert window.close() == 0
+    small.key("i")
+    small.wait_for("the right panel", lambda s: s["figures"] and "inspector" in s["widgets"] and s["settled"])
+    _check_frames(small, 820, 640)
+    assert small.close() == 0, small.stderr.read_text()[-2000:]
 
 
 def _check_frames(window: Any, width: int, height: int) -> None:
+    """No two widgets of the layout overlap, and all are inside the window."""
     window.drawn()  # what a state tells between two layouts is on no screen
     shown = window.states()[-1]["widgets"]
     frames = {name: np.array(frame) for name, frame in shown.items() if not name.startswith(("dialog", "hint"))}

@@ -1,4 +1,4 @@
-"""Waiting for a state instead of sleeping, so that tests pass on a busy machine."""
+"""Waiting for a state instead of sleeping, and a clock set by hand, so that tests pass on a busy machine."""
 
 from __future__ import annotations
 
@@ -18,3 +18,13 @@ def wait_until(what: str, accept: Callable[[], bool], seconds: float = 60.0) -> 
         if time.monotonic() > end:
             pytest.fail(f"never {what}")
         time.sleep(POLL)
+
+
+class HandClock:
+    """A clock that stands still until a test sets `time`, in seconds."""
+
+    def __init__(self) -> None:
+        self.time = 0.0
+
+    def __call__(self) -> float:
+        return self.time

@@ -16,7 +16,6 @@ from gui.models.scene.compose import Color, SplatLayer, Surfaces, compose
 from gui.models.scene.contents import Lines, SceneContents, SceneWanted, Surface
 from gui.models.scene.fragments import Fragments, Patch, image_on_quad, line_fragments, point_fragments
 from gui.models.scene.gizmo import draw_gizmo
-from gui.models.scene.places import frusta_places
 from gui.models.scene.reader import SceneReader
 from gui.models.scene.splats import draw_layer
 from studio.cameras import Camera
@@ -28,7 +27,7 @@ Place = tuple[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class ScenePicture:
-    """A image of the scene.
+    """An image of the scene.
 
     Attributes:
         image: (H, W, 3) uint8.
@@ -130,3 +129,14 @@ def frusta_lines(contents: SceneContents) -> Lines:
             ends += [(center, corners[number]), (corners[number], corners[(number + 1) % 4])]
             colors += [one.color] * 2
     return Lines(np.array(ends, np.float64).reshape(-1, 2, 3), np.array(colors, np.uint8).reshape(-1, 3), 1.6)
+
+
+def frusta_places(contents: SceneContents, view: Camera) -> list[tuple[str, np.ndarray]]:
+    """Name and (5, 2) pixels of each camera's frustum, those in front last; without those partly behind the viewer."""
+    found: list[tuple[float, str, np.ndarray]] = []
+    for one in contents.cameras:
+        center, corners = frustum(one.camera, contents.length)
+        pixels, depth = view.project(np.vstack([center[None], corners]))
+        if (depth > NEAR).all():
+            found.append((float(depth.mean()), one.camera.name, pixels))
+    return [(name, pixels) for _, name, pixels in sorted(found, key=lambda item: -item[0])]

@@ -145,8 +145,7 @@ class RunState:
             self._say(f"{stage_name(event.stage)}: done in {duration(event.seconds)}{figures and '. '}{figures}")
         elif isinstance(event, StageFailed):
             self.failed[event.stage] = event.message
-            # events of older versions have no fields
-            self.failed_setting[event.stage] = str(getattr(event, "fields", {}).get("setting", ""))
+            self.failed_setting[event.stage] = str(event.fields.get("setting", ""))
             self._say(f"{stage_name(event.stage)}: {event.message}", "error", event)
             for line in event.traceback.splitlines():
                 self._say(line, "error")

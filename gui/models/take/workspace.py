@@ -196,7 +196,6 @@ class Workspace:
         """Look for changes on disk."""
         if self.take is None or self._follower is None:
             return
-        self.paused = self.pid is not None and not self._elsewhere and is_paused(self.pid)
         if self.job is None:
             is_new, events = self._follower.poll()
             if is_new and events:
@@ -210,6 +209,7 @@ class Workspace:
             self.holder = holder
             if holder is None and self.run.changes and not self.run.outcome and self.run.begun:
                 self.run.crashed("The last run was killed or crashed. Run again to continue.")
+        self.paused = self.pid is not None and not self._elsewhere and is_paused(self.pid)
         fingerprint = self._take_fingerprint()
         now = time.monotonic()
         if fingerprint != self._fingerprint or now >= self._next_assess:
@@ -241,13 +241,10 @@ class Workspace:
 
     def rows(self) -> list[StageRow]:
         """The rows of the stage list."""
-        return [self._row(key) for key in TITLES]
+        return [self.row(key) for key in TITLES]
 
     def row(self, key: str) -> StageRow:
         """The row of a stage."""
-        return self._row(key)
-
-    def _row(self, key: str) -> StageRow:
         if self.take is None:
             return StageRow(key, "missing", "")
         if key == "capture":

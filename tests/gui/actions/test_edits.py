@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -31,8 +32,7 @@ class Chosen:
 
 
 @pytest.fixture
-def window(take_copy: Path):
-    workspace = Workspace()
+def window(workspace: Workspace, take_copy: Path) -> Iterator[SimpleNamespace]:
     workspace.open(Take.open(take_copy))
     editor = EditView(workspace)
     editor.begin(OrbitCamera(), np.array([0.0, 0.0, 1.0]), np.zeros((0, 3)))
@@ -45,7 +45,6 @@ def window(take_copy: Path):
         over_view=lambda x, y: False,
     )  # fmt: skip
     editor.close()
-    workspace.close()
 
 
 def test_edits_are_taken_back_in_the_list(window: Any) -> None:

@@ -7,54 +7,41 @@ from pathlib import Path
 import pytest
 
 from gui.models.notices import MOST_FAILURES, SHOWN_SECONDS, Notices
-
-
-class Clock:
-    """Seconds that pass when told."""
-
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
+from tests.support.waiting import HandClock
 
 
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def notices(clock: Clock) -> Notices:
+def notices(clock: HandClock) -> Notices:
     return Notices(clock)
 
 
-def test_a_passing_notice_is_shown_for_a_while(notices: Notices, clock: Clock) -> None:
+def test_a_passing_notice_is_shown_for_a_while(notices: Notices, clock: HandClock) -> None:
     assert (notices.text, notices.line, notices.card) == ("", "", None)
     notices.show("Undone:\nbake.quality 30 to 22")
     assert (notices.text, notices.line, notices.card) == ("Undone: bake.quality 30 to 22",) * 2 + (None,)
-    clock.now = SHOWN_SECONDS - 1
+    clock.time = SHOWN_SECONDS - 1
     assert notices.line
-    clock.now = SHOWN_SECONDS + 1
+    clock.time = SHOWN_SECONDS + 1
     assert (notices.text, notices.line) == ("", "")
 
 
-def test_what_was_written_has_buttons_for_a_while(notices: Notices, clock: Clock) -> None:
+def test_what_was_written_has_buttons_for_a_while(notices: Notices, clock: HandClock) -> None:
     notices.show("Written: walk.mp4", path=Path("walk.mp4"))
     assert notices.card is not None
     assert (notices.card.path, notices.line, notices.text) == (Path("walk.mp4"), "", "Written: walk.mp4")
-    clock.now = SHOWN_SECONDS + 1
+    clock.time = SHOWN_SECONDS + 1
     assert notices.card is None
 
 
-def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: Clock) -> None:
+def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: HandClock) -> None:
     notices.show("no such folder", bad=True)
     notices.show("the disk is full", bad=True)
-    clock.now = 1e6
+    clock.time = 1e6
     assert notices.card is not None
     assert (notices.card.text, notices.more, notices.card.bad) == ("the disk is full", 1, True)
     notices.show("Written: a.ply", path=Path("a.ply"))
     assert (notices.card.text, notices.more, notices.card.bad) == ("Written: a.ply", 2, False)
-    clock.now += SHOWN_SECONDS + 1
+    clock.time += SHOWN_SECONDS + 1
     assert (notices.card.text, notices.more) == ("the disk is full", 1)
     assert notices.dismiss()
     assert notices.text == "no such folder"

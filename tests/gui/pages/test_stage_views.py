@@ -47,18 +47,16 @@ from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
 from tests.support.object_store import ObjectStore
-from tests.support.waiting import wait_until
+from tests.support.waiting import HandClock, wait_until
 
 SIZE = (720, 500)
 
 
 @pytest.fixture
-def views() -> Iterator[StageViews]:
-    workspace, player = Workspace(), PlayerPresenter()
-    found = StageViews(workspace, player, RaycastMesh)
+def views(workspace: Workspace) -> Iterator[StageViews]:
+    found = StageViews(workspace, PlayerPresenter(), RaycastMesh)
     yield found
     assert found.close()
-    assert workspace.close()
 
 
 def opened(views: StageViews, take: Path) -> None:
@@ -345,7 +343,11 @@ def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
 
 
 def test_a_new_take_from_footage_in_object_storage(
-    object_store: ObjectStore, footage_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    object_store: ObjectStore,
+    workspace: Workspace,
+    footage_project: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     object_store.upload(footage_project / "capture", "day1")
@@ -361,14 +363,12 @@ def test_a_new_take_from_footage_in_object_storage(
     config = load_config(take.config, [("calibrate.tie_points", "points.yaml")])
     assert tuple(CameraUses.of(config.capture).uses) == tuple(f"cam{number}" for number in range(6))
     write_text(take.config, dump_config(config))
-    workspace = Workspace()
     workspace.open(take)
     points = PointsView(workspace)
     points.state()
     with pytest.raises(StudioError, match=r"s3://studio/day1/points\.yaml: the window cannot save"):
         points.draw(SIZE, points.state())
     assert points.close()
-    assert workspace.close()
     assert not list(tmp_path.glob("s3*")), "no folder is named like the address"
 
 
@@ -413,15 +413,17 @@ def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
     assert Preferences.read(path) == Preferences()
 
 
-def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_project: Path) -> None:
-    workspace, clock, gate = Workspace(), [0.0], threading.Event()
+def test_another_picture_is_dimmed_until_the_chosen_one_is_there(
+    workspace: Workspace, clock: HandClock, finished_project: Path
+) -> None:
+    gate = threading.Event()
     gate.set()
 
     def draw(gaussians: Gaussians, camera: Camera, background: object) -> np.ndarray:
         assert gate.wait(60)
         return np.full((camera.height, camera.width, 3), 200, np.uint8)
 
-    views = StageViews(workspace, PlayerPresenter(draw), RaycastMesh, lambda: clock[0])
+    views = StageViews(workspace, PlayerPresenter(draw), RaycastMesh, clock)
     opened(views, finished_project / "take")
     views.choose("trained")
     first = shown(views)
@@ -431,7 +433,7 @@ def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_projec
     assert views.poll(SIZE, SIZE, 16.0) is None, "not at once: that would flicker"
     assert not views.player.current
     assert "rendering" in views.player.status
-    clock[0] = 1.0
+    clock.time = 1.0
     waiting = views.poll(SIZE, SIZE, 16.0)
     assert waiting is not None
     assert np.median(waiting) < 100, "dimmed"
@@ -443,7 +445,7 @@ def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_projec
 
     # a window that ticks seldom would show the wrong picture for another draw
     gate.clear()
-    clock[0] = 3.0
+    clock.time = 3.0
     views.choose("trained")
     slow = views.poll(SIZE, SIZE, 16.0)
     assert slow is not None
@@ -451,7 +453,6 @@ def test_another_picture_is_dimmed_until_the_chosen_one_is_there(finished_projec
     gate.set()
     assert shown(views).mean() == 200
     assert views.close()
-    assert workspace.close()
 
 
 def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews, take_copy: Path) -> None:
@@ -479,8 +480,7 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     assert load_config(take_copy / "config.yaml").bake.quality == 30, "not a point"
 
 
-def test_a_change_of_settings_is_named_when_it_is_undone(take_copy: Path) -> None:
-    workspace = Workspace()
+def test_a_change_of_settings_is_named_when_it_is_undone(workspace: Workspace, take_copy: Path) -> None:
     workspace.open(Take.open(take_copy))
     assert workspace.context is not None
     before = workspace.context.config.bake.quality
@@ -489,4 +489,3 @@ def test_a_change_of_settings_is_named_when_it_is_undone(take_copy: Path) -> Non
     assert workspace.context.config.bake.quality == before
     assert workspace.change_settings({"bake.quality": before + 8}, "QP from the curve") is None
     assert workspace.history.undo() == "Undone: QP from the curve."
-    assert workspace.close()

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from gui.app import check_display
-from gui.platform.vulkan import VulkanDevice, vulkan_devices
+from gui.platform.vulkan import vulkan_devices
 from tests.support.errors import refuses
 
 
@@ -30,7 +30,6 @@ def test_devices_are_listed_where_a_driver_is_installed() -> None:
     devices = vulkan_devices()
     assert devices
     assert all(device.name for device in devices)
-    assert VulkanDevice("llvmpipe", "software").is_software
 
 
 def test_no_display_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

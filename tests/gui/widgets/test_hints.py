@@ -8,19 +8,10 @@ import pytest
 from open3d.visualization import gui
 
 from gui.widgets.hints import DELAY, Hints
+from tests.support.waiting import HandClock
 
 EM = 16.0
 BAR = (360, 0, 900, 24)
-
-
-class Clock:
-    """Seconds that pass only where a test says so."""
-
-    def __init__(self) -> None:
-        self.time = 0.0
-
-    def __call__(self) -> float:
-        return self.time
 
 
 def button(x: int, y: int, width: int = 80, height: int = 24) -> gui.Button:
@@ -38,18 +29,13 @@ def row_of(hints: Hints, frame: tuple[int, int, int, int], buttons: Sequence[gui
 
 
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def hints(clock: Clock) -> Hints:
+def hints(clock: HandClock) -> Hints:
     hints = Hints(True, EM, clock)
     hints.bar = lambda: BAR
     return hints
 
 
-def rest(hints: Hints, clock: Clock, at: tuple[int, int], hidden: bool = False) -> str:
+def rest(hints: Hints, clock: HandClock, at: tuple[int, int], hidden: bool = False) -> str:
     """The hint after the pointer has rested at a position."""
     hints.update(at, hidden)
     clock.time += 2 * DELAY
@@ -57,7 +43,7 @@ def rest(hints: Hints, clock: Clock, at: tuple[int, int], hidden: bool = False) 
     return hints.text
 
 
-def test_none_after_a_click_until_the_pointer_has_left(hints: Hints, clock: Clock) -> None:
+def test_none_after_a_click_until_the_pointer_has_left(hints: Hints, clock: HandClock) -> None:
     row = row_of(hints, (300, 28, 700, 24), [button(300, 28), button(400, 28)], "what it does")
     assert rest(hints, clock, (310, 40)) == "what it does"
     hints.press(310, 40, [])

@@ -7,19 +7,7 @@ import pytest
 
 from gui.models.playback.timeline import Timeline
 from gui.models.playback.transport import Transport
-
-
-class HandClock:
-    def __init__(self) -> None:
-        self.time = 100.0
-
-    def __call__(self) -> float:
-        return self.time
-
-
-@pytest.fixture
-def clock() -> HandClock:
-    return HandClock()
+from tests.support.waiting import HandClock
 
 
 def test_frames_come_from_the_clock(clock: HandClock) -> None:
@@ -76,6 +64,68 @@ def test_group_jumps(clock: HandClock) -> None:
         transport.jump_group(direction)
         seen.append(transport.frame)
     assert seen == [20, 29, 20, 0, 0]
+
+
+def test_playback_repeats_the_span(clock: HandClock) -> None:
+    transport = Transport(20, 10.0, now=clock)
+    transport.select_span(8, 5)
+    assert transport.span == (5, 8)
+    transport.play()
+    seen = []
+    for step in range(10):
+        clock.time = step / 10
+        seen.append(transport.frame)
+    assert seen == [5, 6, 7, 8, 5, 6, 7, 8, 5, 6], "it begins at the span"
+    assert transport.clear_span()
+    assert transport.frame == 6, "the frame is kept"
+    clock.time += 0.5
+    assert transport.frame == 11
+    assert not transport.clear_span()
+
+
+def test_the_sound_begins_again_with_the_span() -> None:
+    class Sound:
+        def __init__(self) -> None:
+            self.begun: list[float] = []
+            self.at: float | None = None
+
+        def play(self, seconds: float, loop: bool) -> None:
+            self.begun.append(seconds)
+            self.at = seconds
+
+        def stop(self) -> None:
+            self.at = None
+
+        def position(self) -> float | None:
+            return self.at
+
+    sound = Sound()
+    transport = Transport(20, 10.0, now=HandClock())
+    transport.follow(sound)  # type: ignore[arg-type]
+    transport.select_span(5, 8)
+    transport.play()
+    assert sound.begun == [0.5]
+    sound.at = 0.9
+    assert transport.frame == 5
+    assert sound.begun == [0.5, 0.5]
+    sound.at = 0.75
+    assert transport.frame == 7
+
+
+def test_a_key_sets_begin_and_end_and_clears() -> None:
+    transport = Transport(20, 10.0, now=HandClock())
+    transport.seek(12)
+    assert "begins at frame 12" in transport.step_span()
+    assert transport.span is None
+    transport.seek(3)
+    assert "3 to 12" in transport.step_span()
+    assert transport.span == (3, 12)
+    transport.step_span()
+    assert transport.span is None
+    transport.select_span(0, 99)
+    assert transport.span == (0, 19)
+    transport.resize(10, (0,), 10.0)
+    assert transport.span is None, "its frames are gone"
 
 
 @pytest.mark.parametrize(("width", "frames"), [(900, 30), (64, 30), (20, 300), (1000, 7), (5, 1)])

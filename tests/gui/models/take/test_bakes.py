@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +19,6 @@ from studio.stream import CapturePlace
 from tests.support.looping import wait_in_loop
 from tests.support.players import settle
 from tests.support.streams import bake_numbered, set_capture
-
-
-@pytest.fixture
-def player(finished_project: Path) -> Iterator[PlayerPresenter]:
-    presenter = PlayerPresenter()
-    assert presenter.open(finished_project / "take"), presenter.message
-    presenter.resize(256, 192)
-    yield presenter
-    assert presenter.close()
 
 
 def picture(player: PlayerPresenter) -> np.ndarray:

@@ -61,13 +61,14 @@ def test_notes_of_an_export_are_told_with_its_result(tmp_path: Path, monkeypatch
         assert exports.result.split("\n") == [f"Written: {tmp_path / 'out'}", *notes], "each of its own export"
 
 
-def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
+def test_what_fails_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = [sys.executable, "-c", "raise SystemExit('error: the disk is full')"]
+    monkeypatch.setattr("gui.models.take.exports.v3studio_command", lambda: program)
     exports = Exports()
-    exports.start(request("ply", tmp_path / "nothing", tmp_path / "out"))
+    exports.start(request("ply", tmp_path / "stream", tmp_path / "out"))
     finish(exports)
-    assert exports.failed
-    assert "nothing" in exports.result
-    assert not (tmp_path / "out").exists()
+    assert (exports.failed, exports.written) == (True, None)
+    assert exports.result.endswith(": the disk is full")
 
 
 @pytest.mark.parametrize("of", ["decoded", "trained"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import ssl
+import sys
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -83,7 +84,9 @@ def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
     wait_until("the server is gone", gone, 60.0)
 
 
-def test_a_server_that_cannot_start_says_why(tmp_path: Path) -> None:
+def test_a_server_that_cannot_start_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = [sys.executable, "-c", "import sys; raise SystemExit(f'error: {sys.argv[2]}: no such folder')"]
+    monkeypatch.setattr("gui.models.take.serving.v3studio_command", lambda: program)
     serving = Serving()
     failures: list[str] = []
     serving.failed.connect(failures.append)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -21,14 +22,9 @@ from pipelines.takes.take import Take
 from tests.support.looping import wait_in_loop
 
 
-class Clock:
-    """Seconds that pass when told."""
-
-    now = 0.0
-
-    def __call__(self) -> float:
-        self.now += 2 * LOOK_EVERY
-        return self.now
+def clock() -> Callable[[], float]:
+    """Seconds that pass at each look."""
+    return itertools.count(0.0, 2 * LOOK_EVERY).__next__
 
 
 def failing(queue: QueueFile) -> subprocess.Popen[bytes]:
@@ -38,7 +34,7 @@ def failing(queue: QueueFile) -> subprocess.Popen[bytes]:
 
 @pytest.fixture
 def shown(tmp_path: Path) -> Iterator[TakeQueue]:
-    found = TakeQueue(QueueFile(tmp_path / "queue.json"), failing, Clock())
+    found = TakeQueue(QueueFile(tmp_path / "queue.json"), failing, clock())
     yield found
     found.close()
 
@@ -93,7 +89,7 @@ def test_a_program_that_was_killed_is_said(tmp_path: Path) -> None:
     def ended_by(number: int) -> str:
         words = f"import os; os.kill(os.getpid(), {number})"
         queue = QueueFile(tmp_path / "queue.json")
-        shown = TakeQueue(queue, lambda _: subprocess.Popen([sys.executable, "-S", "-c", words]), Clock())
+        shown = TakeQueue(queue, lambda _: subprocess.Popen([sys.executable, "-S", "-c", words]), clock())
         shown.start()
         wait_in_loop("the end", lambda: not shown.running)
         shown.close()

@@ -22,13 +22,11 @@ SIZE = (900, 600)
 
 
 @pytest.fixture
-def stage_view(take_copy: Path) -> Iterator[PointsView]:
-    workspace = Workspace()
+def stage_view(workspace: Workspace, take_copy: Path) -> Iterator[PointsView]:
     workspace.open(Take.open(take_copy))
     found = PointsView(workspace)
     yield found
     assert found.close()
-    assert workspace.close()
 
 
 def picture(stage_view: PointsView) -> np.ndarray:
@@ -126,11 +124,10 @@ def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None
     assert "invalid YAML" not in stage_view.status
 
 
-def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
+def test_footage_that_is_gone(workspace: Workspace, take_copy: Path, tmp_path: Path) -> None:
     settings = take_copy / "config.yaml"
     lines = settings.read_text().splitlines()
     settings.write_text("\n".join(f"  root: {tmp_path}/gone" if line.startswith("  root:") else line for line in lines))
-    workspace = Workspace()
     workspace.open(Take.open(take_copy))
     stage_view = PointsView(workspace)
     picture(stage_view)
@@ -144,7 +141,6 @@ def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
     stage_view.wheel(1)
     assert not (take_copy / "points.yaml").exists()
     assert stage_view.close()
-    assert workspace.close()
 
 
 def test_names_and_places(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -43,13 +42,10 @@ def test_the_correction_is_the_inverse_of_what_the_camera_did() -> None:
     assert np.abs(left / 255 - truth[rows, columns]).max() > 0.1
 
 
-@pytest.fixture
-def workspace(finished_project: Path, tmp_path: Path) -> Iterator[Workspace]:
+@pytest.fixture(autouse=True)
+def _opened(workspace: Workspace, finished_project: Path, tmp_path: Path) -> None:
     shutil.copytree(finished_project, tmp_path / "project")
-    found = Workspace()
-    found.open(Take.open(tmp_path / "project" / "take"))
-    yield found
-    assert found.close()
+    workspace.open(Take.open(tmp_path / "project" / "take"))
 
 
 def test_cameras_appear_as_they_are_read(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,10 +30,9 @@ CORNERS = ((4.0, 3.0), (40.0, 3.0), (40.0, 30.0), (4.0, 30.0))
 
 
 @pytest.fixture
-def views(take_copy: Path) -> Iterator[StageViews]:
+def views(workspace: Workspace, take_copy: Path) -> Iterator[StageViews]:
     """Camera 1 of a take shown alone, to draw on."""
-    workspace, player = Workspace(), PlayerPresenter()
-    found = StageViews(workspace, player, RaycastMesh)
+    found = StageViews(workspace, PlayerPresenter(), RaycastMesh)
     workspace.open(Take.open(take_copy))
     wait_in_loop("the take", lambda: workspace.assessed)
     found.select("capture")
@@ -41,7 +40,6 @@ def views(take_copy: Path) -> Iterator[StageViews]:
     found.show_alone("cam1")
     yield found
     assert found.close()
-    assert workspace.close()
 
 
 def picture(views: StageViews) -> np.ndarray:

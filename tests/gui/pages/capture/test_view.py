@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +15,6 @@ from pipelines.takes.take import Take
 from studio.memory_cache import MemoryCache, bytes_of
 
 SIZE = (720, 500)
-
-
-@pytest.fixture
-def workspace() -> Iterator[Workspace]:
-    found = Workspace()
-    yield found
-    assert found.close()
 
 
 def drawn(view: CaptureView, mode: str, frame: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,15 +31,13 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture
-def view(take_copy: Path):
-    workspace = Workspace()
+def view(workspace: Workspace, take_copy: Path) -> Iterator[EditView]:
     workspace.open(Take.open(take_copy))
     view = EditView(workspace)
     rig = read_rig(take_copy / "calibrate" / "rig.json")
     view.begin(OrbitCamera.looking_through(rig["cam0"], np.zeros(3), UP), UP, np.zeros((0, 3)))
     yield view
     view.close()
-    workspace.close()
 
 
 def drawn(view: EditView) -> np.ndarray:

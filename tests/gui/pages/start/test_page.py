@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,21 +18,11 @@ from pipelines.batch.queue_file import QueueFile
 from tests.support.looping import wait_in_loop
 
 
-class Clock:
-    """Seconds that pass at each look."""
-
-    now = 0.0
-
-    def __call__(self) -> float:
-        self.now += LOOK_EVERY
-        return self.now
-
-
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StartPage]:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     queue = TakeQueue(QueueFile(tmp_path / "queue.json"))
-    found = StartPage(queue, True, Clock())
+    found = StartPage(queue, True, itertools.count(0.0, LOOK_EVERY).__next__)  # seconds pass at each look
     yield found
     found.close()
     queue.close()

@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +27,6 @@ from pipelines.events import (
     StageFinished,
     StageStarted,
 )
-from pipelines.events.log_follower import LogFollower
 from pipelines.runs.runner import Logged
 from pipelines.takes.take import Take
 from tests.support.looping import heard, wait_in_loop
@@ -155,37 +154,6 @@ def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: 
     assert said in run.failed["train"]
 
 
-def test_the_log_is_followed_line_by_line_and_a_new_one_is_noticed(tmp_path: Path) -> None:
-    path = tmp_path / "events.jsonl"
-    follower = LogFollower(path)
-    assert follower.poll() == (False, [])
-    line = Log(message="one").to_json() + "\n"
-    path.write_text(line + line[:10])
-    anew, events = follower.poll()
-    assert (anew, [event.message for event in events]) == (True, ["one"])  # type: ignore[attr-defined]
-    with path.open("a") as file:
-        file.write(line[10:])
-    anew, events = follower.poll()
-    assert (anew, len(events)) == (False, 1)
-    with path.open("ab") as file:
-        file.write(b"\xff garbage\n\n" + line.encode() + b"[" * 100_000 + b"\n")
-    anew, events = follower.poll()
-    assert (anew, [event.message for event in events]) == (False, ["one"])  # type: ignore[attr-defined]
-    assert follower.poll() == (False, [])
-    (tmp_path / "new").write_text(line)
-    os.replace(tmp_path / "new", path)
-    assert follower.poll()[0]
-
-
-@pytest.fixture
-def workspace() -> Iterator[Workspace]:
-    found = Workspace()
-    yield found
-    if found.job is not None:
-        found.job.cancel()
-    assert found.close()
-
-
 def wait(workspace: Workspace, what: str, accept: Callable[[], bool], seconds: float = 180.0) -> None:
     try:
         wait_in_loop(what, accept, seconds)
@@ -262,7 +230,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
     workspace.open(Take.open(take_copy))
     environment = {
         **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]),
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[4]), os.environ.get("PYTHONPATH", "")]),
     }
     terminal = subprocess.Popen(
         [sys.executable, "-m", "pipelines.cli", "run", "--take", str(take_copy), "--json",
@@ -278,8 +246,8 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         process = psutil.Process(terminal.pid)
         wait_until("halted", lambda: process.status() == psutil.STATUS_STOPPED)
         halted, written = process.cpu_times(), take_copy.joinpath(".v3studio", "events.jsonl").stat().st_size
-        workspace._look()  # read what it had written
-        wait(workspace, "seen as paused", lambda: workspace.paused)
+        workspace.open(Take.open(take_copy))  # read what it had written
+        assert workspace.paused
         assert process.cpu_times() == halted
         assert take_copy.joinpath(".v3studio", "events.jsonl").stat().st_size == written
         workspace.pause()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,26 +14,12 @@ from gui.models.marks import Marks
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.player import PlayerPresenter
 from gui.models.take.inspector import review_blocks
-from pipelines.config import load_config
 from pipelines.reports.images import render
-from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.marks import Mark, change_mark
-from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
 from tests.support.players import settle
-
-
-@pytest.fixture
-def player(finished_project: Path) -> Iterator[PlayerPresenter]:
-    presenter = PlayerPresenter()
-    assert presenter.open(finished_project / "take"), presenter.message
-    take = Take.open(finished_project / "take")
-    presenter.context = Inputs(take, load_config(take.config))
-    presenter.resize(256, 192)
-    yield presenter
-    assert presenter.close()
 
 
 def image(player: PlayerPresenter) -> np.ndarray:

@@ -1,0 +1,36 @@
+"""What each camera is used for, from and to the settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gui.models.take.cameras import CameraUses
+from pipelines.config import Config, load_config
+from studio.capture import CaptureSettings
+from tests.support.errors import refuses
+
+
+def test_uses_of_cameras_become_settings(footage_project: Path) -> None:
+    root = footage_project / "capture"
+    spec = CaptureSettings(root=root, held_out=("every 3",), offsets={"cam1": 2, "cam2": 0})
+    uses = CameraUses.of(spec)
+    assert uses.uses == {
+        "cam0": "training", "cam1": "training", "cam2": "held out",
+        "cam3": "training", "cam4": "training", "cam5": "held out",
+    }  # fmt: skip
+    changed = uses.with_use("cam1", "not used").settings(spec)
+    assert changed == {
+        "capture.cameras": ["cam0", "cam2", "cam3", "cam4", "cam5"],
+        "capture.held_out": ["cam2", "cam5"],
+        "capture.offsets": {"cam2": 0},
+    }
+    config = load_config(None, [("capture.root", str(root)), *changed.items()])
+    assert CameraUses.of(config.capture) == uses.with_use("cam1", "not used")
+    assert uses.settings(spec)["capture.cameras"] == [], "all of them"
+    with refuses("gui.no_training_camera"):
+        CameraUses(dict.fromkeys(uses.uses, "held out")).settings(spec)
+    with pytest.raises(ValueError, match="one of training"):
+        uses.with_use("cam1", "spare")
+    assert Config().capture.cameras == ()

@@ -1,0 +1,216 @@
+"""A stream in the window: played, turned, shared and served, with a command that fails on the way."""
+
+from __future__ import annotations
+
+import shutil
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from gui.platform.x_window import XDisplay
+from tests.gui.conftest import RunningWindow
+from tests.support.waiting import wait_until
+
+FAILING = """
+import sys
+from gui.models.playback.transport import Transport
+
+def set_loop(self, on):
+    raise RuntimeError("the loop is stuck")
+
+Transport.set_loop = set_loop
+from gui.app import main
+sys.exit(main())
+"""
+
+LIST = ("the list", lambda s: s["dialog"] == "commands" and s["typing"])
+
+
+def test_a_stream_is_played_shared_and_served(
+    open_window: Callable[..., RunningWindow],
+    display: str,
+    stream_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    folder = Path(shutil.copytree(stream_folder, tmp_path / "walk"))
+    window = open_window(str(folder), program=("-c", FAILING), plays=True)
+    first = window.wait_for("a picture, playing", lambda s: s["shown"] is not None and s["playing"])
+    assert first["frames"] == 12
+    monkeypatch.setenv("DISPLAY", display)
+    server = XDisplay()
+    assert server.least_sizes(window.process.pid) == [(816, 640)], "smaller, controls would be cut off"
+    server.close()
+    assert "walk" in first["title"]
+    window.wait_for("playing on", lambda s: s["shown"] != first["shown"])
+
+    # during playback all numbers are those of the picture
+    def numbers() -> list[list[int]]:
+        return [s["numbers"] for s in window.states() if s["playing"] and None not in s["numbers"]]
+
+    wait_until("some draws", lambda: len({str(one) for one in numbers()}) > 3)
+    drawn = numbers()
+    assert all(len(set(one)) == 1 for one in drawn), drawn
+
+    window.xdotool("mousemove", 1395, 895)  # where another test may have left the pointer
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"] and s["settled"])
+    window.click("play")
+    window.wait_for("playing again", lambda s: s["playing"])
+    window.key("space")
+    window.wait_for("paused again", lambda s: not s["playing"])
+    window.key("Home")
+    window.wait_for("the first frame", lambda s: s["frame"] == 0 and s["shown"] == 0)
+    window.key("Right")
+    window.wait_for("the second frame", lambda s: s["frame"] == 1 and s["shown"] == 1)
+    window.click("forward")
+    window.wait_for("the third frame", lambda s: s["frame"] == 2 and s["shown"] == 2)
+    window.key("bracketright")
+    window.wait_for("the next group", lambda s: s["frame"] == 8 and s["shown"] == 8)
+    window.click("timeline", window.across_frame(5), 0.9)
+    before = window.wait_for("frame 5 by a click", lambda s: s["frame"] == 5 and s["shown"] == 5)
+    window.drag("timeline", (window.across_frame(1), 0.6), (window.across_frame(10), 0.6))
+    window.wait_for("frame 10 by a drag", lambda s: s["frame"] == 10 and s["shown"] == 10)
+
+    # the screen shows the colors of the body, and orbiting changes them
+    wait_until("on the screen", lambda: colored(window.pixels("viewport")) > 5000)
+    one = window.pixels("viewport")
+    window.drag("viewport", (0.4, 0.5), (0.6, 0.4))
+    turned = window.wait_for("another view", lambda s: s["orbit"] != before["orbit"] and s["settled"])
+    assert turned["orbit"][0] != before["orbit"][0]
+    wait_until("on the screen", lambda: np.abs(window.pixels("viewport").astype(int) - one).mean() > 3.0)
+    window.drag("viewport", (0.5, 0.5), (0.6, 0.5), button=3)
+    window.wait_for("a moved target", lambda s: s["orbit"][3:] != turned["orbit"][3:])
+    window.key("r")
+    window.wait_for("the first view", lambda s: s["orbit"] == first["orbit"])
+
+    # commands are found by typing, and run by Enter or a click
+    window.chord("k")
+    state = window.wait_for(*LIST)
+    everything = state["lines"]
+    assert len(everything) > 30
+    window.enter_text("dialog line", "html rep")
+    window.wait_for("what is found", lambda s: s["lines"] == ["Write HTML report"])
+    window.key("Return")
+    window.ticks(30)
+    assert window.states()[-1]["dialog"] == "commands", "a stream has no report: the list stays and says so"
+    window.key("Escape")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+
+    # by a click on the last row that is in view at first
+    figures = window.states()[-1]["figures"]
+    window.chord("k")
+    window.wait_for(*LIST)
+    window.enter_text("dialog line", "view")
+    window.wait_for("what is typed", lambda s: s["texts"].get("dialog line") == "view")
+    window.ticks(30)  # the list of an earlier letter may begin with the same row
+    found = window.states()[-1]["lines"]
+    assert found[0] == "Reset view"
+    row = found.index("Inspector and log")
+    assert 6 < row < 12, "below the middle of the list, which must not scroll under the pointer"
+    window.click("dialog list", 0.5, (row + 0.5) / 12)
+    window.wait_for("other figures", lambda s: not s["dialog"] and s["figures"] != figures)
+
+    # keys that are typed at once are for the list, and none is a shortcut; Enter runs
+    known = len(window.states())
+    window.xdotool("key", "ctrl+k", "type", "--delay", 15, "full")
+    window.wait_for("what is typed", lambda s: s["texts"].get("dialog line") == "full")
+    assert not any(state["fullscreen"] for state in window.states()[known:])
+    window.key("Return")
+    window.wait_for("fullscreen", lambda s: not s["dialog"] and s["fullscreen"])
+
+    # keys select: the last command is about the program
+    window.chord("k")
+    window.wait_for(*LIST)
+    for _ in range(len(everything) // 12 + 1):
+        window.key("Next")
+    window.key("Return")
+    window.wait_for("about", lambda s: s["dialog"] == "message")
+    window.key("Escape")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.key("Escape")
+    window.wait_for("the panels", lambda s: not s["fullscreen"])
+
+    # a command that fails is reported, and the window stays
+    window.key("l")
+    window.wait_for("the message", lambda s: "the loop is stuck" in s["notice"])
+    window.click("notice dismiss")
+    window.wait_for("no message", lambda s: s["notice"] == "")
+    assert "RuntimeError: the loop is stuck" in window.stderr.read_text()
+
+    # an export that is refused keeps what was typed
+    window.menu("Export", "export")
+    window.wait_for("the options", lambda s: s["dialog"] == "export" and s["typing"])
+    window.retype("dialog line", str(folder))
+    window.click("dialog save")
+    window.wait_for("a refusal", lambda s: s["dialog"] == "export" and s["texts"]["dialog line"] == str(folder))
+    window.click("dialog close")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+
+    # a share, with what was chosen last, and over an earlier one
+    window.menu("Share", "share folder")
+    window.wait_for("dialog", lambda s: s["dialog"] == "share")
+    assert window.states()[-1]["texts"]["dialog line"] == str(tmp_path / "walk-share")
+    window.xdotool("type", "--delay", "40", "A walk")  # the first field has the focus
+    window.wait_for("the title", lambda s: s["texts"].get("dialog title") == "A walk")
+    places = window.states()[-1]["widgets"]
+    assert places["dialog line"][0] == places["dialog title"][0], "the output is below the other fields"
+    window.click("dialog save")
+    window.wait_for("what was written", lambda s: s["notice"].startswith("Shared: "), 180)
+    assert (tmp_path / "walk-share" / "stream" / "manifest.json").read_bytes() == (
+        folder / "manifest.json"
+    ).read_bytes()
+    state = window.states()[-1]
+    assert state["dialog"] == "", "nothing stops the work"
+    assert "notice open_folder" in state["widgets"]
+    assert "<title>A walk</title>" in (tmp_path / "walk-share" / "index.html").read_text()
+
+    window.menu("Share", "share folder")
+    state = window.wait_for("dialog again", lambda s: s["dialog"] == "share")
+    assert state["texts"]["dialog title"] == "A walk", "it begins with what was chosen last"
+    window.click("dialog line")
+    window.key("End")
+    window.xdotool("type", "--delay", "20", "name" * 65)  # longer than file systems allow
+    window.wait_for("the name", lambda s: s["texts"]["dialog line"].endswith("walk-share" + "name" * 65))
+    window.click("dialog save")
+    window.xdotool("type", "z")
+    window.wait_for("the first field focused", lambda s: s["texts"].get("dialog title", "")[-1:] == "z")
+    assert "bug" not in window.states()[-1]["notice"]
+    window.click("dialog close")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.menu("Share", "share folder")
+    window.wait_for("dialog again", lambda s: s["dialog"] == "share")
+    window.click("dialog save")
+    window.wait_for("a question", lambda s: s["dialog"] == "ask")
+    (tmp_path / "walk-share" / "index.html").write_text("the earlier page")
+    window.click("dialog replace")
+    window.wait_for("the new page", lambda s: s["exporting"] == "" and not s["dialog"], 180)
+    wait_until("replaced", lambda: "A walk" in (tmp_path / "walk-share" / "index.html").read_text(), 180)
+
+    window.menu("Share", "serve")
+    window.wait_for("dialog", lambda s: s["dialog"] == "serve")
+    window.click("dialog https", 0.1)
+    window.click("dialog save")
+    state = window.wait_for("the code", lambda s: s["dialog"] == "serving" and s["widgets"].get("dialog qr"), 180)
+    assert state["serving"].startswith("http://")
+    wait_until("the code on the screen", lambda: read_code(window) == state["serving"])
+    port = state["serving"].rstrip("/").rpartition(":")[2]
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/manifest.json") as answer:
+        assert answer.read() == (folder / "manifest.json").read_bytes()
+    window.click("dialog stop")
+    window.wait_for("the end", lambda s: s["serving"] == "" and s["dialog"] == "")
+    assert window.close() == 0
+
+
+def colored(pixels: np.ndarray) -> int:
+    """Number of pixels that are not gray."""
+    return int(((pixels.max(-1).astype(int) - pixels.min(-1)) > 60).sum())
+
+
+def read_code(window: RunningWindow) -> str:
+    """What the QR code says."""
+    return cv2.QRCodeDetector().detectAndDecode(np.ascontiguousarray(window.pixels("dialog qr")))[0]
