@@ -93,6 +93,7 @@ COMMANDS = {
     "status": ("status", "{take}", "--json"),
     "compare": ("compare", "{take}", "--out", "{out}", "--json"),
     "check": ("check", "{take}", "--json"),
+    "bakes": ("bakes", "{take}", "--json"),
     "play": ("play", "{take}", "--json"),
     "export": ("export", "{take}", "--format", "ply", "--of", "trained", "--out", "{out}", "--json"),
     "import": ("import", "{frame}", "--out", "{out}", "--json"),
@@ -118,7 +119,7 @@ def test_every_command_with_json_prints_json_only(
         lines = [json.loads(line) for line in text.splitlines()]
         assert {line["kind"] for line in lines} - {"published", "shared"} == {"progress"}
     else:
-        assert isinstance(json.loads(text), dict)
+        assert isinstance(json.loads(text), dict | list)
     for words in WORDS:
         assert words in done.stderr.decode("utf-8", "replace")
 
