@@ -19,6 +19,7 @@ from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
 
+_FINE = 0.1  # largest step of positions, in sizes of splats
 _SAMPLE = 4000  # number of splats compared to decide whether two frames have the same splats in the same order
 # relative to the distance between two random splats: moving splats are far below, shuffled splats near 1
 _SAME_ORDER = 0.3
@@ -74,6 +75,14 @@ def _gaps(numbers: list[int]) -> str | None:
     return f"frames are missing, first between {numbers[first]} and {numbers[first + 1]}: played without a pause there"
 
 
+def _coarse(splats: Gaussians) -> str | None:
+    """A note on positions so far from zero that float32 has too few digits for them."""
+    step = float(np.spacing(np.float32(splats.means.abs().amax(dim=1).median())))
+    if step < _FINE * float(splats.scales.median()):
+        return None
+    return f"positions are so far from zero that they have steps of {step:g} units: export them near zero for more"
+
+
 def _scanned(
     paths: list[Path], counts: list[int], notes: dict[str, None], progress: ProgressFn
 ) -> tuple[tuple[int, ...], list[np.ndarray], list[Spread]]:
@@ -89,7 +98,11 @@ def _scanned(
             splats = read_rows(path, lambda note: notes.setdefault(note))
             usable_rows.append(usable(splats))
             check_some_usable(path, usable_rows[-1])
-            spreads.append(Spread.of(splats[usable_rows[-1]]))
+            shown = splats[usable_rows[-1]]
+            spreads.append(Spread.of(shown))
+            coarse = _coarse(shown)
+            if coarse is not None:
+                notes.setdefault(coarse)
             yield splats.means.numpy()
 
     starts = find_groups(counts, rows(), progress)
