@@ -204,7 +204,7 @@ class RunningWindow:
     def _fail(self, why: str) -> NoReturn:
         """End the test; the screen is kept in `ARTIFACTS`."""
         ARTIFACTS.mkdir(exist_ok=True)
-        self._screenshot(ARTIFACTS / f"{self.log.parent.name}.png")
+        self.screenshot(ARTIFACTS / f"{self.log.parent.name}.png")
         pytest.fail(why)
 
     def _story(self, changes: int = 12) -> str:
@@ -240,7 +240,7 @@ class RunningWindow:
     def pixels(self, widget: str) -> np.ndarray:
         """(H, W, 3) uint8 RGB: what the screen shows where a widget is."""
         (left, top), (right, bottom) = self.point(widget, 0.0, 0.0), self.point(widget, 1.0, 1.0)  # once it is still
-        image = cv2.imread(str(self._screenshot(self.log.with_suffix(".png"))))
+        image = cv2.imread(str(self.screenshot(self.log.with_suffix(".png"))))
         assert image is not None
         return image[top:bottom, left:right, ::-1]
 
@@ -374,7 +374,7 @@ class RunningWindow:
         for modifier in held:
             self.send("keyup", modifier)
 
-    def _screenshot(self, path: Path) -> Path:
+    def screenshot(self, path: Path) -> Path:
         """The whole screen as a PNG."""
         subprocess.run(["import", "-window", "root", str(path)], env=self.environment, check=True, timeout=60)
         return path
