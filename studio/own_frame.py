@@ -14,7 +14,7 @@ from studio.cameras import Rig
 from studio.similarity import Similarity
 
 _LEAST, _MOST = 0.5, 32.0  # radius of a rig that is not scaled, in its units
-_USUAL = 3.326  # radius of one that is: that of the sample capture, in meters
+_USUAL = 3.3259015  # radius of one that is: that of the sample capture, in meters
 _FARTHEST = 64.0  # distance of the middle from the origin, in radii; float32 then has 18 bits for a radius
 
 
