@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any, TextIO
 from gui.pages.review.session import edits_of
 from gui.shell import Shell
 from pipelines.takes.edits import describe
+from studio.json_types import JsonObject
 
 if TYPE_CHECKING:
     from open3d.visualization import gui
 
 
-def state_of(window: Shell) -> dict[str, Any]:
+def state_of(window: Shell) -> JsonObject:
     """A line of `--log-state`. Places are the middle of something, 0 to 1 across and down its widget, by name."""
     player, stages, views = window.player, window.stages, window.views
     transport = player.transport

@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("studio", "pipelines", "gui", "v3studio")
 ALIASES = "studio/json_types.py"
 READERS_AND_WRITERS = {
+    "gui/state.py",  # v3studio-gui --log-state
     "pipelines/config/loading.py",  # a user's YAML
     "pipelines/estimate/estimate.py",  # v3studio estimate --json
     "pipelines/events/__init__.py",  # a line of JSON
