@@ -125,10 +125,10 @@ def _held_out_note(held_out: Sequence[str], names: Sequence[str]) -> str:
         return f"Held out: {', '.join(held_out)}."
     if len(names) < 2:
         return ""
-    some = [f"every {_SUGGESTED_STEP}"] if len(names) >= _SUGGESTED_STEP else [names[-1]]
+    some = names[_SUGGESTED_STEP - 1 :: _SUGGESTED_STEP] or names[-1:]
     return (
         "No camera is held out, so quality is measured on cameras of training. To measure new views: "
-        f"capture.held_out: {inline_yaml(some)}."
+        f"capture.held_out: {inline_yaml(list(some))}."
     )
 
 
