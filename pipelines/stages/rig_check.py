@@ -92,7 +92,7 @@ def _stored(path: Path, key: str) -> StoredVerdict | None:
 
 def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
     from studio.calibration.epipolar import match_images
-    from studio.meshing.agreement import PIXELS, contradicting, mask_agreement
+    from studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, mask_agreement
     from studio.meshing.silhouettes import Silhouettes
 
     footage = inputs.footage.calibrated
@@ -101,7 +101,7 @@ def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
     names = footage.train_cameras
     errors: dict[str, float] | None = None
     disagreeing: list[str] = []
-    if inputs.config.capture.masks != "none" and len(names) >= 4:
+    if inputs.config.capture.masks != "none" and len(names) >= LEAST_CAMERAS:
         views = [footage.view(name, frame) for name in names]
         shapes = Silhouettes(views, max_pixels=PIXELS * len(names))
         agreement = mask_agreement(shapes, max(3, len(names) // 3))

@@ -181,7 +181,7 @@ def _instead(root: Path) -> str:
     """The layout that `auto` would find, as a sentence with a space before it."""
     try:
         pattern, matches = detect_images(root)
-    except StudioError:
+    except (StudioError, OSError):  # nothing there, or no folder
         return ""
     return f" '{pattern}' matches {counted(len(matches), 'file')}."
 

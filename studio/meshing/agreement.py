@@ -20,6 +20,8 @@ and 0.06; another camera's mask gives 0.14 to 0.96 and 0.2 or more."""
 _USUAL = 2.5
 """The rig's median error is what is usual, but at most this divided by the number of cameras: the fewer they are, the
 more a visual hull exceeds the performer, and the more unevenly. Correct rigs had 1.4 (16 cameras) and 1.9 (27)."""
+LEAST_CAMERAS = 8
+"""Fewer cannot outvote one: its wrong mask makes all contradict each other."""
 PIXELS = 120_000
 """Pixels per mask that are enough here."""
 
@@ -49,14 +51,12 @@ def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreeme
     Differences of two voxels, a 48th of the volume's size, are tolerated.
 
     Args:
-        shapes: silhouettes.
+        shapes: silhouettes, of at least `LEAST_CAMERAS` cameras.
         min_views: number of cameras that must see a point of the volume.
 
     Returns:
-        By camera; empty if there are fewer than four, which cannot outvote one, or if they have no common volume.
+        By camera; empty if they have no common volume.
     """
-    if len(shapes) < 4:
-        return {}
     least = max(2, min_views - 1)  # without one of them
     middle, half = _looked_at(shapes)
     for count in (_COARSE, _COARSE, _FINE):

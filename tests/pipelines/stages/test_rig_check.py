@@ -12,27 +12,33 @@ import pytest
 from pipelines.config import load_config
 from pipelines.runs.runner import run
 from pipelines.takes.take import Take
+from studio.camera_files import write_rig
 from studio.errors import StudioError
+from tests.support.rigs import intrinsics, ring
 
 
 @pytest.fixture
-def wrong_masks(project: Path) -> Path:
-    """The project; each camera's performer is moved to another place of its image."""
-    for number in range(6):
-        for file in (project / "capture" / "images" / f"cam{number}").iterdir():
-            image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-            shift = np.array([[1.0, 0, (-20, 20)[number % 2]], [0, 1, 0]])
-            moved = cv2.warpAffine(image, shift, (image.shape[1], image.shape[0]))
-            cv2.imwrite(str(file), moved)
-    return project
+def wrong_masks(tmp_path: Path) -> Path:
+    """Settings of a capture of ten cameras; each has its performer somewhere else in the image."""
+    rig = ring(10, heights=[0.5], K=intrinsics(100.0, (64, 48)), size=(64, 48))
+    write_rig(rig, tmp_path / "rig.json")
+    random = np.random.default_rng(0)
+    for camera in rig:
+        image = np.zeros((48, 64, 4), np.uint8)
+        middle = int(random.integers(10, 54)), int(random.integers(10, 38))
+        cv2.circle(image, middle, 6, (80, 120, 200, 255), -1)
+        (tmp_path / "images" / camera.name).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / "images" / camera.name / "000.png"), image)
+    settings = tmp_path / "capture.yaml"
+    settings.write_text("capture: {root: ., rig: rig.json, masks: alpha}\ninitialize: {resolution: 32}\n")
+    return settings
 
 
 def test_masks_that_contradict_each_other_stop_it(wrong_masks: Path, tmp_path: Path) -> None:
     take = Take(tmp_path / "take")
-    config = load_config(wrong_masks / "ball.yaml", [("capture.held_out", [])])
     with pytest.raises(StudioError) as stopped:
-        run(take, config, lambda event: None, stages=("calibrate", "initialize"))
-    assert stopped.value.code == "rig.wrong", "the images of a ball have too few features to say that it is the masks"
+        run(take, load_config(wrong_masks, []), lambda event: None, stages=("calibrate", "initialize"))
+    assert stopped.value.code == "rig.wrong", "the images have too few features to say that it is the masks"
     assert stopped.value.fields["setting"] == "run.check_rig"
     stored = json.loads(take.rig_verdict.read_text())
     assert (stored["grade"], stored["blamed"]) == ("wrong", "cameras or masks")
