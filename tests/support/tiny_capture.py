@@ -101,13 +101,8 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": path, "COLUMNS": "200"}
 
 
-_NOT_COMPARED = ("group.json", "verdict.json")
-
-
 def results(take: Path) -> dict[str, bytes]:
-    """Trained frames, initial points, the stream and the evaluation by path; not what says how long they took, or has a
-    digest of where the footage is."""
+    """Trained frames, initial points, the stream and the evaluation by path; not what says how long they took."""
     folders = [take / name for name in ("initialize", "train", "stream")]
-    files = [path for folder in folders for path in folder.rglob("*") if path.is_file()]
-    files = [path for path in files if path.name not in _NOT_COMPARED]
+    files = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.name != "group.json"]
     return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}

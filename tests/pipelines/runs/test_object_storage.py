@@ -20,7 +20,7 @@ def results(take: Path) -> dict[str, bytes]:
     return {
         path.relative_to(take).as_posix(): splats(path) if path.suffix == ".safetensors" else path.read_bytes()
         for path in files
-        if path.name not in ("group.json", "report.json")
+        if path.name not in ("group.json", "report.json", "verdict.json")
     }
 
 
