@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -70,7 +71,7 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
         if _has_deep_color(image):
             found = read_deep_image(path, transfer)
             return found if _is_transparent(image) else _color_of(found)
-        try:
+        with _undamaged(path):
             image.load()
             if image.mode.startswith("I;16") or image.mode in ("I", "F"):
                 values = np.asarray(image, dtype=np.float64)
@@ -79,13 +80,6 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
                 gray = np.clip(np.rint(values), 0, 255).astype(np.uint8)
                 return np.repeat(gray[:, :, None], 3, axis=2)
             found = np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
-        except (OSError, ValueError, SyntaxError) as error:
-            raise StudioError(
-                "footage.image_unreadable",
-                f"the image is damaged or truncated ({_reason(error)})",
-                file=path,
-                fix=_FIX,
-            ) from None
     if transfer not in ("auto", "srgb"):
         found[:, :, :3] = eight_bit(found[:, :, :3].astype(np.uint16) * 257, transfer)
     return found
@@ -108,26 +102,32 @@ def read_values(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     if deep:
         values = read_deep_values(path)
         return _color_of(values) if values.ndim == 3 and _has_padding(path) else values, None
-    with _open(path) as image:
-        try:
-            image.load()
-            if _is_transparent(image):
-                with_alpha = np.array(image.convert("RGBA"))
-                if image.mode != "P" or with_alpha[:, :, 3].min() < 255:
-                    return with_alpha, None
-            if image.mode == "P":
-                palette = np.array(image.getpalette("RGB"), np.uint8).reshape(-1, 3)
-                return np.array(image), np.pad(palette, ((0, 256 - len(palette)), (0, 0)))
-            if image.mode in ("L", "I", "F") or image.mode.startswith("I;16"):
-                return np.array(image), None
-            return np.array(image.convert("L" if image.mode == "1" else "RGB")), None
-        except (OSError, ValueError, SyntaxError) as error:
-            raise StudioError(
-                "footage.image_unreadable",
-                f"the image is damaged or truncated ({_reason(error)})",
-                file=path,
-                fix=_FIX,
-            ) from None
+    with _open(path) as image, _undamaged(path):
+        image.load()
+        if _is_transparent(image):
+            with_alpha = np.array(image.convert("RGBA"))
+            if image.mode != "P" or with_alpha[:, :, 3].min() < 255:
+                return with_alpha, None
+        if image.mode == "P":
+            palette = np.array(image.getpalette("RGB"), np.uint8).reshape(-1, 3)
+            return np.array(image), np.pad(palette, ((0, 256 - len(palette)), (0, 0)))
+        if image.mode in ("L", "I", "F") or image.mode.startswith("I;16"):
+            return np.array(image), None
+        return np.array(image.convert("L" if image.mode == "1" else "RGB")), None
+
+
+@contextlib.contextmanager
+def _undamaged(path: Path) -> Iterator[None]:
+    """Report what Pillow raises while it decodes a file."""
+    try:
+        yield
+    except (OSError, ValueError, SyntaxError) as error:
+        raise StudioError(
+            "footage.image_unreadable",
+            f"the image is damaged or truncated ({_reason(error)})",
+            file=path,
+            fix=_FIX,
+        ) from None
 
 
 def _pillow_reads(path: Path) -> bool:
