@@ -64,23 +64,18 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
         verdict = StoredVerdict(key=key, **_judged(inputs, frame, reporter).model_dump())
         inputs.take.rig_verdict.parent.mkdir(parents=True, exist_ok=True)
         write_model(inputs.take.rig_verdict, verdict)
-    if verdict.grade == "wrong":
-        code = "masks.contradiction" if verdict.blamed == "masks" else "rig.wrong"
-        if inputs.config.run.check_rig:
-            raise StudioError(
-                code,
-                verdict.reason,
-                fix=f"{verdict.fix} To train anyway, set run.check_rig to false.",
-                setting="run.check_rig",
-                cameras=list(verdict.doubtful),
-            )
-        reporter.warn(Message(code, verdict.reason, fix=verdict.fix, fields={"cameras": list(verdict.doubtful)}))
-    elif verdict.blamed:
-        reporter.warn(
-            Message("rig.doubtful", verdict.reason, fix=verdict.fix, fields={"cameras": list(verdict.doubtful)})
-        )
-    else:
+    if not verdict.blamed:
         reporter.log(f"cameras: {verdict.grade}. {verdict.reason}")
+        return
+    wrong = verdict.grade == "wrong"
+    code = "masks.contradiction" if verdict.blamed == "masks" else "rig.wrong"
+    cameras = list(verdict.doubtful)
+    if wrong and inputs.config.run.check_rig:
+        fix = f"{verdict.fix} To train anyway, set run.check_rig to false."
+        raise StudioError(code, verdict.reason, fix=fix, setting="run.check_rig", cameras=cameras)
+    reporter.warn(
+        Message(code if wrong else "rig.doubtful", verdict.reason, fix=verdict.fix, fields={"cameras": cameras})
+    )
 
 
 def _stored(path: Path, key: str) -> StoredVerdict | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -18,8 +17,8 @@ Grade = Literal["good", "usable", "wrong"]
 Cameras = Mapping[str, Camera]
 
 FITS = 0.85
-"""Fraction of the matches that a correct rig fits at least: 0.93 to 0.99 on the rigs that were tried; folded rigs have
-0.35 to 0.5, focal lengths that are off by 10% 0.47."""
+"""Fraction of the matches that a correct rig fits at least: 0.91 to 0.99 on the rigs that were tried; folded rigs have
+0.29 to 0.45."""
 _DOUBTFUL = 0.5
 """A camera whose matches with the others fit less often than this is placed wrongly."""
 _MOST = 1 / 3
@@ -122,29 +121,35 @@ class _Evidence:
             of: only pairs with one of these cameras; empty for all.
             without: leave pairs with these out, unless they are in `of`.
         """
-        chosen = [
-            pair
-            for pair in self._pairs
-            if (not of or pair.first in of or pair.second in of)
-            and not ({pair.first, pair.second} - set(of)) & set(without)
-        ]
-        counts = fitting(cameras, chosen).values()
-        total = sum(count for _, count in counts)
-        return sum(good for good, _ in counts) / total if total else None
+        return _share(fitting(cameras, [pair for pair in self._pairs if _counts(pair.first, pair.second, of, without)]))
 
     def doubtful(self) -> list[str]:
         """Cameras whose matches with the others do not fit, found one at a time, the worst first."""
+        counts = fitting(self.cameras, self._pairs)
         found: list[str] = []
         while True:
             shares = {
                 name: share
                 for name in self.cameras
-                if name not in found and (share := self.share(self.cameras, [name], found)) is not None
+                if name not in found
+                and (share := _share({pair: n for pair, n in counts.items() if _counts(*pair, [name], found)}))
+                is not None
             }
             worst = min(shares, key=lambda name: shares[name], default=None)
             if worst is None or shares[worst] >= _DOUBTFUL:
                 return found
             found.append(worst)
+
+
+def _counts(first: str, second: str, of: Collection[str], without: Collection[str]) -> bool:
+    """Whether a pair of cameras counts, see `_Evidence.share`."""
+    pair = {first, second}
+    return (not of or not pair.isdisjoint(of)) and pair.difference(of).isdisjoint(without)
+
+
+def _share(counts: Mapping[tuple[str, str], tuple[int, int]]) -> float | None:
+    total = sum(count for _, count in counts.values())
+    return sum(good for good, _ in counts.values()) / total if total else None
 
 
 def _images(evidence: _Evidence) -> RigVerdict:
@@ -217,9 +222,12 @@ def _causes(evidence: _Evidence) -> Iterator[tuple[str, str] | None]:
     for words, change in _POSES:
         changed = {name: replace(c, world_to_camera=change(c.world_to_camera)) for name, c in cameras.items()}
         yield _cause(evidence, changed, words, "Convert the poses in the camera file.")
-    best = _best_scale(lambda scale: evidence.share(_scaled(cameras, cameras, scale)))
-    words = f"With focal lengths {best:.2f} times as long, they fit"
-    yield _cause(evidence, _scaled(cameras, cameras, best), words, "Check the focal lengths and the images' size.")
+    best, share = _best_scale(evidence, cameras)
+    if share >= FITS:
+        yield (
+            f" With focal lengths {best:.2f} times as long, they fit ({share:.0%}).",
+            "Check the focal lengths and the images' size.",
+        )
 
 
 def _cause(
@@ -246,9 +254,8 @@ def _cause_of_some(evidence: _Evidence, doubtful: Sequence[str]) -> tuple[str, s
                     return found
     words = []
     for name in doubtful:
-        own = partial(_share_scaled, evidence, name, doubtful)
-        best = _best_scale(own)
-        if (share := own(best) or 0.0) >= FITS:
+        best, share = _best_scale(evidence, [name], [name], doubtful)
+        if share >= FITS:
             words.append(f" With a focal length {best:.2f} times as long, {name} fits ({share:.0%}).")
     return "".join(words), exclude
 
@@ -261,26 +268,24 @@ def _contradiction(names: Sequence[str]) -> str:
     return f"The masks of {_list(names)} contradict the others."
 
 
-def _share_scaled(evidence: _Evidence, name: str, doubtful: Sequence[str], scale: float) -> float | None:
-    return evidence.share(_scaled(evidence.cameras, [name], scale), [name], doubtful)
-
-
-def _best_scale(share: Callable[[float], float | None]) -> float:
-    """The factor of focal lengths with which most matches fit."""
-    best = 1.0
+def _best_scale(
+    evidence: _Evidence, names: Collection[str], of: Collection[str] = (), without: Collection[str] = ()
+) -> tuple[float, float]:
+    """The factor of the focal lengths of some cameras with which most matches fit, and their fraction."""
+    best = 1.0, 0.0
     for around in (_SCALES, _NEAR):
-        best = max((best * float(factor) for factor in around), key=lambda scale: share(scale) or 0.0)
+        scales = [best[0] * float(factor) for factor in around]
+        shares = [
+            (scale, evidence.share(_scaled(evidence.cameras, names, scale), of, without) or 0.0) for scale in scales
+        ]
+        best = max(shares, key=lambda found: found[1])
     return best
 
 
 def _scaled(cameras: Cameras, names: Collection[str], scale: float) -> Cameras:
     """Cameras of which some have other focal lengths."""
-    matrix = np.diag([scale, scale, 1.0])
-    centered = {name: np.array([[1, 0, c.cx], [0, 1, c.cy], [0, 0, 1]]) for name, c in cameras.items() if name in names}
-    return {
-        name: replace(c, K=centered[name] @ matrix @ np.linalg.inv(centered[name]) @ c.K) if name in names else c
-        for name, c in cameras.items()
-    }
+    focal = np.array([[scale, scale, 1], [1, scale, 1], [1, 1, 1]])  # with the skew
+    return {name: replace(c, K=c.K * focal) if name in names else c for name, c in cameras.items()}
 
 
 def _list(names: Collection[str], what: str = "") -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from studio.cameras import Rig
 from studio.meshing.silhouettes import Silhouettes
 
 _COARSE, _FINE = 48, 96
@@ -58,7 +59,9 @@ def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreeme
         By camera; empty if they have no common volume.
     """
     least = max(2, min_views - 1)  # without one of them
-    middle, half = _looked_at(shapes)
+    rig = Rig(tuple(shapes.cameras))
+    middle = rig.focus
+    half = 0.6 * float(np.linalg.norm(rig.centers - middle, axis=1).mean())
     for count in (_COARSE, _COARSE, _FINE):
         voxel = 2 * half / (count - 1)
         axis = torch.linspace(-half, half, count)
@@ -87,15 +90,6 @@ def contradicting(agreement: dict[str, MaskAgreement]) -> list[str]:
     most = usual + max(_ABOVE_USUAL, 1 / len(agreement))
     worst = sorted(agreement, key=lambda name: -agreement[name].error)
     return [name for name in worst if agreement[name].missing > _MISSING or agreement[name].error > most]
-
-
-def _looked_at(shapes: Silhouettes) -> tuple[np.ndarray, float]:
-    """The point nearest to all optical axes, and 0.6 of the cameras' mean distance from it."""
-    centers = np.array([camera.center for camera in shapes.cameras])
-    axes = np.array([camera.world_to_camera[2, :3] for camera in shapes.cameras])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    middle = np.linalg.lstsq(across.sum(0), (across @ centers[:, :, None]).sum(0)[:, 0], rcond=None)[0]
-    return middle, 0.6 * float(np.linalg.norm(centers - middle, axis=1).mean())
 
 
 def _votes(shapes: Silhouettes, points: torch.Tensor, slack: float) -> tuple[torch.Tensor, torch.Tensor]:
