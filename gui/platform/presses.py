@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from open3d.visualization import gui
 
-from gui.platform.keyboard import KEYS
+from gui.platform.keyboard import BACKSPACE, DOWN, END, HOME, KEYS, PAGE_DOWN, PAGE_UP, TAB, UP
+from gui.platform.xlib import ESCAPE
 
 PATIENCE = 10
 """Ticks within which the toolkit reports a press, if it does."""
@@ -27,19 +28,24 @@ _MODIFIERS = {
 }
 
 _CODES = {
-    gui.KeyName.ESCAPE: 9, gui.KeyName.BACKSPACE: 22, gui.KeyName.TAB: 23, gui.KeyName.ENTER: 36,
+    gui.KeyName.ESCAPE: ESCAPE, gui.KeyName.BACKSPACE: BACKSPACE, gui.KeyName.TAB: TAB, gui.KeyName.ENTER: 36,
     gui.KeyName.LEFT_CONTROL: 37, gui.KeyName.LEFT_SHIFT: 50, gui.KeyName.RIGHT_SHIFT: 62,
-    gui.KeyName.RIGHT_CONTROL: 105, gui.KeyName.HOME: 110, gui.KeyName.UP: 111, gui.KeyName.PAGE_UP: 112,
-    gui.KeyName.LEFT: 113, gui.KeyName.RIGHT: 114, gui.KeyName.END: 115, gui.KeyName.DOWN: 116,
-    gui.KeyName.PAGE_DOWN: 117, gui.KeyName.DELETE: 119, gui.KeyName.META: 133,
+    gui.KeyName.RIGHT_CONTROL: 105, gui.KeyName.HOME: HOME, gui.KeyName.UP: UP, gui.KeyName.PAGE_UP: PAGE_UP,
+    gui.KeyName.LEFT: 113, gui.KeyName.RIGHT: 114, gui.KeyName.END: END, gui.KeyName.DOWN: DOWN,
+    gui.KeyName.PAGE_DOWN: PAGE_DOWN, gui.KeyName.DELETE: 119, gui.KeyName.META: 133,
 }  # fmt: skip
 """X key codes of keys that are no letters, as in `keyboard`."""
 
 
+def typed_code(key: gui.KeyName) -> int | None:
+    """The X key code of a key of the toolkit that types a character; None for others."""
+    number = int(key)
+    return KEYS.get(chr(number).lower() if number < 128 else "")
+
+
 def key_code(key: gui.KeyName) -> int | None:
     """The X key code of a key of the toolkit; None if it is not known."""
-    number = int(key)
-    return _CODES.get(key) or KEYS.get(chr(number).lower() if number < 128 else "")
+    return _CODES.get(key) or typed_code(key)
 
 
 class Press(NamedTuple):

@@ -10,7 +10,8 @@ from open3d.visualization import gui
 
 from gui.drawing.palette import ACCENT_DARK, DIM, RAISED
 from gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
-from gui.platform.keyboard import BACKSPACE, END, HOME, KEYS, TAB, send_key, tap_key, type_keys
+from gui.platform.keyboard import BACKSPACE, END, HOME, TAB, send_key, tap_key, type_keys
+from gui.platform.presses import typed_code
 from gui.widgets.picture import ImagePanel, color
 
 TAB_DOWN, TAB_UP = 3, 5
@@ -211,8 +212,7 @@ class Dialogs:
             return False  # of Ctrl+K: the toolkit would think that it is still held, and take no text
         if not self.focusing:
             return self.on_key is not None and self.on_key(event)
-        code = int(event.key)
-        keycode = BACKSPACE if event.key == gui.KeyName.BACKSPACE else KEYS.get(chr(code).lower() if code < 128 else "")
+        keycode = BACKSPACE if event.key == gui.KeyName.BACKSPACE else typed_code(event.key)
         if down and keycode is not None and not self._early_enter:
             self._early.append((keycode, self._shift))
         return True
