@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,9 +74,8 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
     if wrong and inputs.config.run.check_rig:
         fix = f"{verdict.fix} To train anyway, set run.check_rig to false."
         raise StudioError(code, verdict.reason, fix=fix, setting="run.check_rig", cameras=cameras)
-    reporter.warn(
-        Message(code if wrong else "rig.doubtful", verdict.reason, fix=verdict.fix, fields={"cameras": cameras})
-    )
+    warning = Message("rig.doubtful", verdict.reason, fix=verdict.fix, fields={"cameras": cameras})
+    reporter.warn(replace(warning, code=code) if wrong else warning)
 
 
 def _stored(path: Path, key: str) -> StoredVerdict | None:
