@@ -97,7 +97,12 @@ inside() {
         mkdir "$root/dev/shm"
         mount -t tmpfs -o mode=1777 tmpfs "$root/dev/shm"
         ln -s /proc/self/fd "$root/dev/fd"
-        for node in null zero full random urandom tty; do touch "$root/dev/$node"; mount --bind "/dev/$node" "$root/dev/$node"; done
+        for node in null:3 zero:5 full:7 random:8 urandom:9; do # its own, since the modes of the host may be unusual
+            file=$root/dev/${node%:*}
+            mknod -m 666 "$file" c 1 "${node#*:}" 2>&1 && { : <"$file"; } 2>&1 && continue
+            rm -f "$file" && touch "$file" && mount --bind "/dev/${node%:*}" "$file" # in a container without mknod
+        done
+        touch "$root/dev/tty" && mount --bind /dev/tty "$root/dev/tty"
         bind() { mkdir -p "$root$2"; mount --bind "$1" "$root$2"; }
         chmod -R a+rwX "$cache/pip"
         bind "$cache/apt-$suite" /var/cache/apt/archives
