@@ -69,26 +69,20 @@ class XDisplay:
                 found = True
         return found
 
-    def least_sizes(self, pid: int) -> list[tuple[int, int]]:
-        """(width, height) below which the windows of a process must not be made smaller, pixels."""
-        with errors_ignored(self._x, self._display):
-            hints = [self._hints(window) for window in self._own_windows(pid)]
-        return [(one.min_width, one.min_height) for one in hints if one.flags & _MIN_SIZE]
-
     def _hints(self, window: int) -> SizeHints:
         hints, supplied = SizeHints(), ctypes.c_long()
         self._x.XGetWMNormalHints(self._display, window, ctypes.byref(hints), ctypes.byref(supplied))
         return hints
 
-    def _own_windows(self, pid: int = 0) -> Iterator[int]:
-        """Windows of a process, this one unless it is given."""
+    def _own_windows(self) -> Iterator[int]:
+        """Windows of this process."""
         if not self._display:
             return
         atom = self._x.XInternAtom(self._display, b"_NET_WM_PID", 0)
         waiting = [self._x.XDefaultRootWindow(self._display)]
         while waiting:
             window = waiting.pop()
-            if self._number(window, atom) == (pid or os.getpid()):
+            if self._number(window, atom) == os.getpid():
                 yield window
             waiting += self._children(window)
 

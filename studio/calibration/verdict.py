@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict
 
 from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, fitting
 from studio.cameras import Camera
+from studio.counts import cameras_listed
 
 Grade = Literal["good", "usable", "wrong"]
 
@@ -180,8 +181,9 @@ def _images(evidence: _Evidence) -> RigVerdict:
         cause, fix = _cause_of_some(evidence, doubtful)
         return RigVerdict(
             grade="usable",
-            reason=f"{_list(doubtful, 'Camera')} {'disagrees' if len(doubtful) == 1 else 'disagree'} with the others: "
-            f"{evidence.share(evidence.cameras, doubtful, doubtful) or 0.0:.0%} of the matches fit.{cause}",
+            reason=f"{cameras_listed(doubtful, 'Camera')} {'disagrees' if len(doubtful) == 1 else 'disagree'} "
+            f"with the others: {evidence.share(evidence.cameras, doubtful, doubtful) or 0.0:.0%} of the matches fit."
+            f"{cause}",
             fix=fix,
             doubtful=tuple(doubtful),
             blamed="cameras",
@@ -191,7 +193,9 @@ def _images(evidence: _Evidence) -> RigVerdict:
 
 def _masks(known: bool, some: bool, contradicting: Collection[str]) -> RigVerdict:
     """The masks contradict each other, and the images do not say that the cameras are wrong."""
-    what = f"the masks of {_list(contradicting)} contradict the others" if some else "the masks have no common volume"
+    what = "the masks have no common volume"
+    if some:
+        what = f"the masks of {cameras_listed(contradicting)} contradict the others"
     if known:
         reason = f"The masks are wrong: {what}, while the matches between the images fit the cameras."
         fix = "Check capture.masks: a clean plate, mask files or another source."
@@ -263,9 +267,7 @@ def _cause_of_some(evidence: _Evidence, doubtful: Sequence[str]) -> tuple[str, s
 def _contradiction(names: Sequence[str]) -> str:
     if not names:
         return ""
-    if len(names) == 1:
-        return f"The mask of {names[0]} contradicts the others."
-    return f"The masks of {_list(names)} contradict the others."
+    return f"The masks of {cameras_listed(names)} contradict the others."
 
 
 def _best_scale(
@@ -286,12 +288,3 @@ def _scaled(cameras: Cameras, names: Collection[str], scale: float) -> Cameras:
     """Cameras of which some have other focal lengths."""
     focal = np.array([[scale, scale, 1], [1, scale, 1], [1, 1, 1]])  # with the skew
     return {name: replace(c, K=c.K * focal) if name in names else c for name, c in cameras.items()}
-
-
-def _list(names: Collection[str], what: str = "") -> str:
-    """ "Camera a", "Cameras a and b", "a, b, c and 4 more"."""
-    shown = list(names)[:6]
-    rest = [f"{len(names) - 6} more"] if len(names) > 6 else []
-    words = [*shown, *rest]
-    text = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-    return f"{what}{'s' if len(words) > 1 else ''} {text}" if what else text

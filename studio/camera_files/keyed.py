@@ -18,6 +18,7 @@ import numpy as np
 from studio.camera_files.common import fisheye, naming, no_cameras, rigid_inverse, wrong_shape
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig, duplicate_name
+from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.validation import array, check_finite, missing_key, number, whole
 
@@ -143,7 +144,7 @@ class Found:
         """For `Rig.notes`."""
         straight = (NO_DISTORTION,) if self.straight else ()
         return *straight, *(
-            f"Ignored in the camera file: '{key}' ({names_of(own)})." for key, own in self.ignored.items()
+            f"Ignored in the camera file: '{key}' ({cameras_listed(own)})." for key, own in self.ignored.items()
         )
 
 
@@ -179,15 +180,8 @@ def keyed_rig(path: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form
             raise missing_key("distortion", found.straight[0])
         notes = list(found.notes)
         if without:
-            notes.append(f"Left out, since the camera file has no pose for {names_of(without)}.")
+            notes.append(f"Left out, since the camera file has no pose for {cameras_listed(without)}.")
         return Rig(tuple(camera for _, camera in cameras if camera is not None), tuple(notes))
-
-
-def names_of(names: Sequence[str]) -> str:
-    """`camera 'a'`, `cameras 'a', 'b'`, or the first four and the number of the others."""
-    shown = ", ".join(f"'{name}'" for name in names[:4])
-    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-    return f"camera{'s' * (len(names) > 1)} {shown}{more}"
 
 
 def _camera(path: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:

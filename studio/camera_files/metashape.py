@@ -18,9 +18,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from studio.camera_files.common import camera_names, naming, rigid_inverse, wrong_shape
-from studio.camera_files.keyed import names_of
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig, focal_length_error
+from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.validation import array, check_finite, missing_key
 
@@ -81,7 +81,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
             pose = poses[entry.get("id")]
             assert pose is not None
             cameras.append(_camera(name, pose, sensor, world if world is not None else own))
-        notes = (f"Left out, since Metashape did not align {names_of(skipped)}.",) if skipped else ()
+        notes = (f"Left out, since Metashape did not align {cameras_listed(skipped)}.",) if skipped else ()
         return Rig(tuple(cameras), notes)
 
 

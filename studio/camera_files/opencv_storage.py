@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from studio.camera_files.common import no_cameras, read_text
-from studio.camera_files.keyed import KeyedForm, keyed_rig, names_of
+from studio.camera_files.keyed import KeyedForm, keyed_rig
 from studio.camera_files.nearby import size_nearby, size_within
 from studio.cameras import Rig
 from studio.capture.patterns import find_files
+from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 
@@ -117,7 +118,7 @@ def rig_from_mc_calib(path: Path, values: JsonObject) -> Rig:
     used = max(groups.values(), key=len)
     others = [name for group in groups.values() if group is not used for name, _ in group]
     rig = keyed_rig(path, used, KeyedForm(harmless=("camera_group",)))
-    note = f"Left out, since MC-Calib connects only the others: {names_of(others)}."
+    note = f"Left out, since MC-Calib connects only the others: {cameras_listed(others)}."
     return replace(rig, notes=(*rig.notes, note)) if others else rig
 
 

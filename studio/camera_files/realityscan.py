@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from studio.camera_files.common import camera_names, naming, read_csv, rigid_inverse
-from studio.camera_files.keyed import NO_DISTORTION, names_of
+from studio.camera_files.keyed import NO_DISTORTION
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig, focal_length_error
+from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.validation import number
 
@@ -47,7 +48,7 @@ def read_realityscan(path: Path) -> Rig:
             cameras.append(_camera(name, row, size))
         if not cameras:
             raise missing[0][1]
-        left_out = names_of([name for name, _ in missing])
+        left_out = cameras_listed([name for name, _ in missing])
         notes = (f"Left out, since there are no images to give the size of {left_out}.",) if missing else ()
         bent = any(row.get(key, "").strip("+-0.") for row in rows for key in _LENS[2:])
         return Rig(tuple(cameras), notes if bent else (NO_DISTORTION, *notes))

@@ -31,10 +31,11 @@ from studio.camera_files.common import (
     write_atomic,
     wrong_shape,
 )
-from studio.camera_files.keyed import TERMS, Found, check_model, names_of
+from studio.camera_files.keyed import TERMS, Found, check_model
 from studio.cameras import Camera, Rig
 from studio.capture.images import image_size
 from studio.capture.patterns import without_extension
+from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, missing_key, number
@@ -174,7 +175,7 @@ def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
         }
         tested = [camera.name for camera in cameras if camera.name not in training]
         if training and tested:
-            notes.append(f"Not in transforms_train.json: {names_of(tested)} (capture.held_out).")
+            notes.append(f"Not in transforms_train.json: {cameras_listed(tested)} (capture.held_out).")
         return Rig(tuple(cameras), (*found.notes, *notes))
 
 

@@ -16,7 +16,7 @@ from studio.capture.patterns import Match, find_files, natural_key, number_range
 from studio.capture.settings import EVERY, CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
-from studio.counts import counted, plural
+from studio.counts import cameras_listed, counted, plural
 from studio.errors import Message, StudioError, shown
 from studio.masks.garbage_masks import garbage_masks
 from studio.masks.mask_files import FileMaskSource, exact_masks
@@ -145,12 +145,12 @@ def _with_masks(
         left_out = []
     if left_out:
         notes.append(
-            f"Without masks, so not used: {_cameras(left_out)}. To use them, add masks, or list them in "
+            f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks, or list them in "
             "capture.held_out."
         )
     unmeasured = [name for name in unmasked if name in held_out]
     if unmeasured:
-        notes.append(f"Held out without masks, so no quality is measured there: {_cameras(unmeasured)}.")
+        notes.append(f"Held out without masks, so no quality is measured there: {cameras_listed(unmeasured)}.")
     return {name: source for name, source in sources.items() if name not in left_out}
 
 
@@ -315,7 +315,7 @@ def _video_notes(sources: Mapping[str, FrameSource]) -> str:
     lines = []
     for note, names in cameras.items():
         every = len(names) == len(sources) and len(names) > 1
-        lines.append(f"{f'All {len(names)} cameras' if every else f'C{_cameras(names)[1:]}'}: {note}.")
+        lines.append(f"{f'All {len(names)} cameras' if every else cameras_listed(names, 'Camera')}: {note}.")
     return "\n".join(lines)
 
 
@@ -375,7 +375,8 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
         )
         raise StudioError(
             "calibration.camera_missing",
-            f"{_and_more('Camera', without)} of the footage not found in the calibration, which has {', '.join(known)}",
+            f"{cameras_listed(without, 'Camera')} of the footage not found in the calibration, "
+            f"which has {', '.join(known)}",
             value=without[0],
             fix=f"{others} the files, or calibrate again.",
             cameras=tuple(without),
@@ -390,7 +391,7 @@ def _refuse_missing(rig: Rig, names: Sequence[str]) -> None:
     if missing:
         raise StudioError(
             "footage.camera_missing",
-            f"{_and_more('Camera', missing)} of the take's cameras not found in the footage",
+            f"{cameras_listed(missing, 'Camera')} of the take's cameras not found in the footage",
             value=missing[0],
             fix=f"Add the missing files, or set capture.cameras to {inline_yaml(list(names))}.",
             cameras=tuple(missing),
@@ -404,7 +405,7 @@ def rig_notes(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> tuple[st
     if spec.cameras or extra <= 0:
         return rig.notes
     unused = [camera.name for camera in rig if camera.name not in names and _stem(camera.name) not in names]
-    which = _and_more("Camera", unused) if len(unused) == extra else counted(extra, "camera")  # matched by number
+    which = cameras_listed(unused, "Camera") if len(unused) == extra else counted(extra, "camera")  # matched by number
     return *rig.notes, f"{which} of the calibration: not in the footage that is used."
 
 
@@ -425,16 +426,6 @@ def _by_number(cameras: Mapping[str, Camera], names: Sequence[str]) -> dict[str,
 
 def _numbers(name: str) -> tuple[int, ...]:
     return tuple(map(int, re.findall(r"\d+", name)))
-
-
-def _cameras(names: Sequence[str]) -> str:
-    """`camera 'a'` or `cameras 'a', 'b'`."""
-    return f"{plural('camera', len(names))} " + ", ".join(f"'{name}'" for name in names)
-
-
-def _and_more(noun: str, names: Sequence[str]) -> str:
-    """`Camera 'a'` or `Camera 'a' and 3 more`."""
-    return f"{noun} '{names[0]}'" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 
 def _warps(

@@ -200,10 +200,6 @@ class CaptureView(StageView):
         if context is not None:
             self._check.start(context)
 
-    def stop_check(self) -> None:
-        """Stop the check."""
-        self._check.stop()
-
     @property
     def checking(self) -> bool:
         """Whether the check is running."""

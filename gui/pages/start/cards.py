@@ -18,6 +18,7 @@ from pipelines.runs.status import progress_words
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison.metrics import MAIN
+from studio.counts import listed
 from studio.errors import StudioError
 from studio.stream import is_address
 
@@ -152,7 +153,7 @@ def state_words(stages: dict[str, StageStatus]) -> tuple[str, str]:
     for state in ("failed", "stale"):
         titles = [title for title, status in found.items() if status.state == state]
         if titles:
-            return f"{_listed(titles)} {state}", state
+            return f"{listed(titles)} {state}", state
     done = [title for title, status in found.items() if status.state == "done"]
     if len(done) == len(found):
         return "all stages done", "done"
@@ -161,10 +162,6 @@ def state_words(stages: dict[str, StageStatus]) -> tuple[str, str]:
             return f"{title}: {status.units_done} of {status.units} {status.unit}", "stale"
     following = next(title for title in found if title not in done)
     return (f"next: {following}" if done else "not started"), "missing"
-
-
-def _listed(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def folder_bytes(path: Path) -> int:
