@@ -4,7 +4,7 @@
     python benchmarks/gpu_check.py --dry-run       # the same code on the CPU, tiny: seconds, figures mean nothing
 
 Needs no network, only the repository, its sample capture, and Triton (part of PyTorch's CUDA builds for Linux) or
-gsplat (`pip install 'v3studio[cuda]'`, whose kernels are compiled with nvcc when they are first used). What can
+gsplat (`pip install gsplat==1.5.3 packaging`, whose kernels are compiled with nvcc when they are first used). What can
 be used is measured; training uses gsplat where it can be used, as `v3studio` does. The parts:
 
     kernels cuda, kernels triton

@@ -1,6 +1,7 @@
 """`v3studio ...`: the command line.
 
-Exit codes: 0 success; 1 an error, reported as `error: ...` on stderr; 2 wrong usage; 130 cancelled (Ctrl-C, SIGTERM).
+Exit codes: 0 success; 1 a failure; 2 wrong usage, including settings on the command line; both are reported as
+`error: ...` on stderr; 130 cancelled (Ctrl-C, SIGTERM).
 With `--json`, an error is also reported as the last line on stdout: the event `run_finished` with the outcome "failed"
 and the error's code and fields.
 """
@@ -14,18 +15,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from typing import TextIO
 
-from pipelines.commands.arguments import CommandParser, long_settings_as_set, overrides
 from pipelines.commands.board import add_board_command, add_sync_command
+from pipelines.commands.common.arguments import CommandParser, long_settings_as_set, overrides
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.stages import STAGE_NAMES
 from studio.errors import Cancelled, StudioError
 from studio.process import as_utf8, claim_stdout, discard, passive_openmp
 
 GROUPS = {
-    "Make a stream from footage": ("estimate", "run", "status", "cancel", "queue", "config"),
+    "Make a stream from footage": ("init", "estimate", "run", "status", "cancel", "queue", "config"),
     "Stages": STAGE_NAMES,
     "Prepare a capture": ("board", "sync", "colors"),
-    "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
+    "Use streams and takes": ("open", "play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
     "Keep takes": ("edit", "check", "bakes"),
     "Research": ("compare", "ablate"),
@@ -33,12 +34,12 @@ GROUPS = {
 """Commands in the order of `v3studio --help`."""
 
 _EXAMPLES = """Examples:
-    v3studio run sample_configs/quickstart.yaml --take takes/first
+    v3studio run footage/first --take takes/first
     v3studio run takes/first --bake.quality 24
     v3studio status takes/first
     v3studio export takes/first --format ply --out plys
 
-Exit codes: 0 success, 1 error, 2 wrong usage, 130 cancelled.
+Exit codes: 0 success, 1 failure, 2 wrong usage, 130 cancelled.
 `v3studio COMMAND --help` shows the options of a command.
 """
 
@@ -84,12 +85,19 @@ def execute(arguments: Sequence[str]) -> int:
         return code
     except StudioError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
+        return _exit_code(error)
     except (Cancelled, KeyboardInterrupt):
         return EXIT_CANCELLED
     except BrokenPipeError:  # `v3studio config | head`
         discard(sys.stdout)
         return 1
+
+
+def _exit_code(error: StudioError) -> int:
+    """2 for what is wrong with the arguments, also with settings among them; 1 for everything else."""
+    from pipelines.config.loading import COMMAND_LINE
+
+    return 2 if error.code.startswith("command.") or error.file == COMMAND_LINE else 1
 
 
 def _print_failure(error: StudioError, output: TextIO) -> None:
@@ -128,6 +136,8 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         estimate,
         export,
         import_splats,
+        init,
+        open_window,
         play,
         publish,
         queue,
@@ -157,6 +167,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         edit,
         check,
         bakes,
+        open_window,
         play,
         serve,
         share,
@@ -167,6 +178,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         compare,
         ablate,
         config,
+        init,
     ):
         module.register(commands)
     add_board_command(commands)
@@ -185,7 +197,7 @@ class _MainParser(CommandParser):
         summaries = self.summaries()
         lines = ["usage: v3studio [--help] [--version] COMMAND ...", "", str(self.description), ""]
         for title, names in GROUPS.items():
-            lines += [f"{title}:", *(f"    {name:<12}{summaries[name]}" for name in names), ""]
+            lines += [f"{title}:", *(f"    {name:<12} {summaries[name]}" for name in names), ""]
         lines += ["Options:", "    -h, --help  show this help", "    --version   show the version", "", _EXAMPLES]
         return "\n".join(lines)
 

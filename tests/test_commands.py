@@ -10,13 +10,15 @@ from __future__ import annotations
 import re
 import shlex
 import subprocess
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from pipelines.cli import _parser
-from pipelines.commands.arguments import long_settings_as_set, overrides
+from pipelines.commands.common.arguments import long_settings_as_set, overrides
 from pipelines.config import load_config
 
 ROOT = Path(__file__).parents[1]
@@ -72,3 +74,28 @@ def test_make_targets_name_what_exists(target: str) -> None:
     assert dry.returncode == 0, dry.stderr
     for script in re.findall(r"(?:scripts|benchmarks|web|tests)/[\w/]+\.(?:py|sh|mjs)", dry.stdout):
         assert (ROOT / script).is_file(), script
+
+
+def test_documented_packages_are_those_that_the_program_uses() -> None:
+    """Nothing is installed as an extra: V3 Studio is on no index, and reinstalling it replaces open3d-cpu."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *(text for extra in extras.values() for text in extra)]
+    known = {(found := Requirement(text)).name: found.specifier for text in wanted}
+    others = {"onnxruntime-gpu", "sounddevice", "pre-commit"}  # instead of onnxruntime; optional; of developers
+    seen = set()
+    sources = [
+        path for package in ("studio", "pipelines", "gui", "benchmarks") for path in (ROOT / package).rglob("*.py")
+    ]
+    for path in [*PAGES, *sources]:
+        for line in re.findall(r"pip install ([^`\n\"]+)", path.read_text(encoding="utf-8")):
+            words = shlex.split(re.split(r"[).;]?(?: \(|, |\.$|\)| #|  )", line)[0].rstrip(".,"))
+            for word in words:
+                if word.startswith(("-", "{", "http", ".", "v3studio-", "dist/")):
+                    continue
+                found = Requirement(word)
+                seen.add(found.name)
+                assert found.name in {*known, *others}, f"{path.name}: {line}"
+                for version in (one.version for one in found.specifier):
+                    assert known[found.name].contains(version), f"{path.name}: {line}"
+    assert seen >= {"s3fs", "gcsfs", "adlfs", "onnxruntime", "gsplat", "ray", "torch"}

@@ -18,6 +18,7 @@ from pydantic import Field
 from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
 from pipelines.takes.take import lock_soon
 from studio.errors import StudioError
+from studio.storage.address import is_address
 
 State = Literal["waiting", "running", "done", "failed"]
 
@@ -143,7 +144,7 @@ class QueueFile:
             entry = QueuedTake(
                 number=number,
                 take=take.absolute(),
-                config=config and config.absolute(),
+                config=config if config is None or is_address(config) else config.absolute(),
                 overrides=overrides,
                 folder=Path.cwd(),
                 state="waiting",

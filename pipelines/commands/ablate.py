@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.arguments import invalid_option
+from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.output import add_overwrite, replacing
 
 _HELP = "train variants without parts of the method and compare quality and size"
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
@@ -31,6 +33,7 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings of the full method")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for results and takes")
+    add_overwrite(parser, "delete earlier results in DIR and start over, instead of resuming")
     parser.add_argument(
         "--variants",
         default="",
@@ -57,7 +60,8 @@ def _ablate(arguments: argparse.Namespace) -> int:
     variants = chosen([name for name in arguments.variants.split(",") if name])
     default = load_config(arguments.config, arguments.overrides).bake.qp
     qps = sorted({*qps, default})
-    with Bars() as show:
+    fresh = replacing(arguments.out, True, _is_study) if arguments.overwrite else nullcontext()
+    with fresh, Bars() as show:
 
         def announced(what: str) -> Any:
             console().print(what)
@@ -73,6 +77,11 @@ def _ablate(arguments: argparse.Namespace) -> int:
     console().print(table)
     console().print(f"plot and report: {arguments.out / 'ablation.png'}, {arguments.out / 'ablation.html'}")
     return 0
+
+
+def _is_study(out: Path) -> bool:
+    """Whether this is the folder of a study: its results, or its first take."""
+    return (out / "ablation.json").is_file() or (out / "takes").is_dir()
 
 
 def _qps(text: str) -> list[int]:

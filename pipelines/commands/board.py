@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.arguments import invalid_option
+from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.source import add_source, read_settings
 
 
 def add_board_command(commands: Any) -> None:
@@ -96,7 +97,7 @@ def add_sync_command(commands: Any) -> None:
         help="estimate time offsets between cameras",
         description="Estimate the time offsets between cameras from sound or motion, or read them from timecodes.",
     )
-    sync.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings; uses the section capture")
+    add_source(sync)
     sync.add_argument(
         "--method",
         choices=("auto", "sound", "motion", "timecode"),
@@ -105,17 +106,14 @@ def add_sync_command(commands: Any) -> None:
     )
     sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
     sync.add_argument("--json", action="store_true", help="print JSON")
-    sync.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     sync.set_defaults(command=_sync)
 
 
 def _sync(arguments: argparse.Namespace) -> int:
-    from pipelines.config import load_config
-    from pipelines.takes.drawn_masks import for_another_take
     from studio.capture import open_footage, refuse_unknown_cameras
     from studio.capture.sync import check_sync
 
-    capture = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config).capture
+    capture = read_settings(arguments.source, arguments.overrides).capture
     spec = capture.replace(offsets={}, masks="none", evaluation_masks="")
     footage = open_footage(spec, None, strict=False)
     try:

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.arguments import invalid_option
+from pipelines.commands.common.arguments import invalid_option
 from studio.counts import counted
 from studio.errors import StudioError, shown
 from studio.progress import ProgressFn
@@ -48,7 +48,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.stages import STAGE_NAMES
     from pipelines.takes.integrity import check_take
     from pipelines.takes.take import Take
@@ -113,7 +113,7 @@ def _assumed(take: Take) -> list[str]:
 
 
 def _check_stream(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.takes.videos import stream_place
     from studio.stream import StreamReader, check_stream
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
+
+from pipelines.commands.common.source import add_source, read_settings
 
 
 def register(commands: Any) -> None:
@@ -15,7 +16,7 @@ def register(commands: Any) -> None:
         description="Find a ColorChecker Classic (24 patches) in the image of each camera, and show how far the "
         "cameras' colors are apart before and after the correction that train.color_chart_frame makes.",
     )
-    command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings; uses the section capture")
+    add_source(command)
     command.add_argument(
         "--chart-frame",
         type=int,
@@ -23,18 +24,15 @@ def register(commands: Any) -> None:
         metavar="N",
         help="frame in which the cameras see the chart, counted as capture.start counts",
     )
-    command.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     command.set_defaults(command=_colors)
 
 
 def _colors(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.working import working
-    from pipelines.config import load_config
-    from pipelines.takes.drawn_masks import for_another_take
+    from pipelines.commands.common.working import working
     from studio.capture import open_footage
     from studio.capture.color_chart import fit_chart_colors
 
-    capture = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config).capture
+    capture = read_settings(arguments.source, arguments.overrides).capture
     footage = open_footage(capture.replace(masks="none", evaluation_masks="", audio=None), None, strict=False)
     try:
         with working("colors", None) as progress:

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.arguments import invalid_option
+from pipelines.commands.common.arguments import invalid_option
 from studio.comparison.protocols import PROTOCOLS
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def register(commands: Any) -> None:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.comparison.compare import compare
     from pipelines.stages.inputs import choose_device
 

@@ -1,31 +1,62 @@
-"""`v3studio config`: all settings with their documentation."""
+"""`v3studio config`: settings with their documentation."""
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from pipelines.commands.arguments import SETTINGS_NOTE
+from pipelines.commands.common.arguments import SETTINGS_NOTE
+from pipelines.commands.common.source import source_path
+
+SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
+"""Of `Config`, which takes long to import."""
 
 
 def register(commands: Any) -> None:
     """Add the command to the command line."""
     config = commands.add_parser(
         "config",
-        help="print all settings with their documentation",
-        description="Print all settings with their documentation, as YAML that can be edited and used for a run.",
+        help="print settings with their documentation",
+        description="Print settings with their documentation, as YAML that can be edited and used for a run. Without "
+        "a SOURCE, they have their defaults.",
         epilog=SETTINGS_NOTE,
     )
     config.add_argument(
-        "config", type=Path, nargs="?", metavar="CONFIG", help="YAML file to take values from (default: the defaults)"
+        "words",
+        nargs="*",
+        metavar="SOURCE|SECTION",
+        help="folder of footage, YAML file of settings, or folder of a take to take values from; sections to print: "
+        f"{', '.join(SECTIONS)} (default: all)",
     )
+    config.add_argument("--changed", action="store_true", help="print only settings that differ from their defaults")
     config.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     config.set_defaults(command=_config)
 
 
 def _config(arguments: argparse.Namespace) -> int:
-    from pipelines.config import describe, load_config
+    from pipelines.commands.common.arguments import invalid_option
+    from pipelines.commands.common.source import read_settings
+    from pipelines.config import Config, describe, load_config
+    from pipelines.config.presets import values_of
 
-    print(describe(load_config(arguments.config, arguments.overrides)), end="", file=arguments.output)
+    sections = [word for word in arguments.words if word in SECTIONS]
+    sources = [word for word in arguments.words if word not in SECTIONS]
+    if len(sources) > 1:
+        raise invalid_option(
+            "SOURCE", f"{' and '.join(sources)}: more than one source", f"Sections are {', '.join(SECTIONS)}."
+        )
+    config = (
+        read_settings(source_path(sources[0]), arguments.overrides)
+        if sources
+        else load_config(None, arguments.overrides)
+    )
+    usual, values = values_of(Config()), values_of(config)
+    names = [
+        name
+        for name, value in values.items()
+        if (not sections or name.split(".")[0] in sections) and (not arguments.changed or value != usual[name])
+    ]
+    whole = not sections and not arguments.changed
+    text = describe(config, None if whole else names) if names else "# All settings have their defaults.\n"
+    print(text, end="", file=arguments.output)
     return 0

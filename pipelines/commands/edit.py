@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.arguments import invalid_option
+from pipelines.commands.common.arguments import invalid_option
 from studio.counts import counted
 from studio.errors import StudioError
 
@@ -26,7 +26,7 @@ Examples:
     v3studio edit trim takes/first 12 250
     v3studio edit crop takes/first --min -0.8 -0.8 0 --max 0.8 0.8 2
     v3studio edit floaters takes/first --share 0.01
-    v3studio edit detail takes/first --frame 0 --at 0 1.6 0.1 --radius 0.15
+    v3studio edit detail takes/first --frame 0 --at 0 0.1 1.6 --radius 0.15
     v3studio edit undo takes/first
 """
 

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.common.source import add_source, is_take, read_settings
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -32,9 +33,8 @@ def register(commands: Any) -> None:
         description=_HELP[0].upper() + _HELP[1:] + ".",
         epilog=_NOTE,
     )
-    parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings, or the folder of a take")
+    add_source(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.add_argument(
         "--presets", action="store_true", help="estimate the presets preview, standard and final too; about a minute"
     )
@@ -72,7 +72,7 @@ def _estimate(arguments: argparse.Namespace) -> int:
 
 def _rehearsed(inputs: Inputs, title: str) -> Estimate:
     """The estimate of a take whose cameras are known."""
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.estimate.estimate import estimate
     from pipelines.estimate.rehearsal import rehearse
     from pipelines.estimate.work import Work
@@ -94,25 +94,24 @@ def _stream_words(found: Estimate) -> str:
 
 def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
     """The inputs of a take whose cameras are known: the given one, or a temporary one."""
-    from pipelines.config import load_config
     from pipelines.runs.runner import run
     from pipelines.stages.inputs import Inputs
-    from pipelines.takes.drawn_masks import for_another_take
     from pipelines.takes.take import Take
 
-    if arguments.config.is_dir():
-        take = Take.open(arguments.config)
-        inputs = Inputs(take, load_config(take.config, arguments.overrides))
+    source = arguments.source
+    config = read_settings(source, arguments.overrides)
+    if is_take(source):
+        take = Take.open(source)
+        inputs = Inputs(take, config)
         if not take.rig.is_file():
-            raise _unknown(f"v3studio calibrate {arguments.config}")
+            raise _unknown(f"v3studio calibrate {source}")
         return inputs
-    config = for_another_take(load_config(arguments.config, arguments.overrides), arguments.config)
     take = Take.create(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "take")
     inputs = Inputs(take, config)
     from pipelines.stages.calibrate import has_camera_file
 
     if not has_camera_file(inputs):
-        raise _unknown(f"v3studio calibrate {arguments.config} --take DIR")
+        raise _unknown(f"v3studio calibrate {source} --take DIR")
     run(take, config, lambda event: None, stages=["calibrate"], command="v3studio estimate")
     return inputs
 

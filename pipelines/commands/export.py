@@ -12,7 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.arguments import invalid_option, three_numbers
+from pipelines.commands.common.arguments import invalid_option, three_numbers
+from pipelines.commands.common.output import add_overwrite, replacing
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS
@@ -43,7 +44,8 @@ def register(commands: Any) -> None:
     )
     export.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
     export.add_argument("--format", choices=list(EXPORTS), required=True, metavar="FORMAT", help=", ".join(EXPORTS))
-    export.add_argument("--out", type=Path, required=True, metavar="PATH", help="file or folder; must not exist yet")
+    export.add_argument("--out", type=Path, required=True, metavar="PATH", help="file or folder")
+    add_overwrite(export)
     export.add_argument("--frames", metavar="A:B[:S]", help="frames A to B - 1 in steps of S, counted from 0")
     export.add_argument(
         "--of",
@@ -94,7 +96,7 @@ def _export(arguments: argparse.Namespace) -> int:
             "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} does not take --path",
             "Add --path FILE." if needs else "Remove --path.",
         )
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.takes.videos import decoded_video, is_take, open_reader, trained_video
 
     if EXPORTS[arguments.format].holds == "stream":
@@ -112,6 +114,7 @@ def _export(arguments: argparse.Namespace) -> int:
             video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         json_output = arguments.output if arguments.json else None
+        stack.enter_context(replacing(arguments.out, arguments.overwrite, partial(_is_export, arguments.format)))
         notes: list[str] = []
         progress = stack.enter_context(working(f"export {arguments.format}", json_output))
         if EXPORTS[arguments.format].holds == "movie":
@@ -128,6 +131,16 @@ def _export(arguments: argparse.Namespace) -> int:
         else:
             print(f"note: {note}")
     return 0
+
+
+def _is_export(name: str, out: Path) -> bool:
+    """Whether a file or folder may be an earlier export in this format: a folder holds nothing else."""
+    if name == "videogs":
+        from studio.formats.videogs import is_videogs
+
+        return is_videogs(out)
+    files = [out] if out.is_file() else [path for path in out.rglob("*") if not path.is_dir()]
+    return all(path.suffix.lower() == EXPORTS[name].suffix for path in files)
 
 
 def _place_note(video: SplatVideo, arguments: argparse.Namespace) -> str:
@@ -176,7 +189,7 @@ def _dilation_note(seen: set[float]) -> str:
 
 
 def _whole_stream(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.takes.videos import open_reader
     from studio.formats.placing import new_file
     from studio.stream.sources.archive import SUFFIX
@@ -200,7 +213,8 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
             file=arguments.out,
         )
     _need_stream(arguments.source)
-    with open_reader(arguments.source) as reader, new_file(arguments.out) as temporary:
+    replaced = replacing(arguments.out, arguments.overwrite, Path.is_file)
+    with open_reader(arguments.source) as reader, replaced, new_file(arguments.out) as temporary:
         with working("export v3", arguments.output if arguments.json else None) as progress:
             size = write_archive(reader, temporary, progress)
         frames = reader.frame_count

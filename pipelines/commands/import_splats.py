@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.arguments import invalid_option, three_numbers
+from pipelines.commands.common.arguments import invalid_option, three_numbers
+from pipelines.commands.common.output import add_overwrite, replacing
 from studio.counts import counted
 
 
@@ -23,7 +24,8 @@ def register(commands: Any) -> None:
         epilog="--set bake.quality=22 or --bake.quality 22 overrides a setting; `v3studio config` lists all settings.",
     )
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream; must not exist")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream")
+    add_overwrite(parser)
     parser.add_argument("--fps", type=float, default=30.0, help="frames per second (default: 30)")
     parser.add_argument(
         "--group-size", type=int, metavar="N", help="maximum frames per group (default: train.group_size)"
@@ -51,7 +53,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.config import load_config
     from studio.formats.baking import bake_video
     from studio.formats.sequence import open_import
@@ -67,7 +69,8 @@ def _import(arguments: argparse.Namespace) -> int:
             print(f"note: up is {','.join(f'{value:g}' for value in video.up)} (--up overrides it)")
     if up is not None:
         video = replace(video, up=np.array(up))
-    with working("bake", json_output) as progress:
+    replaced = replacing(arguments.out, arguments.overwrite, lambda out: (out / "manifest.json").is_file())
+    with replaced, working("bake", json_output) as progress:
         size = config.train.group_size if arguments.group_size is None else arguments.group_size
         manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.threads)
     if not arguments.json:

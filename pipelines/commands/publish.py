@@ -20,7 +20,7 @@ def register(commands: Any) -> None:
     )
     command.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, one .v3s file, or a URL")
     command.add_argument(
-        "target", metavar="TARGET", help="folder, or an address such as s3://bucket/folder (needs the extra s3)"
+        "target", metavar="TARGET", help="folder, or an address such as s3://bucket/folder (needs s3fs)"
     )
     command.add_argument(
         "--page",
@@ -34,7 +34,7 @@ def register(commands: Any) -> None:
 
 def _publish(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.share.page import PAGE_NAME
     from pipelines.share.publishing import publish
 

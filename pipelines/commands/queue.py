@@ -7,6 +7,8 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.common.source import add_source, is_take, read_settings
+
 if TYPE_CHECKING:
     from types import FrameType
 
@@ -24,9 +26,8 @@ def register(commands: Any) -> None:
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     add = _kind(kinds, "add", "add a take at the end")
-    add.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings, or the folder of a take")
-    add.add_argument("take", type=Path, nargs="?", metavar="TAKE", help="folder of the take; created when it is run")
-    add.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    add_source(add)
+    add.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created when it is run")
     add.set_defaults(command=_add)
 
     listing = _kind(kinds, "list", "show the takes and their states")
@@ -68,23 +69,20 @@ def _file(arguments: argparse.Namespace) -> QueueFile:
 
 
 def _add(arguments: argparse.Namespace) -> int:
-    from pipelines.config import load_config
-    from pipelines.takes.take import Take
     from studio.errors import StudioError
 
-    config, take = arguments.config, arguments.take
+    source, take = arguments.source, arguments.take
     if take is None:
-        if not config.is_dir():
+        if not is_take(source):
             raise StudioError(
                 "command.no_take",
-                "specify the folder of the take",
-                fix=f"Example: v3studio queue add {config} takes/first.",
-                option="TAKE",
+                "no take is specified",
+                fix=f"Example: v3studio queue add {source} --take takes/first.",
+                option="--take",
             )
-        config, take = None, config
-    # report invalid settings now, not overnight
-    load_config(Take.open(take).config if config is None else config, arguments.overrides)
-    entry = _file(arguments).add(take, config, tuple(arguments.set))
+        source, take = None, source
+    read_settings(source, arguments.overrides, take=take)  # report invalid settings now, not overnight
+    entry = _file(arguments).add(take, source, tuple(arguments.set))
     print(f"take {entry.number}: {entry.take}")
     return 0
 

@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.arguments import SETTINGS_NOTE
+from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.source import add_preset, add_source, is_footage, is_take, read_settings
 from pipelines.stages import STAGE_NAMES, STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
 from studio.process import keep_freed_memory
+from studio.storage.address import is_address
 
 if TYPE_CHECKING:
     from pipelines.config import Config
@@ -97,63 +99,63 @@ def _add_detach(stage: argparse.ArgumentParser) -> None:
 
 
 def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=text,
-        description=text[0].upper() + text[1:] + ".",
-        epilog=SETTINGS_NOTE,
-    )
-    parser.add_argument(
-        "config",
-        type=Path,
-        nargs="?",
-        metavar="CONFIG",
-        help="YAML file of settings, or the folder of a take (default: the settings in the take)",
-    )
-    parser.add_argument("--take", type=Path, metavar="DIR", help="folder of the take; created if needed")
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+    add_source(parser, nargs="?", note=" (default: the settings in the take)")
+    parser.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created if needed")
+    add_preset(parser)
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     return parser
+
+
+def _names_footage(overrides: Sequence[tuple[str, Any]]) -> bool:
+    return any(name == "capture.root" for name, _ in overrides)
+
+
+def _no_take(source: Path | None) -> StudioError:
+    if source is not None and not source.exists() and not is_address(source):
+        return StudioError(
+            "settings.file_not_found",
+            "no such file or folder",
+            file=source,
+            fix="Specify footage, a YAML file or a take, and --take DIR for a new take.",
+        )
+    name = "footage" if source is None else source
+    return StudioError(
+        "command.no_take",
+        "no take is specified",
+        fix=f"Example: v3studio run {name} --take takes/first.",
+        option="--take",
+    )
 
 
 def _run(arguments: argparse.Namespace) -> int:
     require_memory()
     keep_freed_memory()
-    from pipelines.config import load_config
     from pipelines.takes.atomic_files import disk_errors
-    from pipelines.takes.drawn_masks import for_another_take
     from pipelines.takes.take import Take
+    from studio.capture import open_footage
 
-    if arguments.take is None and arguments.config is not None and arguments.config.is_dir():
-        arguments.config, arguments.take = None, arguments.config
-    if arguments.take is None:
-        if arguments.config is not None and not arguments.config.exists():
-            raise StudioError(
-                "settings.file_not_found",
-                "no such file or folder",
-                file=arguments.config,
-                fix="Specify a YAML file and --take DIR.",
+    source, folder = arguments.source, arguments.take
+    if source is not None and is_take(source):
+        if folder is not None:
+            raise invalid_option(
+                "--take",
+                "is the folder of a take, but --take is specified too",
+                "Specify one take; for a new take with the same settings, name its config.yaml.",
+                file=source,
             )
-        raise StudioError(
-            "command.no_take", "no take is specified", fix="Example: --take takes/first.", option="--take"
-        )
-    if arguments.config is not None and arguments.config.is_dir():
-        raise StudioError(
-            "command.two_takes",
-            "is a folder, but --take is specified too",
-            file=arguments.config,
-            fix="Specify a YAML file, or leave out one of the folders.",
-            option="--take",
-        )
-    if arguments.config is None:
-        take = Take.open(arguments.take)
-        config = load_config(take.config, arguments.overrides)
-    else:
-        # validate settings before creating the folder
-        config = load_config(arguments.config, arguments.overrides)
-        config = for_another_take(config, arguments.config, arguments.take)
-        with disk_errors(arguments.take):
-            take = Take.create(arguments.take)
+        source, folder = None, source
+    if folder is None:
+        raise _no_take(source)
+    fresh = not is_take(folder)
+    if fresh and source is None and not _names_footage(arguments.overrides):
+        Take.open(folder)  # says what is missing
+    # validate settings and footage before creating the folder
+    config = read_settings(source, arguments.overrides, arguments.preset, folder)
+    if fresh and (source is None or is_footage(source)):
+        open_footage(config.capture, None, strict=False).close()
+    with disk_errors(folder):
+        take = Take.create(folder)
 
     from pipelines.runs.console import Bars, JsonLines
     from pipelines.runs.runner import run

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from pipelines.commands.arguments import invalid_option
+from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.output import add_overwrite
 
 if TYPE_CHECKING:
     from pipelines.share.page import PageText
@@ -22,12 +23,13 @@ def register(commands: Any) -> None:
         "share",
         help="write a web page that plays a stream, for any web server or as one file",
         description="Write a folder with the browser player and the stream that any web server can serve, below any "
-        "path; nothing is loaded from elsewhere. Or write one HTML file that opens from the disk. An earlier share is "
-        "replaced, anything else is not.",
+        "path; nothing is loaded from elsewhere. Or write one HTML file that opens from the disk.",
     )
     share.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
-    share.add_argument("--out", type=Path, required=True, metavar="PATH", help="folder, or .html file, to write")
-    share.add_argument("--single-file", action="store_true", help="one HTML file; for streams of at most 32 MB")
+    share.add_argument(
+        "--out", type=Path, required=True, metavar="PATH", help="folder to write, or .html file (at most 32 MB)"
+    )
+    add_overwrite(share)
     add_page_options(share)
     share.add_argument("--json", action="store_true", help="print progress and sizes as JSON lines")
     share.set_defaults(command=_share)
@@ -36,7 +38,7 @@ def register(commands: Any) -> None:
 def add_page_options(share: argparse.ArgumentParser) -> None:
     """What the page says of the stream, as options; `page_text` reads them."""
     share.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
-    share.add_argument("--credits", metavar="TEXT", help='whom to name; example: "Jane Doe, Studio X"')
+    share.add_argument("--credits", metavar="TEXT", help='credits line; example: "Jane Doe, Studio X"')
     share.add_argument("--license", metavar="TEXT", help='of the footage; example: "CC BY 4.0"')
     share.add_argument("--description", metavar="TEXT", help="what is to be seen, for screen readers and link previews")
     share.add_argument(
@@ -71,17 +73,17 @@ def page_text(arguments: argparse.Namespace) -> PageText:
 
 def _share(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
-    from pipelines.commands.working import working
+    from pipelines.commands.common.working import working
     from pipelines.share.sharing import share
 
     with working("share", arguments.output if arguments.json else None) as progress:
-        shared = share(arguments.source, arguments.out, text, single_file=arguments.single_file, progress=progress)
+        shared = share(arguments.source, arguments.out, text, overwrite=arguments.overwrite, progress=progress)
     if arguments.json:
         print(json.dumps({"kind": "shared", **shared.to_dict()}), file=arguments.output, flush=True)
         return 0
     parts = f"stream {shared.stream_bytes:,}, player {shared.player_bytes:,}, poster {shared.poster_bytes:,}"
     print(f"{arguments.out}: {shared.files} file{'s' * (shared.files > 1)}, {shared.total_bytes:,} bytes ({parts})")
-    if arguments.single_file:
+    if shared.form == "single-file":
         print("Open it in a browser.")
     else:
         folder = shlex.quote(str(arguments.out))

@@ -87,7 +87,7 @@ class RunSettings(Settings):
     """Minimum interval between preview images during training, in seconds. 0: no previews."""
 
     executor: Annotated[Literal["local", "ray"], Heading("Several machines")] = "local"
-    """Where groups run. local: in this process. ray: as tasks of a Ray cluster, which needs the extra cluster; all
+    """Where groups run. local: in this process. ray: as tasks of a Ray cluster, which needs the package ray; all
     nodes must see the take and the footage, if under other paths, see paths."""
 
     address: str = Field(default="local", min_length=1)

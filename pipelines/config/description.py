@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 import types
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
@@ -16,14 +16,15 @@ from studio.yaml_text import inline_yaml
 _WIDTH = 110
 
 
-def describe(config: Config | None = None) -> str:
-    """YAML of a configuration (None: the defaults), each setting below its documentation and bounds."""
-    lines = [
-        "# All settings of V3 Studio. Settings missing from a file have the default that `v3studio config` shows.",
-        "",
-    ]
-    lines += _section(config or Config(), 0)
-    return "\n".join(lines).rstrip() + "\n"
+def describe(config: Config | None = None, names: Collection[str] | None = None) -> str:
+    """YAML of a configuration, each setting below its documentation and bounds.
+
+    Args:
+        config: None: the defaults.
+        names: dotted names of the settings to include; None: all of them.
+    """
+    title = [] if names is not None else ["# All settings. Those missing from a file have their defaults.", ""]
+    return "\n".join([*title, *_section(config or Config(), "", names)]).rstrip() + "\n"
 
 
 def allowed_values(field: FieldInfo) -> str:
@@ -59,18 +60,20 @@ def _rules(field: FieldInfo) -> dict[str, float]:
     return found
 
 
-def _section(model: Settings, depth: int) -> Iterator[str]:
-    indent = "  " * depth
+def _section(model: Settings, prefix: str, names: Collection[str] | None) -> Iterator[str]:
+    indent = "  " * prefix.count(".")
     for name, field in type(model).model_fields.items():
-        value = getattr(model, name)
+        value, full = getattr(model, name), f"{prefix}{name}"
+        if names is not None and not any(one == full or one.startswith(f"{full}.") for one in names):
+            continue
         heading = marker(field, Heading)
-        if heading is not None:
+        if heading is not None and names is None:
             yield f"{indent}# --- {heading.text} ---"
             yield ""
         yield from _comment(field, indent)
         if isinstance(value, Settings):
             yield f"{indent}{name}:"
-            yield from _section(value, depth + 1)
+            yield from _section(value, f"{full}.", names)
         else:
             dumped = model.model_dump(mode="json", include={name})[name]
             yield f"{indent}{name}: {inline_yaml(dumped)}"

@@ -83,6 +83,18 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
 final: the paper's schedule, the defaults, for GPUs. All of them set the same settings."""
 
 
+def has_gpu() -> bool:
+    """Whether splats can be trained on a GPU of this machine."""
+    from studio.rasterizer import preferred_device
+
+    return preferred_device().type != "cpu"
+
+
+def preset_here() -> str:
+    """The preset for this machine: without a GPU, the schedule of "final" would take days."""
+    return "final" if has_gpu() else "standard"
+
+
 def values_of(config: Config) -> dict[str, JsonValue]:
     """All settings, JSON-ready, by dotted name."""
 

@@ -55,7 +55,7 @@ def run(
     config: Config,
     emit: Emit,
     *,
-    stages: Iterable[str] = STAGE_NAMES,
+    stages: str | Iterable[str] = STAGE_NAMES,
     force: bool = False,
     cancellation: Cancellation | None = None,
     command: str = "v3studio run",
@@ -67,19 +67,19 @@ def run(
         take: the take; locked during the run.
         config: all settings; written to the take's config.yaml.
         emit: receives the events; the last is always `RunFinished`.
-        stages: names. Stages that they depend on must be up to date or among them.
+        stages: a name or several. Stages that they depend on must be up to date or among them.
         force: run them from scratch even if they are up to date.
         cancellation: set it from another thread to cancel; SIGINT and SIGTERM set it too.
         command: recorded in the lock, for the error that a second run gets.
         keep: name under which the stream is kept at the end, before anything else can change it; None: it is not.
 
     Raises:
-        StudioError: bad input, a second run (`take.locked`), a full disk (`take.disk_full`), a stage that is not up to
-            date and not among `stages` (`stage.dependency`), the stream cannot be kept (`bakes.*`).
+        StudioError: bad input, a second run (`take.locked`), a full disk (`take.disk_full`), a name in `stages` that is
+            not a stage's (`stage.unknown`), a stage that is not up to date and not among them (`stage.dependency`), the
+            stream cannot be kept (`bakes.*`).
         Cancelled: the run was cancelled.
     """
     cancellation = cancellation or Cancellation()
-    names = [stage.name for stage in STAGES if stage.name in set(stages)]
     report = emit
     with (
         finishing(lambda: report, cancellation, "Run again to resume.") as clock,
@@ -87,6 +87,7 @@ def run(
         take.locked(command),
         cancelled_on_request(take, cancellation.cancel),
     ):
+        names = _known(stages)
         report = Logged(emit, take)
         if keep is not None:
             free_name(take, keep)
@@ -94,6 +95,20 @@ def run(
         if keep is not None:
             kept = keep_bake(take, keep)
             report(Log(stage="bake", message=f"kept as '{kept.name}'"))
+
+
+def _known(stages: str | Iterable[str]) -> list[str]:
+    """The named stages, in the order in which they run. Raises StudioError `stage.unknown`."""
+    wanted = (stages,) if isinstance(stages, str) else tuple(stages)
+    for name in wanted:
+        if name not in STAGE_NAMES:
+            raise StudioError(
+                "stage.unknown",
+                f"there is no stage named '{name}'",
+                value=name,
+                fix=f"The stages are {', '.join(STAGE_NAMES)}.",
+            )
+    return [name for name in STAGE_NAMES if name in wanted]
 
 
 class Logged:

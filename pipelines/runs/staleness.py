@@ -48,8 +48,8 @@ class StageStatus:
 
     Attributes:
         stage: its name.
-        state: done, partial (some units are finished and valid), stale (settings or inputs have changed), failed (the
-            last attempt), missing (never run).
+        state: done, partial (begun, and not finished), stale (settings or inputs have changed), failed (the last
+            attempt), missing (never run).
         reason: why it is not done ("never run", "bake.quality changed from 22 to 30", "last attempt: ...");
             "" if done.
         units_done, units, unit: finished units, all units, and their name ("frames"); 0, 0, "" if it has none.
@@ -133,8 +133,10 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
     failure = read_failure(inputs.take, stage.name)
     if failure:
         return replace(found, state=FAILED, reason=f"last attempt: {failure.message}")
-    # if all units of a finished stage are valid, it is stale for another reason
-    partial = found.units_done and (record is None or found.units_done < found.units)
+    if record is None:
+        partial = bool(found.units_done) or (not waiting and _is_begun(stage, inputs))
+    else:  # if all units of a finished stage are valid, it is stale for another reason
+        partial = 0 < found.units_done < found.units
     return replace(found, state=PARTIAL if partial else found.state, reason=reason)
 
 
@@ -150,8 +152,7 @@ def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, wait
     if record is None:
         if waiting:
             return f"needs {', '.join(waiting)}"
-        begun = inputs.take.work(stage.name).exists() or any(path.exists() for path in stage.code.results(inputs))
-        return "not finished" if begun else "never run"
+        return "not finished; the next run resumes" if _is_begun(stage, inputs) else "never run"
     if waiting:
         return f"{', '.join(waiting)} must run first"
     changed = differences(record.params, current_params(stage, inputs))
@@ -167,6 +168,13 @@ def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, wait
     if touched and digest_of_files(root, [root / name for name in written]) != record.result:
         return "result files were modified"
     return ""
+
+
+def _is_begun(stage: Stage, inputs: Inputs) -> bool:
+    """Whether an earlier run has left results or checkpoints, from which the next one may resume."""
+    take = inputs.take
+    files = (path for path in (take.root / stage.name).rglob("*") if path.is_file())
+    return take.work(stage.name).exists() or any(path.exists() for path in (*stage.code.results(inputs), *files))
 
 
 def _state_of(path: str) -> os.stat_result | None:

@@ -29,7 +29,7 @@ def publish(
 
     Args:
         source: folder of a take or a stream, one .v3s file, or a URL.
-        target: folder, or an address in an object store, such as s3://bucket/folder, which needs the extra `s3`.
+        target: folder, or an address in an object store, such as s3://bucket/folder, which needs s3fs.
         text: of the page; what is None is taken from the stream.
         page: also put index.html and the player there.
         progress: called with (files done, files).

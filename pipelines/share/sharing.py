@@ -112,31 +112,35 @@ def share(
     out: Path | str,
     text: PageText | None = None,
     *,
-    single_file: bool = False,
+    overwrite: bool = False,
     progress: ProgressFn = no_progress,
 ) -> Shared:
     """Write the player with a stream: a folder for any web server, or one HTML file that opens from the disk.
 
-    All names in the folder are relative, so that it works below any path. An earlier share in its place is replaced
-    when the new one is complete; anything else is not.
+    All names in the folder are relative, so that it works below any path.
 
     Example:
         v3studio.share("my-take", "site", v3studio.PageText(title="Walk", license="CC BY 4.0"))
 
     Args:
         source: folder of a take or a stream, or a URL.
-        out: folder to write, or file ending in .html.
+        out: folder to write, or HTML file, whose name ends in .html, for streams of at most 32,000,000 bytes.
         text: of the page; what is None is taken from the stream.
-        single_file: write one file; for streams of at most 32,000,000 bytes.
+        overwrite: replace an earlier share, when the new one is complete; anything else is never replaced.
         progress: called with (files done, files).
 
     Raises:
-        StudioError: `share.out_exists`, `share.not_html`, `share.too_large`, `share.no_player`, no stream in `source`,
+        StudioError: `share.out_exists`, `share.too_large`, `share.no_player`, no stream in `source`,
             a damaged stream, or a disk that is full or not writable.
     """
     player = read_player()
     out = Path(out).expanduser().absolute()
+    single_file = out.suffix.lower() in (".html", ".htm")
     (_check_file if single_file else _check_folder)(out)
+    if not overwrite and (out.is_file() or (out / RECORD_NAME).is_file()):
+        raise StudioError(
+            "share.out_exists", "already exists", file=out, fix="Choose another name, or add --overwrite to replace it."
+        )
     with stream_to_share(str(source)) as stream, disk_errors(out):
         if single_file and stream.total_bytes > MAX_SINGLE_FILE_BYTES:
             raise StudioError(
@@ -318,11 +322,7 @@ def _in_script(text: str) -> str:
 
 
 def _check_file(out: Path) -> None:
-    """Raises StudioError (`share.not_html`, `share.out_exists`) unless `out` can be written."""
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise StudioError(
-            "share.not_html", "a single file must end in .html", file=out, fix=f"Example: {out.name or 'take'}.html."
-        )
+    """Raises StudioError (`share.out_exists`) unless `out` is missing, or an earlier share."""
     if not os.path.lexists(out):
         return
     if out.is_file():

@@ -150,7 +150,7 @@ class OnnxSettings(Settings):
 
     mask_model: str = ""
     """Masks from a model: its ONNX file, relative to root. Input: one RGB image (1x3xHxW, float). Output: a mask from
-    0 to 1. Requires the extra matting (onnxruntime)."""
+    0 to 1. Requires onnxruntime."""
 
     mask_model_kind: ModelKind = "u2net"
     """Masks from a model: how it was trained, which gives the normalization of its input, its size unless the file

@@ -85,7 +85,7 @@ class OnnxModel:
                 "mask.runtime_missing",
                 "matting models need onnxruntime, which is not installed",
                 file=path,
-                fix="Run: pip install 'v3studio[matting]' (with an NVIDIA GPU: pip install onnxruntime-gpu).",
+                fix="Run: pip install onnxruntime (with an NVIDIA GPU: pip install onnxruntime-gpu).",
                 package="onnxruntime",
             )
         self._loaded: _Loaded | None = None

@@ -37,7 +37,7 @@ def load_kernels() -> Any:
         raise StudioError(
             "rasterizer.kernels_missing",
             f"the CPU kernels cannot be loaded ({error})",
-            fix="Reinstall the package: `pip install -e .`",
+            fix="Reinstall the package: `pip install --no-deps -e .`",
         ) from None
 
 

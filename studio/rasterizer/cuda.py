@@ -38,7 +38,7 @@ def load_gsplat() -> Any:
         raise StudioError(
             "rasterizer.gsplat_missing",
             f"gsplat cannot be imported ({error})",
-            fix="Install it with `pip install 'v3studio[cuda]'`, or use backend='cpu'",
+            fix="Install it with `pip install gsplat==1.5.3 packaging`, or use backend='cpu'",
         ) from error
 
 

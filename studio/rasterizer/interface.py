@@ -30,13 +30,13 @@ def _unavailable(backend: str) -> tuple[str, str] | None:
         if importlib.util.find_spec("studio.rasterizer._kernels") is None:
             return (
                 "the CPU kernels are not built",
-                "Install the package (`pip install -e .`), or use backend='reference'",
+                "Install the package (`pip install --no-deps -e .`), or use backend='reference'",
             )
     elif backend == "cuda":
         if not torch.cuda.is_available():
             return "the cuda backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
         if importlib.util.find_spec("gsplat") is None:
-            return "the cuda backend needs gsplat", "Install it with `pip install 'v3studio[cuda]'`"
+            return "the cuda backend needs gsplat", "Install it with `pip install gsplat==1.5.3 packaging`"
         if not _gsplat_is_built() and not _finds_nvcc():
             return (
                 "gsplat needs nvcc to build its kernels, and it was not found",
@@ -126,7 +126,7 @@ def _choose(backend: str, device: torch.device) -> str:
                     "rasterizer.backend_unavailable",
                     f"rendering on a GPU needs gsplat or Triton, and neither can be used: {'; '.join(reasons)}",
                     value="auto",
-                    fix=f"{_TRITON}, or install gsplat with `pip install 'v3studio[cuda]'`, which needs nvcc",
+                    fix=f"{_TRITON}, or install gsplat with `pip install gsplat==1.5.3 packaging`, which needs nvcc",
                 )
             backend = chosen
     elif backend not in BACKENDS:

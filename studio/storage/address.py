@@ -7,8 +7,8 @@ from pathlib import Path, PosixPath
 
 from studio.errors import StudioError
 
-EXTRAS = {"s3": "s3", "gs": "gs", "gcs": "gs", "az": "azure", "abfs": "azure", "abfss": "azure"}
-"""Kinds of addresses, and the extra of v3studio that reads them."""
+PACKAGES = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs", "abfs": "adlfs", "abfss": "adlfs"}
+"""Kinds of addresses, and the package that reads them."""
 
 CREDENTIALS = "contains credentials (a colon before an @, or a query)"
 CREDENTIALS_FIX = "Leave them out and set them in the environment, such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY."
@@ -61,7 +61,7 @@ def checked(path: Path | str) -> StoreAddress:
     if str(path).partition("://")[2].startswith("/"):  # pathlib would take the first folder for the bucket
         raise _no_bucket(str(path))
     bucket = rest.partition("/")[0]
-    if scheme not in EXTRAS:
+    if scheme not in PACKAGES:
         raise StudioError(
             "storage.unknown_kind",
             f"unknown kind of address {scheme}://",

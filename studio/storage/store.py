@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from studio.errors import StudioError, reason_of
-from studio.storage.address import EXTRAS, checked
+from studio.storage.address import PACKAGES, checked
 
 ATTEMPTS = 4
 """How often a request is made before it counts as failed. fsspec's file systems repeat some requests themselves."""
@@ -67,7 +67,7 @@ class Store:
                 "storage.missing_package",
                 f"a package is missing ({error})",
                 file=self.address,
-                fix=f"Install it: pip install 'v3studio[{EXTRAS[scheme]}]'.",
+                fix=f"Install it: pip install {PACKAGES[scheme]}.",
             ) from None
         except Exception as error:  # each file system raises its own
             raise self._failed("reached", "", error) from None

@@ -56,7 +56,7 @@ def publish(
 
     Args:
         reader: the stream; files are verified before they are copied.
-        target: a folder, or an address in an object store, such as s3://bucket/folder, which needs the extra `s3`.
+        target: a folder, or an address in an object store, such as s3://bucket/folder, which needs s3fs.
         progress: called with (files done, files).
         beside: further files by name, such as a page that plays the stream, put there in this order after the
             manifest. `.html` files are revalidated; the others must be named by their content. Not counted.

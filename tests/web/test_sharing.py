@@ -121,7 +121,7 @@ def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_page
 
 def test_a_single_file_plays_from_the_disk(baked, open_page, tmp_path):
     file = tmp_path / "take é.html"
-    share(baked(), file, TEXT, single_file=True)
+    share(baked(), file, TEXT)
     requests: list[str] = []
     page = open_page(address=file.as_uri(), setup=recording(requests), size=SIZE)
     plays_right(page, baked())

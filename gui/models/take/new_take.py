@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from gui.models.stages import camera_file
 from pipelines.config import Config, dump_config, load_config
-from pipelines.config.presets import PRESETS, with_values
+from pipelines.config.presets import PRESETS, preset_here, with_values
 from pipelines.takes.atomic_files import disk_errors, write_text
 from pipelines.takes.drawn_masks import for_another_take
 from pipelines.takes.take import Take
@@ -20,16 +20,8 @@ from studio.storage import is_address
 if TYPE_CHECKING:
     from studio.capture import Footage
 
-PRESET_WITHOUT_GPU = "standard"
 MOST_FPS = 10_000
 """Limit of `capture.fps`."""
-
-
-def has_gpu() -> bool:
-    """Whether splats can be trained on a GPU of this machine."""
-    from studio.rasterizer import preferred_device
-
-    return preferred_device().type != "cpu"
 
 
 @dataclass(frozen=True)
@@ -51,8 +43,7 @@ class NewTake:
 
     Attributes:
         footage: footage folder or its address in object storage; may be empty if the settings name it.
-        settings: YAML file with settings; empty for the defaults or, without a GPU, on which they would take days, for
-            the preset "standard".
+        settings: YAML file with settings; empty for the preset for this machine.
         take: folder of the new take; empty for `proposed_take`.
         fps: frames per second, where the footage gives none; empty for that of the settings.
     """
@@ -100,8 +91,7 @@ class NewTake:
         if self.settings.strip():
             path = Path(self.settings.strip()).expanduser()
             return for_another_take(load_config(path, overrides), path)
-        config = load_config(None, overrides)
-        return config if has_gpu() else with_values(config, PRESETS[PRESET_WITHOUT_GPU])
+        return with_values(load_config(None, overrides), PRESETS[preset_here()])
 
     def found(self) -> Found:
         """What is known about the footage, or why it cannot be read."""
@@ -114,8 +104,8 @@ class NewTake:
         except StudioError as error:
             return Found(str(error))
         cameras = _of_camera_file(rig, footage) if rig else "No camera file: Calibrate estimates the cameras."
-        if not self.settings.strip() and not has_gpu():
-            cameras += f" No GPU: the preset is {PRESET_WITHOUT_GPU}."
+        if not self.settings.strip():
+            cameras += f" The preset is {preset_here()}."
         found = footage.problems
         problems = f"\n{counted(len(found), 'problem')}: {found[0]}" if found else ""
         given = (None if self.fps.strip() else config.capture.fps) or footage.filmed_fps  # as `open_footage`

@@ -86,9 +86,7 @@ class ShareRequest(NamedTarget):
 
     def arguments(self) -> list[str]:
         """For `v3studio share`."""
-        found = [self.source, "--out", str(self.path), "--json"]
-        if self.form == "single-file":
-            found.append("--single-file")
+        found = [self.source, "--out", str(self.path), "--overwrite", "--json"]
         for name in _TEXTS:
             text = getattr(self, name)
             if text.strip():

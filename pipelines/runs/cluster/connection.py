@@ -20,7 +20,7 @@ ADDRESS_VARIABLE = "V3STUDIO_RAY_ADDRESS"
 CONNECT_SECONDS = 5.0
 """How long the head node may take to accept a connection."""
 
-_EXTRA = "Install the extra: pip install 'v3studio[cluster]'."
+_EXTRA = "Install it: pip install 'ray[client]==2.60.0'."
 
 
 def load_ray(address: str = "local") -> Any:

@@ -269,12 +269,12 @@ def test_the_commands(finished: Path, tmp_path: Path, cli: Callable[..., Any]) -
     def add(*arguments: object) -> Any:
         return cli("queue", "add", *arguments, *option)
 
-    assert add(broken, tmp_path / "one").returncode == 0
+    assert add(broken, "--take", tmp_path / "one").returncode == 0
     assert add(take).returncode == 0
-    refused = add(settings, tmp_path / "three", "--train.group_size", "-1")
-    assert (refused.returncode, "group_size" in refused.stderr) == (1, True)
+    refused = add(settings, "--take", tmp_path / "three", "--train.group_size", "-1")
+    assert (refused.returncode, "group_size" in refused.stderr) == (2, True)
     missing = add(settings)
-    assert (missing.returncode, "specify the folder of the take" in missing.stderr) == (1, True)
+    assert (missing.returncode, "--take takes/first" in missing.stderr) == (2, True)
     assert "queue run` starts it" in cli("queue", "list", *option).stdout
     done = cli("queue", "run", *option)
     assert (done.returncode, "1 done, 1 failed" in done.stdout) == (1, True), done.stdout + done.stderr

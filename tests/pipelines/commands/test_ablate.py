@@ -83,7 +83,7 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     assert {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")} == before
 
     refused = cli(*arguments[:-1], "10,x")
-    assert refused.returncode == 1
+    assert refused.returncode == 2
     assert "--qps '10,x' is not a comma-separated list of integers" in refused.stderr
 
 

@@ -61,5 +61,5 @@ def test_a_stream_in_one_file_plays(here, stream, tmp_path):
 )
 def test_options_that_do_not_fit(here, stream, options, said):
     done = here("export", stream, "--format", "v3", *options)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert said in done.stderr

@@ -422,3 +422,12 @@ def test_a_group_that_a_worker_measures_meanwhile_is_not_measured_again(
     project.run(stages=["evaluate"], force=True)
     assert measured == [0, 1]
     assert project.bytes_of(".")["evaluation.json"] == before
+
+
+def test_a_stage_may_be_named_alone_and_an_unknown_one_is_refused(project):
+    project.take.forget("evaluate")
+    project.run(stages="evaluate")
+    assert any(isinstance(event, StageFinished) and event.stage == "evaluate" for event in project.events)
+    with refuses("stage.unknown", value="evalute"):
+        project.run(stages=("bake", "evalute"))
+    assert project.events[-1].outcome == "failed"

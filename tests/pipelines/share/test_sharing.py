@@ -35,7 +35,7 @@ TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>",
 
 
 def share_page(source: str, out: Path, text: PageText | None = None, **options: Any) -> Shared:
-    return share(source, out, text, single_file=True, **options)
+    return share(source, out, text, **options)
 
 
 def camera() -> Camera:
@@ -166,23 +166,26 @@ def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
     out.mkdir()
     first = share(str(stream), out, PageText(title="One")).path
     old = contents(first)
-    second = share(str(stream), out, PageText(title="Two")).path
+    with refuses("share.out_exists", file=out):
+        share(str(stream), out, PageText(title="Two"))
+    assert contents(first) == old
+    second = share(str(stream), out, PageText(title="Two"), overwrite=True).path
     assert contents(second).keys() == old.keys()
     assert b"Two" in (second / "index.html").read_bytes()
     (out / "stream" / "notes.txt").write_text("mine")
     with refuses("share.out_exists", file=out, value="stream/notes.txt"):
-        share(str(stream), out)
+        share(str(stream), out, overwrite=True)
     (out / "stream" / "notes.txt").unlink()
     (out / "share.json").write_text("{}")
     with refuses("share.out_exists", file=out):
-        share(str(stream), out)
+        share(str(stream), out, overwrite=True)
     with refuses("share.out_exists", file=stream):
-        share(str(stream), stream)
+        share(str(stream), stream, overwrite=True)
     (tmp_path / "file").write_text("mine")
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     for name in ("file", "link"):
         with refuses("share.out_exists", file=tmp_path / name):
-            share(str(stream), tmp_path / name)
+            share(str(stream), tmp_path / name, overwrite=True)
     assert b"Two" in (out / "index.html").read_bytes()
 
 
@@ -202,14 +205,17 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        share(str(copy), out, progress=stop)
+        share(str(copy), out, overwrite=True, progress=stop)
     with pytest.raises(Cancelled):
-        share_page(str(copy), page, progress=stop)
+        share_page(str(copy), page, overwrite=True, progress=stop)
     last = sorted(copy.rglob("*.mp4"))[-1]
     data = bytearray(last.read_bytes())
     data[-1] ^= 1
     last.write_bytes(data)
-    for attempt in (lambda: share(str(copy), out), lambda: share_page(str(copy), page)):
+    for attempt in (
+        lambda: share(str(copy), out, overwrite=True),
+        lambda: share_page(str(copy), page, overwrite=True),
+    ):
         with refuses("stream.wrong_checksum", file=str(last)):
             attempt()
     assert contents(out.parent) == before
@@ -233,7 +239,7 @@ def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
     assert shared.total_bytes == shared.path.stat().st_size
     assert shared.files == 1
     assert shared.stream_bytes == sum(map(len, held.values()))
-    share_page(str(stream), shared.path, PageText(title="Two"))
+    share_page(str(stream), shared.path, PageText(title="Two"), overwrite=True)
     assert b"<title>Two</title>" in shared.path.read_bytes()
 
 
@@ -241,9 +247,7 @@ def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, t
     mine = tmp_path / "mine.html"
     mine.write_text("<p>mine")
     with refuses("share.out_exists", file=mine):
-        share_page(str(stream), mine)
-    with refuses("share.not_html", file=tmp_path / "site"):
-        share_page(str(stream), tmp_path / "site")
+        share_page(str(stream), mine, overwrite=True)
     size = sum(map(len, contents(stream).values()))
     monkeypatch.setattr(sharing, "MAX_SINGLE_FILE_BYTES", size)
     share_page(str(stream), tmp_path / "just.html")
@@ -319,17 +323,17 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     (intro,) = [json.loads(text) for attributes, text in page.texts if attributes.get("id") == "v3-intro"]
     assert [key["time"] for key in intro["keys"]] == [0.0, 1.5]
     assert intro["keys"][0]["camera"]["world_to_camera"] == camera().world_to_camera.tolist()
-    done = here("share", stream, "--out", tmp_path / "take.html", "--single-file", "--json")
+    done = here("share", stream, "--out", tmp_path / "take.html", "--json")
     last = json.loads(done.stdout.splitlines()[-1])
     assert last["kind"] == "shared"
     assert last["form"] == "single-file"
     assert last["total_bytes"] == (tmp_path / "take.html").stat().st_size
     assert json.loads(done.stdout.splitlines()[0])["kind"] == "progress"
-    done = here("share", stream, "--out", tmp_path / "site", "--address", 'https://example.org/"walk"/')
+    done = here("share", stream, "--out", tmp_path / "site2", "--address", 'https://example.org/"walk"/')
     assert '<iframe src="https://example.org/&quot;walk&quot;/"' in done.stdout
     for address in ("example.org", "ftp://example.org/", "https://example.org/?a=1"):
         done = here("share", stream, "--out", tmp_path / "b", "--address", address, "--json")
-        assert done.returncode == 1
+        assert done.returncode == 2
         assert json.loads(done.stdout.splitlines()[-1])["code"] == "command.invalid_option"
     assert here("share", tmp_path / "none", "--out", tmp_path / "b").returncode == 1
     assert here("share", stream, "--out", stream).returncode == 1

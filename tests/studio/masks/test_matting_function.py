@@ -114,7 +114,7 @@ def test_without_onnxruntime_the_error_names_the_extra(monkeypatch: pytest.Monke
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with refuses("mask.runtime_missing", file=DATA / "free.onnx", package="onnxruntime") as caught:
         OnnxModel(DATA / "free.onnx")
-    assert "pip install 'v3studio[matting]'" in caught.value.fix
+    assert "pip install onnxruntime" in caught.value.fix
 
 
 def test_execution_providers() -> None:

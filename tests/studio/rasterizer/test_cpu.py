@@ -314,4 +314,4 @@ def test_kernels_of_other_sources_are_not_used(monkeypatch: pytest.MonkeyPatch) 
     with refuses("rasterizer.kernels_missing") as caught:
         load_kernels()
     assert "was built from other sources" in str(caught.value)
-    assert "pip install -e ." in str(caught.value)
+    assert "pip install --no-deps -e ." in str(caught.value)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gui.models.take import new_take
 from gui.models.take.new_take import NewTake
-from pipelines.config import load_config
+from pipelines.config import load_config, presets
 from pipelines.config.presets import preset_of
 from studio.capture import open_footage
 from tests.support.errors import refuses
@@ -88,11 +87,12 @@ def write_video(folder: Path) -> Path:
 def test_without_a_gpu_a_take_does_not_begin_with_the_papers_schedule(
     gpu: bool, footage_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(new_take, "has_gpu", lambda: gpu)
+    monkeypatch.setattr(presets, "has_gpu", lambda: gpu)
     new = NewTake(str(footage_project / "capture"), take=str(tmp_path / "take"))
-    assert ("the preset is standard" in new.found().words) is not gpu
+    name = "final" if gpu else "standard"
+    assert f"preset is {name}" in new.found().words
     config = load_config(new.create() / "config.yaml")
-    assert preset_of(config) == ("final" if gpu else "standard")
+    assert preset_of(config) == name
     assert config.train.keyframe_iterations == (12_000 if gpu else 2400)
     new.settings = str(footage_project / "ball.yaml")
     assert new.config().train == load_config(footage_project / "ball.yaml").train  # what was chosen stays

@@ -52,7 +52,7 @@ def test_a_folder_is_written_and_its_size_told(stream_folder: Path, tmp_path: Pa
 
 def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
     found = ShareRequest("single-file", "/takes/walk", "walk", tmp_path)
-    assert found.arguments() == ["/takes/walk", "--out", str(tmp_path / "walk.html"), "--json", "--single-file"]
+    assert found.arguments() == ["/takes/walk", "--out", str(tmp_path / "walk.html"), "--overwrite", "--json"]
     found.address = "https://example.org/"
     assert found.arguments()[-1] == "--address=https://example.org/"
     found.set_target(str(tmp_path / "mine.html"))

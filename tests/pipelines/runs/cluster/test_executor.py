@@ -426,4 +426,4 @@ def test_a_cluster_that_cannot_be_reached_is_one_sentence(project, here, monkeyp
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
     done = here(*arguments)
     assert done.returncode == 1
-    assert "Ray is not installed. Install the extra: pip install 'v3studio[cluster]'." in done.stderr
+    assert "Ray is not installed. Install it: pip install 'ray[client]==2.60.0'." in done.stderr

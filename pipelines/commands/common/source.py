@@ -1,0 +1,97 @@
+"""SOURCE, what several commands begin from: a folder of footage, a YAML file of settings, or the folder of a take."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.commands.common.arguments import SETTINGS_NOTE
+from studio.storage.address import StoreAddress, is_address
+
+if TYPE_CHECKING:
+    from pipelines.config import Config
+
+PRESETS = ("preview", "standard", "final")
+"""Names of `pipelines.config.presets.PRESETS`, which takes long to import."""
+
+
+def source_path(text: str) -> Path:
+    """The type of the argument: a path, or an address in object storage."""
+    return StoreAddress(text) if is_address(text) else Path(text)
+
+
+def add_source(parser: argparse.ArgumentParser, nargs: str | None = None, note: str = "") -> None:
+    """Add the argument SOURCE, and `--set`."""
+    parser.add_argument(
+        "source",
+        type=source_path,
+        metavar="SOURCE",
+        help=f"folder of footage, YAML file of settings, or folder of a take{note}",
+        **({} if nargs is None else {"nargs": nargs}),
+    )
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    parser.epilog = f"{parser.epilog}\n{SETTINGS_NOTE}" if parser.epilog else SETTINGS_NOTE
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+
+
+def add_preset(parser: argparse.ArgumentParser) -> None:
+    """Add the option `--preset`."""
+    parser.add_argument(
+        "--preset",
+        choices=PRESETS,
+        help="how long to train: preview, standard (for CPUs) or final (the paper's, for GPUs); default for footage: "
+        "the one for this machine",
+    )
+
+
+def is_take(path: Path) -> bool:
+    """Whether this is the folder of a take."""
+    return (path / "take.json").is_file()
+
+
+def is_footage(path: Path) -> bool:
+    """Whether this can be only footage: an address, or a folder that is not a take."""
+    return is_address(path) or (path.is_dir() and not is_take(path))
+
+
+def read_settings(
+    source: Path | None,
+    overrides: Sequence[tuple[str, Any]] = (),
+    preset: str | None = None,
+    take: Path | None = None,
+) -> Config:
+    """The settings that a command works with.
+
+    Those of a YAML file or a take come from there. Footage without settings, also where only `capture.root` says where
+    it is, gets the preset for this machine.
+
+    Args:
+        source: what the command was given; None: the settings of `take`, or the defaults if there is no take yet.
+        overrides: names and values from the command line, which come last.
+        preset: name of a preset, which comes after the settings.
+        take: folder of the take that the settings are for, if any. If it exists, footage gets its settings.
+
+    Raises:
+        StudioError: the settings cannot be read, or are invalid.
+    """
+    from pipelines.config import load_config
+    from pipelines.config.presets import PRESETS as VALUES
+    from pipelines.config.presets import preset_here
+    from pipelines.takes.drawn_masks import for_another_take
+    from pipelines.takes.take import Take
+
+    given: list[tuple[str, Any]] = []
+    file = source
+    if source is None or is_footage(source):
+        there = take is not None and (is_take(take) or (source is None and take.is_dir()))
+        file = Take.open(take).config if take is not None and there else None
+    elif source.is_dir():
+        file = Take.open(source).config
+    if source is not None and is_footage(source):
+        given.append(("capture.root", str(source)))
+    preset = preset or (preset_here() if file is None else None)
+    if preset is not None:
+        given += VALUES[preset].items()
+    return for_another_take(load_config(file, [*given, *overrides]), file, take)

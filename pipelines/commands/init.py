@@ -1,0 +1,56 @@
+"""`v3studio init`: writes a commented configuration for footage."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from pipelines.commands.common.output import add_overwrite, replacing
+from pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
+from studio.errors import StudioError
+
+_SHOWN = ("capture.root", "capture.images", "capture.rig", "capture.masks", "capture.held_out", "capture.scale")
+"""Settings that the file has in any case: those that are most often changed."""
+
+
+def register(commands: Any) -> None:
+    """Add the command to the command line."""
+    parser = commands.add_parser(
+        "init",
+        help="write a commented configuration for footage",
+        description="Look at footage and write a YAML file with the settings that matter for it, each with its "
+        "documentation. `v3studio config` prints all settings.",
+    )
+    add_source(parser)
+    add_preset(parser)
+    parser.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: name of the footage, .yaml)")
+    add_overwrite(parser)
+    parser.set_defaults(command=_init)
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from pipelines.config import Config, describe
+    from pipelines.config.presets import values_of
+    from pipelines.takes.atomic_files import disk_errors, write_text
+    from studio.capture import open_footage
+
+    source = arguments.source
+    if not is_footage(source):
+        raise StudioError(
+            "command.not_footage", "is not a folder of footage", file=source, fix="Specify the folder of the footage."
+        )
+    config = read_settings(source, arguments.overrides, arguments.preset)
+    out = arguments.out or Path(f"{source.absolute().name}.yaml")
+    footage = open_footage(config.capture, None, strict=False)
+    found = footage.description.splitlines()
+    footage.close()
+    usual = values_of(Config())
+    names = {name for name, value in values_of(config).items() if value != usual[name]} | set(_SHOWN)
+    lines = ["# Written by `v3studio init`. Settings that are not here have their defaults: `v3studio config`.", "#"]
+    text = "\n".join([*lines, *(f"# {line}" for line in found), "", describe(config, names)])
+    with replacing(out, arguments.overwrite, Path.is_file), disk_errors(out.absolute().parent):
+        write_text(out, text)
+    print("\n".join(found), file=arguments.output)
+    print(f"{out}: written. To run it: v3studio run {out} --take takes/first", file=arguments.output)
+    return 0

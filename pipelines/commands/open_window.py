@@ -1,0 +1,29 @@
+"""`v3studio open`: opens the window."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command to the command line."""
+    parser = commands.add_parser(
+        "open",
+        help="open the window on a take or a stream",
+        description="Open the window on a take, a stream or the URL of a stream; without one, on the start page. "
+        "v3studio-gui is the same, with more options.",
+    )
+    parser.add_argument(
+        "place", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream, or URL of a stream"
+    )
+    parser.set_defaults(command=_open)
+
+
+def _open(arguments: argparse.Namespace) -> int:
+    # the window is above the command line: it is started, not imported
+    places = [] if arguments.place is None else [arguments.place]
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", "gui.app", *places])

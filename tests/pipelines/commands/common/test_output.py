@@ -1,0 +1,54 @@
+"""`--overwrite`: outputs that exist are replaced only with it, and only those of the same kind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.commands.common.output import replacing
+from studio.errors import Cancelled
+from tests.support.errors import refuses
+
+
+def test_a_new_output_needs_nothing(tmp_path: Path) -> None:
+    with replacing(tmp_path / "out", False, Path.is_file):
+        (tmp_path / "out").write_text("new")
+    assert (tmp_path / "out").read_text() == "new"
+
+
+def test_an_output_is_replaced_only_when_asked(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.write_text("old")
+    with refuses("output.exists", file=out), replacing(out, False, Path.is_file):
+        out.write_text("new")
+    assert out.read_text() == "old"
+    with replacing(out, True, Path.is_file):
+        assert not out.exists()
+        out.write_text("new")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert out.read_text() == "new"
+
+
+def test_a_failure_restores_what_was_there(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "file").write_text("old")
+    with pytest.raises(Cancelled), replacing(out, True, Path.is_dir):
+        half_written(out)
+    assert (out / "file").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_other_things_are_never_deleted(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "photos")
+    for name in ("photos", "link"):
+        with refuses("output.not_ours"), replacing(tmp_path / name, True, Path.is_file):
+            pass
+        assert (tmp_path / name).exists()
+
+
+def half_written(out: Path) -> None:
+    out.mkdir()
+    raise Cancelled

@@ -1,0 +1,114 @@
+"""What a run begins from: footage, settings or a take; and what comes before a run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipelines.config import load_config, presets
+from pipelines.config.presets import preset_of
+from studio.yaml_text import parse_yaml
+
+SMALL = ("--train.keyframe_iterations", "20", "--initialize.points", "300")
+
+
+@pytest.mark.parametrize("gpu", [False, True])
+def test_a_folder_of_footage_is_enough(
+    gpu: bool, here: Callable, project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(presets, "has_gpu", lambda: gpu)
+    take, footage = project / "take", project / "capture"
+    done = here("calibrate", footage, "--take", take, "--capture.held_out", "cam4")
+    assert done.returncode == 0, done.stderr
+    config = load_config(take / "config.yaml")
+    assert config.capture.root == footage
+    assert preset_of(config) == ("final" if gpu else "standard")
+    again = here("calibrate", footage, "--take", take, "--json")
+    assert again.returncode == 0, again.stderr
+    assert load_config(take / "config.yaml").capture.held_out == ("cam4",), "the take's settings stay"
+    assert here("calibrate", take, "--preset", "preview").returncode == 0
+    assert preset_of(load_config(take / "config.yaml")) == "preview"
+
+
+def test_the_setting_of_the_footage_is_enough_for_a_new_take(here: Callable, project: Path) -> None:
+    take = project / "new"
+    done = here("calibrate", "--take", take, "--capture.root", project / "capture")
+    assert done.returncode == 0, done.stderr
+    assert (take / "calibrate" / "rig.json").is_file()
+
+
+def test_a_preset_comes_between_the_file_and_the_command_line(here: Callable, project: Path) -> None:
+    done = here(
+        "calibrate", project / "ball.yaml", "--take", project / "t", "--preset", "preview", "--train.max_splats", "7"
+    )
+    assert done.returncode == 0, done.stderr
+    config = load_config(project / "t" / "config.yaml")
+    assert config.train.keyframe_iterations == 800
+    assert config.train.max_splats == 7
+    assert config.train.group_size == 3, "from the file: no preset sets it"
+
+
+def test_without_footage_there_is_no_take(here: Callable, project: Path) -> None:
+    (project / "empty").mkdir()
+    for arguments in (
+        (project / "empty", "--take", project / "take"),
+        ("--take", project / "take", "--capture.root", project / "none"),
+        ("--take", project / "take"),
+        (project / "capture",),
+    ):
+        done = here("run", *arguments)
+        assert done.returncode in (1, 2)
+        assert done.stderr.count("\n") == 1
+        assert not (project / "take").exists()
+
+
+def test_init_writes_settings_that_run(here: Callable, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(project)
+    done = here("init", "capture", "--preset", "preview")
+    assert done.returncode == 0, done.stderr
+    text = Path("capture.yaml").read_text()
+    assert set(parse_yaml(text)["capture"]) >= {"root", "images", "rig", "masks", "held_out"}
+    assert "6 cameras" in text
+    config = load_config(Path("capture.yaml"))
+    assert config.capture.root == project / "capture"
+    assert preset_of(config) == "preview"
+    assert here("init", "capture").returncode == 1, "it is not replaced"
+    assert Path("capture.yaml").read_text() == text
+    assert here("init", "capture", "--overwrite", "--bake.quality", "31").returncode == 0
+    assert load_config(Path("capture.yaml")).bake.quality == 31
+    assert here("calibrate", "capture.yaml", "--take", "take").returncode == 0
+    assert here("init", "take").returncode == 2, "a take has settings already"
+
+
+def test_sections_and_changed_settings(here: Callable, project: Path) -> None:
+    assert set(parse_yaml(here("config", "bake", "run").stdout)) == {"bake", "run"}
+    changed = parse_yaml(here("config", project / "ball.yaml", "train", "--changed").stdout)
+    assert set(changed) == {"train"}
+    assert changed["train"]["keyframe_iterations"] == 25
+    assert "densify_gradient" not in changed["train"]
+    assert parse_yaml(here("config", "--changed").stdout) is None
+    assert here("config", project / "ball.yaml", project / "other.yaml").returncode == 2
+
+
+def test_the_window_opens_on_what_is_named(cli: Callable, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    done = cli("open", tmp_path)
+    assert done.returncode == 2
+    assert "v3studio-gui: the window needs a display" in done.stderr
+
+
+def test_status_of_a_take_whose_keyframe_is_begun(here: Callable, project: Path) -> None:
+    take = project / "take"
+    assert here("initialize", project / "ball.yaml", "--take", take).returncode in (0, 1)
+    assert here("run", take, "--until", "initialize").returncode == 0
+    before = json.loads(here("status", take, "--json").stdout)["stages"]["train"]
+    assert (before["state"], before["reason"]) == ("missing", "never run")
+    (take / "train" / "group_000").mkdir(parents=True)
+    (take / "train" / "group_000" / "keyframe.checkpoint").write_bytes(b"begun")
+    after = json.loads(here("status", take, "--json").stdout)["stages"]["train"]
+    assert after["state"] == "partial"
+    assert "resumes" in after["reason"]
