@@ -72,7 +72,7 @@ class InitializeView(OrbitView):
         if folder is None or take is None or not (folder / "points.ply").is_file():
             raise StudioError("take.not_initialized", "no mesh and no points for this group yet", fix="Run Initialize.")
         self._read(take, folder)
-        view = (self.orbit or self._home or OrbitCamera()).camera(*size)
+        view = (self.orbit or self.home or OrbitCamera()).camera(*size)
         points, colors = self._points
         if self.mode == "mesh":
             assert self._mesh is not None
@@ -97,8 +97,8 @@ class InitializeView(OrbitView):
             return
         self._points = read_points(folder / "points.ply")
         self._mesh = self._read_mesh(folder / "mesh.ply")
-        if self._home is None:
-            self._home = _home(take, self._points[0])
+        if self.home is None:
+            self.home = _home(take, self._points[0])
         self._read_of = stamp
 
     def close(self) -> bool:

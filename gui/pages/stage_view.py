@@ -148,13 +148,14 @@ class OrbitView(StageView):
     """A stage view of a 3D scene: drags orbit and pan, the wheel zooms.
 
     Attributes:
-        orbit: the view; None for `_home`, which `draw` sets.
+        orbit: the view; None for `home`.
+        home: the initial view, which `draw` sets.
     """
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self.orbit: OrbitCamera | None = None
-        self._home: OrbitCamera | None = None
+        self.home: OrbitCamera | None = None
 
     @property
     def orbits(self) -> bool:
@@ -163,13 +164,13 @@ class OrbitView(StageView):
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """See `StageView`."""
-        orbit = self.orbit or self._home
+        orbit = self.orbit or self.home
         if orbit is not None:
             self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
 
     def wheel(self, notches: float) -> None:
         """See `StageView`."""
-        orbit = self.orbit or self._home
+        orbit = self.orbit or self.home
         if orbit is not None:
             self.orbit = orbit.zoom(notches)
 

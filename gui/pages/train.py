@@ -60,10 +60,10 @@ class TrainView(StageView):
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         frames = self._count.get(take) if take is not None else 0
         lanes = tuple(run.lanes.get("train", {}).values())
-        return (take, frames, preview, points, run.stage, run.outcome, lanes, self._nothing, self.em)
+        return (take, frames, preview, points, run.stage, run.outcome, lanes, self.nothing, self.em)
 
     @property
-    def _nothing(self) -> str:
+    def nothing(self) -> str:
         """What is said instead of curves where there are none."""
         status = self.workspace.assessment.stages.get("train")
         return NOT_RUN if status is not None and status.state == MISSING else "no data from the last run"
@@ -94,7 +94,7 @@ class TrainView(StageView):
                 title += " before pruning"
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
-            curve(canvas, area, short, series, SECOND, em, (0.0, 1.0), ("0%", "100%"), newest, self._nothing)
+            curve(canvas, area, short, series, SECOND, em, (0.0, 1.0), ("0%", "100%"), newest, self.nothing)
         lanes = list(run.lanes.get("train", {}).values())
         if lanes:
             draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)

@@ -28,6 +28,7 @@ class PointsView(StageView):
     """See the module. Clicks act on the layout of the last image.
 
     Attributes:
+        magnifiers: what is shown of each camera's image, and where; by camera.
         described: emitted when the point is to be edited.
         run: emitted when the take is to be calibrated.
     """
@@ -42,7 +43,7 @@ class PointsView(StageView):
         self.described: Signal[[]] = Signal()
         self.run: Signal[[]] = Signal()
         self.problem = ""
-        self._magnifiers: dict[str, Magnifier] = {}
+        self.magnifiers: dict[str, Magnifier] = {}
         self._images: dict[tuple[str, int], np.ndarray] = {}
         self._spots = Spots()
         self._hover = (0.0, 0.0)
@@ -78,7 +79,7 @@ class PointsView(StageView):
         files = (take.rig, take.calibration_report) if take is not None else ()
         solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
         changes = self.marks.changes if self.marks is not None else 0
-        magnifier = self._magnifiers.get(self.camera)
+        magnifier = self.magnifiers.get(self.camera)
         return (
             path,
             changes,
@@ -164,9 +165,9 @@ class PointsView(StageView):
 
     def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
         image = self._image(self.camera)
-        magnifier = self._magnifiers.get(self.camera)
+        magnifier = self.magnifiers.get(self.camera)
         if magnifier is None:
-            magnifier = self._magnifiers[self.camera] = Magnifier((image.shape[1], image.shape[0]))
+            magnifier = self.magnifiers[self.camera] = Magnifier((image.shape[1], image.shape[0]))
         magnifier.place(rect)
         magnifier.draw(canvas, image)
         crosses(canvas, magnifier, marks, self.camera, self.em)
@@ -231,7 +232,7 @@ class PointsView(StageView):
             self._try(action)
             self._changes += 1
             return
-        magnifier = self._magnifiers.get(self.camera)
+        magnifier = self.magnifiers.get(self.camera)
         if magnifier is not None and magnifier.holds(x, y) and self.marks is not None:
             self._try(partial(self._mark, *magnifier.pixel(x, y)))
 
@@ -302,13 +303,13 @@ class PointsView(StageView):
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Pan the image."""
-        magnifier = self._magnifiers.get(self.camera)
+        magnifier = self.magnifiers.get(self.camera)
         if magnifier is not None:
             magnifier.pan(dx, dy)
 
     def wheel(self, notches: float) -> None:
         """Zoom at the pointer; over the list, select the next or previous point."""
-        magnifier = self._magnifiers.get(self.camera)
+        magnifier = self.magnifiers.get(self.camera)
         if magnifier is not None and magnifier.holds(*self._hover):
             magnifier.zoom(notches, *self._hover)
         else:
@@ -316,7 +317,7 @@ class PointsView(StageView):
 
     def reset(self) -> None:
         """Show the whole image."""
-        self._magnifiers.pop(self.camera, None)
+        self.magnifiers.pop(self.camera, None)
         self._changes += 1
 
     @property

@@ -117,7 +117,7 @@ class CalibrateView(OrbitView):
             points, colors = read_points(take.calibration_points)
             self._points = own_frame(rig).points(points).astype(np.float32), colors
         self._thumbnails.clear()
-        self._home = _overview(self._rig)
+        self.home = _overview(self._rig)
         self._read_of = stamp
 
     def _covered_by(self) -> Hashable:
@@ -132,7 +132,7 @@ class CalibrateView(OrbitView):
         if of == self._coverage_of:
             return
         assert self._rig is not None
-        assert self._home is not None
+        assert self.home is not None
         context = self.workspace.context
         names: Sequence[str] = self._rig.names
         with suppress(StudioError):  # footage that is gone; the Capture view shows the error
@@ -140,7 +140,7 @@ class CalibrateView(OrbitView):
         self._coverage, self._coverage_of = None, of
         with suppress(StudioError):  # damaged points of the first group; Initialize shows the error
             surface = read_surface(_surface(take)) if _surface(take).is_file() else None
-            self._coverage = RigCoverage.of(self._rig, names, self._home.target, surface)
+            self._coverage = RigCoverage.of(self._rig, names, self.home.target, surface)
 
     @property
     def _held_out(self) -> tuple[str, ...]:
@@ -163,19 +163,19 @@ class CalibrateView(OrbitView):
 
     def _scene(self, size: Size) -> np.ndarray:
         assert self._rig is not None
-        assert self._home is not None
-        orbit = self.orbit or self._home
+        assert self.home is not None
+        orbit = self.orbit or self.home
         view = orbit.camera(*size)
         canvas = Canvas(*size, GROUND)
         covered = self._coverage if self.mode == "coverage" else None
         if covered is not None:
             covered.draw(canvas, view, 0.16 * self.em)
         else:
-            self._floor(canvas, view, self._home)
+            self._floor(canvas, view, self.home)
         if self._points is not None and covered is None:
             points, colors = self._points
             draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
-        length = 0.16 * float(np.median([np.linalg.norm(camera.center - self._home.target) for camera in self._rig]))
+        length = 0.16 * float(np.median([np.linalg.norm(camera.center - self.home.target) for camera in self._rig]))
         far_first = sorted(self._rig, key=lambda camera: -float(np.linalg.norm(camera.center - orbit.eye)))
         small = round(0.85 * self.em)
         places = []

@@ -44,6 +44,8 @@ class CaptureView(StageView):
 
     Attributes:
         garbage: the garbage masks.
+        footage_check: decodes all of the footage.
+        image_at: where the image of the camera that is shown alone is; None without one.
     """
 
     modes = ("mask overlay", "images", "performer", GARBAGE)
@@ -52,9 +54,9 @@ class CaptureView(StageView):
         super().__init__(workspace)
         self._reduced: _Reduced | None = None
         self._reduced_of: object = None
-        self._check = FootageCheck()
+        self.footage_check = FootageCheck()
         self.garbage = GarbageDrawing(workspace)
-        self._image_at: _ImageAt | None = None
+        self.image_at: ImageAt | None = None
         self._refused: object = None  # why the polygons cannot be shown
 
     @property
@@ -67,7 +69,7 @@ class CaptureView(StageView):
         config = self.workspace.config
         capture = config.capture if config is not None else self.workspace.without_settings
         garbage = (self.garbage.stamp, self.garbage.corners)
-        check = (self._check.words, tuple(self._check.problems))
+        check = (self.footage_check.words, tuple(self.footage_check.problems))
         return (capture, garbage, self.camera, self.frame, self.mode, *check, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
@@ -76,15 +78,15 @@ class CaptureView(StageView):
         if opened is None:
             return sentence(size, self.workspace.without_settings, self.em)
         footage = opened.footage
-        problems = [*map(str, footage.problems), *self._check.problems]
+        problems = [*map(str, footage.problems), *self.footage_check.problems]
         lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
         room = min(len(lines), 8)
-        bottom = (room + 1.2) * line_height(self._small) if lines or self._check.words else 0
+        bottom = (room + 1.2) * line_height(self._small) if lines or self.footage_check.words else 0
         canvas = Canvas(*size, GROUND)
         frame = footage.frames[min(self.frame, len(footage.frames) - 1)]
         self._thumbnails(canvas, opened, frame, size[1] - bottom)
         y = size[1] - bottom
-        words = self._check.words or (f"Problems in the footage: {len(problems)}" if problems else "")
+        words = self.footage_check.words or (f"Problems in the footage: {len(problems)}" if problems else "")
         canvas.text(self.em, y, words, self._small, BAD if problems else DIM)
         canvas.lines(self.em, y + line_height(self._small), lines[:room], self._small, BAD)
         return canvas.pixels
@@ -143,7 +145,7 @@ class CaptureView(StageView):
                 picture = self._thumbnail(opened, name, frame, WIDEST if alone else WIDE)
                 left, top, wide, high = canvas.fit_image(x + 3, y + 3, width - 6, row - self._small - 11, picture)
                 if self.mode == GARBAGE:
-                    at = _ImageAt(name, (left, top, wide, high), footage.raw_size(name))
+                    at = ImageAt(name, (left, top, wide, high), footage.raw_size(name))
                     draw_garbage(canvas, at.shown, drawn.get(name), at.size, self.garbage.corners if alone else ())
                     image_at = at if alone else None
                 if held_out:
@@ -156,7 +158,7 @@ class CaptureView(StageView):
             label = f"{name}, held out" if held_out else name
             label += f": {DRAWING}" if draws else "; click for all cameras" if alone else ""
             canvas.text(x + width / 2, y + row - self._small - 7, label, self._small, TEXT, align="middle", width=width)
-        self.places, self._image_at = places, image_at
+        self.places, self.image_at = places, image_at
 
     def _thumbnail(self, opened: _Reduced, name: str, frame: int, widest: int) -> np.ndarray:
         small = opened.image(name, frame, widest)
@@ -184,13 +186,13 @@ class CaptureView(StageView):
 
     def click(self, x: float, y: float) -> None:
         """Add a corner to the garbage mask, if one is drawn."""
-        at = self._image_at
+        at = self.image_at
         if at is not None and self.mode == GARBAGE and at.camera == self.camera:
             self.garbage.click(at.camera, at.pixel(x, y), at.size, 0.6 * self.em / at.scale)
 
     def right_click(self, x: float, y: float) -> None:
         """Take back a corner, or delete the garbage mask under the pointer."""
-        at = self._image_at
+        at = self.image_at
         if at is not None and self.mode == GARBAGE and at.camera == self.camera:
             self.garbage.right_click(at.camera, at.pixel(x, y), at.size)
 
@@ -198,16 +200,16 @@ class CaptureView(StageView):
         """Decode all of the footage once and list problems, on a separate thread."""
         context = self.workspace.context
         if context is not None:
-            self._check.start(context)
+            self.footage_check.start(context)
 
     @property
     def checking(self) -> bool:
         """Whether the check is running."""
-        return self._check.running
+        return self.footage_check.running
 
     def close(self) -> bool:
         """See `StageView`."""
-        self._check.stop()
+        self.footage_check.stop()
         return super().close()
 
 
@@ -240,7 +242,7 @@ class _Reduced:
 
 
 @dataclass(frozen=True)
-class _ImageAt:
+class ImageAt:
     """Where a camera's image is in the image: (left, top, width, height), and the image's (width, height)."""
 
     camera: str

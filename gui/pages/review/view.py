@@ -263,7 +263,7 @@ class EditView(OrbitView):
             self._stroke = Stroke(((x, y),), None if self.tool == "lasso" else self.brush * view.height)
             return True
         self._dragged = self.pending or self.edits
-        self._handle, self._from = grabbed(self._handles(self._dragged), view, x, y), (x, y)
+        self._handle, self._from = grabbed(self.handles(self._dragged), view, x, y), (x, y)
         return self._handle is not None
 
     def pull(self, x: float, y: float) -> None:
@@ -376,7 +376,8 @@ class EditView(OrbitView):
     def _view(self) -> Camera:
         return (self.orbit or OrbitCamera()).camera(*self._size)
 
-    def _handles(self, edits: EditList) -> list[Handle]:
+    def handles(self, edits: EditList) -> list[Handle]:
+        """What can be dragged with the current tool, of these edits."""
         if self.tool == "crop" and edits.crop is not None:
             return [handle for handle in crop_handles(edits.crop) if handle.movable(self._view())]
         if self.tool == "ground" and edits.ground is not None and len(self._seen):
@@ -490,7 +491,7 @@ class EditView(OrbitView):
         if edits.world is not None or state.tool in ("origin", "up", "scale"):
             picture.draw_world(canvas, view, edits, 0.25 * reach)
         picture.draw_clicks(canvas, view, state.clicks)
-        picture.draw_handles(canvas, view, self._handles(edits), state.held)
+        picture.draw_handles(canvas, view, self.handles(edits), state.held)
         if state.stroke is not None:
             picture.draw_stroke(canvas, state.stroke)
 

@@ -5,19 +5,15 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 
-from gui.actions.cameras import CameraActions
 from gui.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, HELD_OUT, SECOND
 from gui.models.evaluation import Evaluation
 from gui.models.loop import LOOP
 from gui.models.marks import Marks
-from gui.models.notices import Notices
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
 from gui.models.take.cameras import CameraUses
@@ -31,7 +27,6 @@ from gui.pages.calibrate.points_view import PointsView
 from gui.pages.capture.view import FootageCheck, grid
 from gui.pages.stage_views import StageViews
 from gui.pages.train import NOT_RUN, TrainView
-from gui.shell import Shell
 from gui.widgets.raycast import RaycastMesh
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config.loading import all_names
@@ -163,7 +158,7 @@ def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finis
     held_out = context.footage.raw.held_out_cameras
     assert len(held_out) == 1
     picture = shown(views, lambda picture: has(picture, HELD_OUT) > 0)
-    view = views.stage_views["calibrate"]._home.camera(*SIZE)  # type: ignore[attr-defined]
+    view = views.stage_views["calibrate"].home.camera(*SIZE)  # type: ignore[attr-defined]
     for camera in read_rig(Take.open(finished_project / "take").rig):
         x, y = np.round(view.project(camera.center[None])[0][0]).astype(int)
         around = picture[y - 3 : y + 4, x - 3 : x + 4].astype(int)
@@ -248,7 +243,7 @@ def test_a_missing_image_is_named_and_the_others_are_shown(
     shown(views, lambda picture: has(picture, BAD) > 20)
     views.capture.check()
     shown(views, lambda picture: not views.capture.checking)
-    words = " ".join(views.capture._check.problems)
+    words = " ".join(views.capture.footage_check.problems)
     assert "cam3" in words
 
 
@@ -291,7 +286,7 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
     train = views.stage_views["train"]
     wait_in_loop("the status", lambda: views.workspace.assessment.stages)
     assert isinstance(train, TrainView)
-    assert train._nothing == NOT_RUN
+    assert train.nothing == NOT_RUN
     views.select("review")
     assert "Nothing trained" in views.message
     assert not views.player.choose("decoded")
@@ -385,11 +380,9 @@ def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: P
     stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
     views.capture.check()
     shown(views, lambda picture: not views.capture.checking)
-    assert not views.capture._check.problems
-    window = SimpleNamespace(workspace=views.workspace, views=views, notices=Notices())
-    uses = CameraActions(cast("Shell", window))._uses()
-    assert uses is not None, window.notices.text
-    assert len(uses.uses) == 6
+    assert not views.capture.footage_check.problems
+    assert views.workspace.context is not None
+    assert len(CameraUses.of(views.workspace.context.footage.capture).uses) == 6
     points = PointsView(views.workspace)
     assert points.path == footage_project / "capture" / "points.yaml"
     assert points.close()

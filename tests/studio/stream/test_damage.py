@@ -2,7 +2,7 @@
 
 import json
 import shutil
-import time
+import tracemalloc
 
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.encode.bake import luma_checks
-from studio.stream.sidefile import deflate
+from studio.stream.sidefile import deflate, inflate
 from tests.support.errors import refuses
 from tests.support.splats import assert_drawable
 from tests.support.streams import best_of, damage, edit_manifest, group_files, put_file, set_at
@@ -133,7 +133,6 @@ def test_a_decoder_that_is_not_exact_is_found(copy_of):
 
 def outcome(stream):
     """Reading gives valid frames or an error; the second group stays readable."""
-    began = time.process_time()
     with StreamReader.open(stream) as reader:
         try:
             frames = list(reader.iterate(0, 4))
@@ -141,7 +140,6 @@ def outcome(stream):
             message, frames = str(error), []
         assert len(list(reader.iterate(4))) == 3
     assert frames or "files/" in message
-    assert time.process_time() - began < 5
     for frame in frames:
         assert len(frame) == 80
         assert_drawable(frame)
@@ -165,12 +163,18 @@ def test_any_bytes_in_the_files(copy_of, tmp_path, data, place):
 
 
 def test_a_bomb_is_not_unpacked(copy_of):
+    bomb = deflate([bytes(20_000_000)])
     stream = copy_of("motion")
-    file = replaced(stream, 0, "side", deflate([bytes(20_000_000)]))
-    began = time.process_time()
+    file = replaced(stream, 0, "side", bomb)
     with StreamReader.open(stream) as reader, refuses("stream.side_file_damaged", file=file):
         reader.gaussians(0)
-    assert time.process_time() - began < 1
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match="1000 bytes"):
+            inflate(bomb, 1000)
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_motion_without_bounds_is_refused(tmp_path, turning_bodies):

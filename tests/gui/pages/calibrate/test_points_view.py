@@ -49,7 +49,7 @@ def is_close(pixel: np.ndarray, color: tuple[int, int, int]) -> bool:
 def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:
     before = picture(stage_view)
     stage_view.snaps = False
-    magnifier = stage_view._magnifiers[stage_view.camera]
+    magnifier = stage_view.magnifiers[stage_view.camera]
     stage_view.click(*magnifier.shown(30.0, 20.0))
     assert stage_view.path is not None
     (point,) = read_tie_points(stage_view.path)
@@ -67,7 +67,7 @@ def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> N
     first = stage_view.camera
     stage_view.step_camera(1)
     picture(stage_view)
-    stage_view.click(*stage_view._magnifiers[stage_view.camera].shown(10.0, 12.0))
+    stage_view.click(*stage_view.magnifiers[stage_view.camera].shown(10.0, 12.0))
     assert stage_view.camera != first
     assert set(read_tie_points(stage_view.path)[0].pixels) == {first, stage_view.camera}
     stage_view.unmark()
@@ -98,7 +98,7 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
         stage_view.marks.mark(name, *pixels[name], 0)
     stage_view.show_camera(names[2])
     shown = picture(stage_view)
-    x, y = stage_view._magnifiers[names[2]].shown(*pixels[names[2]])
+    x, y = stage_view.magnifiers[names[2]].shown(*pixels[names[2]])
     radius = 0.7 * stage_view.em
     for dx, dy in ((radius, 0), (-radius, 0), (0, radius), (0, -radius)):  # a ring at the expected position
         assert is_close(shown[round(y + dy), round(x + dx)], FAIR)
