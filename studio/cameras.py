@@ -279,6 +279,8 @@ class Rig:
     Attributes:
         cameras: the cameras.
         notes: what the reader of a camera file assumed or left out, one sentence each.
+        left_out: names of cameras that the file lists without a pose, or as not to be used. Footage of them is not
+            used.
 
     Raises:
         StudioError: two cameras have the same name (camera.duplicate_name).
@@ -286,6 +288,7 @@ class Rig:
 
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
@@ -340,7 +343,7 @@ class Rig:
 
     def subset(self, names: Sequence[str]) -> Rig:
         """The named cameras, in the given order. Raises StudioError for an unknown name (camera.unknown)."""
-        return Rig(tuple(self[name] for name in names), self.notes)
+        return replace(self, cameras=tuple(self[name] for name in names))
 
 
 def duplicate_name(camera: str) -> StudioError:

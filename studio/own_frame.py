@@ -8,6 +8,8 @@ from the cameras alone, so it need not be stored.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from studio.cameras import Rig
@@ -40,7 +42,7 @@ def own_frame(rig: Rig) -> Similarity:
 def in_own_frame(rig: Rig) -> Rig:
     """The cameras in the take's own frame; the same object if that is their world."""
     frame = own_frame(rig)
-    return rig if frame.is_identity else Rig(tuple(frame.camera(camera) for camera in rig), rig.notes)
+    return rig if frame.is_identity else replace(rig, cameras=tuple(frame.camera(camera) for camera in rig))
 
 
 def undone(frame: Similarity, *, placed: bool) -> Similarity:

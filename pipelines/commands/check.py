@@ -86,7 +86,7 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
         print(
             f"Not made by a run: {', '.join(own)}. Copy back a backup, or move what is damaged elsewhere to start over."
         )
-    for line in _assumed(take):
+    for line in dict.fromkeys(_assumed(take)):
         print(line)
     if any(damage.stage for damage in found.damage):
         first = "" if arguments.remove else f"v3studio check {name} --remove && "

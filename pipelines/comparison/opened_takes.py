@@ -130,10 +130,10 @@ def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -
 
 
 def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequence[str]) -> tuple[str, ...]:
-    known = footage.raw.camera_names
+    known = footage.calibrated.camera_names
     wanted = tuple(cameras) or protocol.cameras
     if not wanted:
-        if not footage.raw.measured_cameras:
+        if not footage.calibrated.measured_cameras:
             raise StudioError(
                 "compare.no_held_out",
                 "no camera is held out, so nothing measures new views",
@@ -141,7 +141,7 @@ def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequen
                 fix="Name the cameras to measure with --cameras A,B.",
                 option="--cameras",
             )
-        return footage.raw.measured_cameras
+        return footage.calibrated.measured_cameras
     names = []
     for one in wanted:
         name = find_camera(one, known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,8 @@ def known_cameras(inputs: Inputs) -> Rig | None:
             )
         return None
     footage = inputs.footage.raw
-    found = match_rig(read_rig(known_file(inputs)), footage.camera_names)
+    known = replace(read_rig(known_file(inputs)), left_out=())  # each camera must be known
+    found = match_rig(known, footage.camera_names)
     return Rig(tuple(at_footage_size(inputs, name, camera) for name, camera in found.items()))
 
 

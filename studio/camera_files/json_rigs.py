@@ -75,7 +75,15 @@ def _of_list(path: Path, values: JsonObject, cameras: list[Any]) -> Rig:
         rig = keyed_rig(path, entries, _PANOPTIC)
         return replace(rig, notes=(*rig.notes, "CMU Panoptic: centimeters are converted to meters."))
     rig = keyed_rig(path, entries, KeyedForm(corner=True))
-    return rig if "format" in values else replace(rig, notes=(*rig.notes, _CORNER))
+    if "format" not in values:
+        return replace(rig, notes=(*rig.notes, _CORNER))
+    left_out = values.get("left_out", [])
+    if not isinstance(left_out, list):
+        raise StudioError(
+            "camera_file.not_a_list", "'left_out' must be a list of names", file=path, value=left_out,
+            fix="Calibrate again.",
+        )  # fmt: skip
+    return replace(rig, left_out=(*rig.left_out, *map(str, left_out)))
 
 
 def _of_multical(path: Path, values: JsonObject, cameras: JsonObject) -> Rig:

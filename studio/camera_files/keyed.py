@@ -155,7 +155,7 @@ def is_camera(values: object) -> bool:
 
 
 def keyed_rig(path: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form: KeyedForm = KeyedForm()) -> Rig:
-    """A rig from the named values of its cameras. Cameras that have intrinsics but no pose are left out and noted.
+    """A rig from the named values of its cameras. Cameras that have intrinsics but no pose are in its `left_out`.
 
     Args:
         path: the file, for errors and for footage next to it.
@@ -178,10 +178,7 @@ def keyed_rig(path: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form
             raise no_cameras("no camera has a pose (rotation and translation)")
         if found.bent and found.straight:
             raise missing_key("distortion", found.straight[0])
-        notes = list(found.notes)
-        if without:
-            notes.append(f"Left out, since the camera file has no pose for {cameras_listed(without)}.")
-        return Rig(tuple(camera for _, camera in cameras if camera is not None), tuple(notes))
+        return Rig(tuple(camera for _, camera in cameras if camera is not None), found.notes, tuple(without))
 
 
 def _camera(path: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:

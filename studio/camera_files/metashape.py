@@ -20,7 +20,6 @@ import numpy as np
 from studio.camera_files.common import camera_names, naming, rigid_inverse, wrong_shape
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig, focal_length_error
-from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.validation import array, check_finite, missing_key
 
@@ -50,24 +49,27 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
         worlds = {part.get("id"): part.find("transform") for part in chunk.iter("component")}
         by_id = {camera.get("id"): camera for camera in chunk.iter("camera")}
         poses = {key: _in_chunk(camera, by_id, sensors) for key, camera in by_id.items()}
-        entries = [camera for key, camera in by_id.items() if poses[key] is not None]
-        skipped = [camera.get("label") or "?" for key, camera in by_id.items() if poses[key] is None]
-        if not entries:
+        if not any(pose is not None for pose in poses.values()):
             raise StudioError(
                 "camera_file.no_cameras",
                 "no aligned cameras, that is, no <camera> with a <transform>",
                 fix="Align the photos in Metashape, then export again.",
             )
         labels = []
-        for index, camera in enumerate(entries):
+        for index, camera in enumerate(by_id.values()):
             label = camera.get("label")
             if not label:
                 raise missing_key("label", f"number {index + 1}")
             labels.append(label)
         names = camera_names(labels)
         own = chunk.find("transform")
-        cameras = []
-        for name, entry in zip(names, entries, strict=True):
+        cameras: list[Camera] = []
+        left_out: list[str] = []
+        for name, (key, entry) in zip(names, by_id.items(), strict=True):
+            pose = poses[key]
+            if pose is None:
+                left_out.append(name)
+                continue
             sensor = sensors.get(entry.get("sensor_id"))
             if sensor is None:
                 raise StudioError(
@@ -78,11 +80,8 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
                     camera=name,
                 )
             world = worlds.get(entry.get("component_id"))
-            pose = poses[entry.get("id")]
-            assert pose is not None
             cameras.append(_camera(name, pose, sensor, world if world is not None else own))
-        notes = (f"Left out, since Metashape did not align {cameras_listed(skipped)}.",) if skipped else ()
-        return Rig(tuple(cameras), notes)
+        return Rig(tuple(cameras), left_out=tuple(left_out))
 
 
 def _in_chunk(

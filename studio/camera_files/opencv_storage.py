@@ -119,7 +119,7 @@ def rig_from_mc_calib(path: Path, values: JsonObject) -> Rig:
     others = [name for group in groups.values() if group is not used for name, _ in group]
     rig = keyed_rig(path, used, KeyedForm(harmless=("camera_group",)))
     note = f"Left out, since MC-Calib connects only the others: {cameras_listed(others)}."
-    return replace(rig, notes=(*rig.notes, note)) if others else rig
+    return replace(rig, notes=(*rig.notes, note), left_out=(*rig.left_out, *others)) if others else rig
 
 
 def _of_mc_calib(entry: JsonObject) -> JsonObject:

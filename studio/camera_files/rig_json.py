@@ -1,4 +1,5 @@
-"""rig.json, the format of V3 Studio: `{"format": "v3studio-rig", "version": 1, "cameras": [Camera.to_dict(), ...]}`.
+"""rig.json, the format of V3 Studio: `{"format": "v3studio-rig", "version": 1, "cameras": [Camera.to_dict(), ...]}`;
+and `left_out`, the names of cameras without a pose, if there are any.
 
 It is read as other JSON files are (`studio.camera_files.json_rigs`), after a check of its version. The pixel origin is
 the image corner.
@@ -47,4 +48,5 @@ def check_format(path: Path, values: JsonObject) -> None:
 def write_rig_json(rig: Rig, path: Path) -> None:
     """Write rig.json atomically, with full precision. Raises StudioError (camera_file.unwritable)."""
     values = {"format": FORMAT, "version": VERSION, "cameras": [camera.to_dict() for camera in rig]}
+    values |= {"left_out": list(rig.left_out)} if rig.left_out else {}
     write_atomic(path, (json.dumps(values, indent=1, allow_nan=False) + "\n").encode())

@@ -4,11 +4,12 @@ Pose2Sim (Calib_*.toml): one table per camera with `name`, `size`, `matrix`, `di
 (rotation vector) and `translation`, world to camera with OpenCV axes, and a table [metadata]. Caliscope
 (camera_array.toml): the same in [cameras.<id>], with `cam_id` or `port`, `ignore`, and a matrix or vector `rotation`;
 its older config.toml has [cam_<id>] among other tables. The pixel origin is OpenCV's, the center of the first pixel.
-Cameras without a pose are left out.
+Cameras without a pose, or to `ignore`, are left out.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,8 +45,9 @@ def read_toml(path: Path) -> Rig:
     found = {key: table for key, table in tables.items() if is_camera(table)}
     if not found:
         raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)", path)
-    used = {key: table for key, table in found.items() if not table.get("ignore")}
-    return keyed_rig(path, [(_name(key, table, bool(nested)), table) for key, table in used.items()], _FORM)
+    named = [(_name(key, table, bool(nested)), table) for key, table in found.items()]
+    rig = keyed_rig(path, [(name, table) for name, table in named if not table.get("ignore")], _FORM)
+    return replace(rig, left_out=(*rig.left_out, *(name for name, table in named if table.get("ignore"))))
 
 
 def _name(key: str, table: JsonObject, nested: bool) -> str:

@@ -1,6 +1,7 @@
 from .checks import check_footage
 from .footage import Footage, FootageView
 from .open_footage import (
+    cameras_left_out,
     find_cameras,
     held_out_cameras,
     match_rig,
@@ -14,6 +15,7 @@ __all__ = [
     "CaptureSettings",
     "Footage",
     "FootageView",
+    "cameras_left_out",
     "check_footage",
     "find_cameras",
     "held_out_cameras",

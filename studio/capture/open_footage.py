@@ -79,6 +79,14 @@ def open_footage(
         )
     pattern, matches = _find_images(spec)
     matches = _chosen(spec, matches)
+    found = tuple(dict.fromkeys(match.camera for match in matches))
+    if every_camera and rig is not None and not spec.cameras:
+        _refuse_missing(rig, found)
+    held_out = held_out_cameras(spec, found)
+    if rig is not None:
+        without = cameras_left_out(rig, found)
+        matches = [match for match in matches if match.camera not in without]
+        held_out = tuple(name for name in held_out if name not in without)
     pool = DecoderPool(4)
     try:
         sources = make_sources(matches, pool, spec.color_matrix, spec.offsets, spec.transfer)
@@ -86,9 +94,7 @@ def open_footage(
         pool.close()
         raise
     pool.limit = min(decoder_limit(source.width, source.height) for source in sources.values())
-    refuse_unknown_cameras(tuple(spec.offsets), tuple(sources), "capture.offsets")
-    if every_camera and rig is not None and not spec.cameras:
-        _refuse_missing(rig, tuple(sources))
+    refuse_unknown_cameras(tuple(spec.offsets), found, "capture.offsets")
     frames, problems = _frames(spec, sources)
     if strict and problems:
         raise _all_of(problems)
@@ -100,7 +106,6 @@ def open_footage(
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     limit = min(2 << 30, memory_limit() // 8)
     cache = image_cache(limit if most_cached is None else min(limit, most_cached))
-    held_out = held_out_cameras(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask
     garbage = garbage_masks(spec, tuple(sources), pool)
     inputs = MaskInputs(spec, sources, masked, held_out, pool, cache_folder, device, threads, garbage)
@@ -348,28 +353,18 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
         names: cameras of the footage.
 
     Returns:
-        name in the footage to the camera of the rig, renamed to the name in the footage.
+        name in the footage to the camera of the rig, renamed to the name in the footage; without those that the rig's
+        file leaves out (`Rig.left_out`).
 
     Raises:
         StudioError: `calibration.camera_missing`: a camera of the footage is not in the rig. Other cameras of the rig
             are left out.
     """
-    cameras = {camera.name: camera for camera in rig}
-    if not set(names) <= set(cameras):
-        stems: dict[str, Camera] = {}
-        for camera in rig:
-            if _stem(camera.name) in stems:
-                stems = cameras
-                break
-            stems[_stem(camera.name)] = camera
-        if len(set(names) & set(stems)) > len(set(names) & set(cameras)):
-            cameras = stems
-    if not set(names) <= set(cameras):
-        cameras = _by_number(cameras, names) or cameras
-    without = [name for name in names if name not in cameras]
+    matched = _matched(rig, names)
+    without = [name for name in names if name not in matched]
     if without:
-        known = sorted(cameras, key=natural_key)
-        shared = [name for name in names if name in cameras]
+        known = sorted(rig.names, key=natural_key)
+        shared = [name for name in names if name in matched]
         others = (
             f"Set capture.cameras to {inline_yaml(shared)} to use only the others, or rename" if shared else "Rename"
         )
@@ -383,7 +378,25 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
             known=tuple(known),
             setting="capture.cameras",
         )
-    return {name: replace(cameras[name], name=name) for name in names}
+    return {name: replace(rig[own], name=name) for name, own in matched.items() if own in rig}
+
+
+def cameras_left_out(rig: Rig, names: Sequence[str]) -> tuple[str, ...]:
+    """Those of the footage's cameras that the rig's file leaves out, matched as in `match_rig`."""
+    return tuple(name for name, own in _matched(rig, names).items() if own not in rig)
+
+
+def _matched(rig: Rig, names: Sequence[str]) -> dict[str, str]:
+    """Name in the footage to that in the rig or its `left_out`, of those that have one."""
+    known = dict.fromkeys((*rig.names, *rig.left_out))
+    found = {name: name for name in known}
+    if not set(names) <= set(found):
+        stems = {_stem(name): name for name in known}
+        if len(stems) == len(known) and len(set(names) & set(stems)) > len(set(names) & set(found)):
+            found = stems
+    if not set(names) <= set(found):
+        found = _by_number(found, names) or found
+    return {name: found[name] for name in names if name in found}
 
 
 def _refuse_missing(rig: Rig, names: Sequence[str]) -> None:
@@ -400,18 +413,21 @@ def _refuse_missing(rig: Rig, names: Sequence[str]) -> None:
 
 
 def rig_notes(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> tuple[str, ...]:
-    """What the reader of a rig assumed, and which of its cameras are left out, one sentence each."""
-    extra = len(rig) - len(names)
-    if spec.cameras or extra <= 0:
-        return rig.notes
-    unused = [camera.name for camera in rig if camera.name not in names and _stem(camera.name) not in names]
-    which = cameras_listed(unused, "Camera") if len(unused) == extra else counted(extra, "camera")  # matched by number
-    return *rig.notes, f"{which} of the calibration: not in the footage that is used."
+    """What the reader of a rig assumed, and which cameras are left out of the rig or of the footage, one sentence
+    each."""
+    notes = list(rig.notes)
+    if rig.left_out:
+        notes.append(f"Not used, since the camera file has no pose for them: {cameras_listed(rig.left_out)}.")
+    used = set(_matched(rig, names).values())
+    unused = [name for name in rig.names if name not in used]
+    if unused and not spec.cameras:
+        notes.append(f"{cameras_listed(unused, 'Camera')} of the calibration: not in the footage that is used.")
+    return tuple(notes)
 
 
-def _by_number(cameras: Mapping[str, Camera], names: Sequence[str]) -> dict[str, Camera]:
-    """Cameras by the name in the footage that has the same numbers, as in `00000007` and `cam_7` or `hd_00_03` and
-    `00_03`; empty unless this is unambiguous and holds for all of the footage.
+def _by_number(cameras: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
+    """Names of cameras by the name in the footage that has the same numbers, as in `00000007` and `cam_7` or `hd_00_03`
+    and `00_03`; empty unless this is unambiguous and holds for all of the footage.
 
     Of names with a single number, the rig must have no other: it may count from 0 and the footage from 1.
     """
