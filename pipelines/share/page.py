@@ -14,6 +14,7 @@ from studio.bounded_files import parse_json
 from studio.errors import StudioError
 from studio.formats.camera_path import FORMAT, VERSION, CameraPath, read_path_keys
 from studio.similarity import Similarity
+from studio.stream.metadata import TEXTS, plain_text
 
 GENERATOR = "V3 Studio share 1"
 """Marks pages that `v3studio share` has written, with the version of what they consist of."""
@@ -56,10 +57,12 @@ class PageText:
     description: str | None = None
     intro: str | None = None
 
-    def encodable(self) -> PageText:
-        """The same with "?" for lone surrogates, which UTF-8 cannot hold: JSON escapes and file names can."""
-        given = {name: value for name, value in vars(self).items() if value is not None}
-        return replace(self, **{name: value.encode("utf-8", "replace").decode() for name, value in given.items()})
+    def plain(self) -> PageText:
+        """The same without control and bidirectional characters (`plain_text`), and with "?" for lone surrogates, which
+        UTF-8 cannot hold: JSON escapes and file names can."""
+        given = {name: value for name in TEXTS if (value := getattr(self, name)) is not None}
+        texts = {name: plain_text(value.encode("utf-8", "replace").decode()) for name, value in given.items()}
+        return replace(self, **texts)
 
 
 def player_page(
@@ -91,7 +94,7 @@ def player_page(
         raise StudioError(
             "share.unknown_player", "the built player is from another version of the program", fix="Run `make web`."
         )
-    text = text.encodable()
+    text = text.plain()
     values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
     values |= {"data-license": text.license, "data-description": text.description, "data-link": link}
     if text.intro is not None:
@@ -204,7 +207,7 @@ def read_intro(path: Path, original: Similarity | None = None) -> str:
 def _early_files(stream: str, first: Sequence[str]) -> str:
     """Element that fetches the manifest and the files with which playback begins while the player's script is loading;
     the player takes what arrives, and requests the rest. Preload links would not revalidate the manifest, and are not
-    for workers. Links to another time or stream begin with other files.
+    for workers. Links to another time begin with other files.
     """
     folder = stream[: stream.rfind("/") + 1]
     address = _in_json(json.dumps(stream))
@@ -213,7 +216,7 @@ def _early_files(stream: str, first: Sequence[str]) -> str:
 {{
   const get = (address, cache) => fetch(address, {{ cache }}).catch(() => null);
   const query = new URLSearchParams(location.search);
-  const files = Object.entries(query.has("t") || query.has("src") ? {{}} : {addresses});
+  const files = Object.entries(query.has("t") ? {{}} : {addresses});
   window.v3Early = {{
     address: {address},
     response: get({address}, "no-cache"),

@@ -12,6 +12,7 @@ from urllib.parse import unquote, urlsplit
 from pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags, script_elements
 from pipelines.share.player_files import PlayerFiles, hashed_name
 from pipelines.takes.videos import stream_place
+from studio.stream.metadata import TEXTS, with_plain_texts
 
 if TYPE_CHECKING:
     from studio.stream import StreamReader
@@ -55,19 +56,15 @@ class StreamToShare:
 
     def text(self, given: PageText) -> PageText:
         """`given`, completed by what the stream says of itself, and the name for a missing title."""
-        metadata = self.reader.manifest.metadata
-        own = {
-            key: value.strip()
-            for key in ("title", "credits", "license", "description")
-            if isinstance(value := metadata.get(key), str)
-        }
+        metadata = with_plain_texts(self.reader.manifest.metadata)
+        own = {key: value for key in TEXTS if isinstance(value := metadata.get(key), str)}
         return replace(
             given,
             title=given.title or own.get("title") or self.name,
             credits=own.get("credits") if given.credits is None else given.credits,
             license=own.get("license") if given.license is None else given.license,
             description=own.get("description") if given.description is None else given.description,
-        ).encodable()
+        ).plain()
 
     def poster(self) -> Poster:
         """The first frame from the suggested camera, or from the front, over the stream's background.

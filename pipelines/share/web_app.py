@@ -31,6 +31,7 @@ from pipelines.share.player_files import PlayerFiles
 from pipelines.share.stream_to_share import name_of
 from studio.bounded_files import parse_json
 from studio.stream.manifest import MANIFEST_NAME
+from studio.stream.metadata import plain_text
 
 TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}
 """Content types by suffix; others are application/octet-stream."""
@@ -43,6 +44,7 @@ _PACKED = b'-gzip"'  # end of the ETag of a compressed response
 _KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
 _UNCACHED = {"Cache-Control": "no-cache", "Vary": "Accept"}  # for pages
 _MOST_RANGES = 8  # in one request
+_METHODS = ("GET", "HEAD")
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def build_app(
     cors = Middleware(
         CORSMiddleware,
         allow_origins=list(origins),
-        allow_methods=["GET", "HEAD"],
+        allow_methods=list(_METHODS),
         allow_headers=["Range", "If-Range", "If-None-Match", "If-Modified-Since"],
         expose_headers=["Accept-Ranges", "Content-Length", "Content-Range", "ETag", "Last-Modified"],
         max_age=86400,
@@ -145,7 +147,7 @@ class _Site:
             manifest = (stream / MANIFEST_NAME).read_bytes()
             first = first_files(manifest)
             own = parse_json(manifest)["metadata"]["title"]
-            title = own if self.text.title is None and isinstance(own, str) and own.strip() else title
+            title = self.text.title or (plain_text(own) if isinstance(own, str) else "") or title
         scripts = script_elements(self.player.hashed(path in self.reviews), f"{up}{_PLAYER_PATH}/")
         own = "" if path == "/" else f"{quote(path.removeprefix('/'))}/"
         link = None if self.watching is None else f"{up}{self.watching}{own}"
@@ -193,6 +195,8 @@ class _StreamFiles(StaticFiles):
         await super().__call__(scope, receive, send)
 
     async def get_response(self, path: str, scope: Scope) -> Response:
+        if scope["method"] not in _METHODS:
+            raise HTTPException(405, headers={"Allow": ", ".join(_METHODS)})
         if self._site.player is not None and path == ".":
             return HTMLResponse(self._site.page(self._path), headers=_UNCACHED)
         if not path.endswith(".json") or not _takes_gzip(scope):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
 
@@ -20,6 +22,23 @@ _DECIMALS = 9
 
 MOST_FRAMES = 10_000_000
 """Largest `CapturePlace.first_frame` that is believed."""
+
+TEXTS = ("title", "credits", "license", "description")
+"""Entries that are shown as text."""
+
+_CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+
+def plain_text(text: str) -> str:
+    """Text for one line: white space becomes single spaces; control and bidirectional characters, with which a title
+    could look like another one, are removed. Joiners, which emoji and some scripts need, stay."""
+    return " ".join(_CONTROLS.sub("", " ".join(text.split())).split())
+
+
+def with_plain_texts(values: Mapping[str, Any]) -> JsonObject:
+    """Metadata with `plain_text` of each of the `TEXTS`; what is not text stays as it is."""
+    plain = {name: plain_text(values[name]) for name in TEXTS if isinstance(values.get(name), str)}
+    return {**values, **plain}
 
 
 @dataclass(frozen=True, eq=False)

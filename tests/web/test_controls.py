@@ -329,10 +329,12 @@ def test_a_link_leads_to_the_same_moment_and_view(page):
     for key in ("azimuth", "elevation", "distance"):
         assert there[key] == pytest.approx(view[key], rel=1e-3)
     assert there["target"] == pytest.approx(view["target"], rel=1e-3, abs=1e-3)
-    # Nonsense in a link does no harm, and the page is as the other tests expect it again.
-    page.handle.goto(f"{address.partition('?')[0]}?t=1e99&view=1,2,3,4,5,x")
+    # Nonsense in a link is ignored with a notice, and the page is as the other tests expect it again.
+    page.handle.goto(f"{address.partition('?')[0]}?t=1e99&view=1,2,3,4,5,x&background=constructor&decoder=toString")
     page.wait_ready()
     assert page.state["frameCount"] == 9
+    notice = page.evaluate("() => document.querySelector('v3-player').shadowRoot.querySelector('.notice').textContent")
+    assert all(part in notice for part in ("time", "view", "background", "decoder"))
 
 
 def test_an_iframe_is_commanded_by_messages(site, stream, open_page):
@@ -359,8 +361,37 @@ def test_an_iframe_is_commanded_by_messages(site, stream, open_page):
     state = page.evaluate("() => told.find(m => m.event === 'state').detail")
     assert state["frameCount"] == 9
     assert state["playing"] is False
-    page.evaluate("() => send('dance')")
-    page.wait(told, "error")
+    page.evaluate("() => { told.length = 0; }")
+    wrong = {"dance": 1, "constructor": 1, "seek": "1", "setSpeed": 9, "setBackground": "constructor", "setLoop": "no"}
+    page.evaluate("wrong => Object.entries(wrong).forEach(([name, value]) => send(name, value))", wrong)
+    page.evaluate("() => { send('setView', {target: [1, 2]}); send('setView', {azimuth: NaN}); send('getState'); }")
+    page.wait(told, "state")
+    after = page.evaluate("() => told.find(m => m.event === 'state').detail")
+    errors = page.evaluate("() => told.filter(m => m.event === 'error').map(m => m.detail)")
+    assert len(errors) == len(wrong) + 2
+    assert all(name in error for name, error in zip([*wrong, "setView", "setView"], errors, strict=True))
+    assert {**after, "view": None} == {**state, "view": None}  # the view is still being reset
+
+
+def test_the_element_refuses_what_is_no_value(page):
+    """And changes nothing; each error names the method."""
+    before = page.state
+    messages = page.evaluate(
+        """() => {
+          const player = document.querySelector('v3-player'), messages = [];
+          const calls = {
+            seek: [NaN, '1', null], setSpeed: [0, 'fast', Infinity], setBackground: ['constructor', null],
+            setView: [{azimuth: NaN}, {target: [1, 2]}, {distance: 0}, 'x', null], setLoop: ['false'], setMuted: [1],
+          };
+          for (const [name, values] of Object.entries(calls))
+            for (const value of values)
+              try { player[name](value); messages.push('accepted'); } catch (error) { messages.push(error.message); }
+          return messages;
+        }"""
+    )
+    assert len(messages) == 15
+    assert all(message.startswith(("seek ", "set")) for message in messages), messages
+    assert page.state == before
 
 
 def test_the_component_in_another_page_with_a_poster(site, stream, open_page):

@@ -119,6 +119,37 @@ def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_page
     fetched_once(requests, f"{address}/some/where%20%C3%A9/stream/manifest.json", baked())
 
 
+def test_a_shared_folder_says_why_it_does_not_play_from_the_disk(baked, open_page, tmp_path):
+    share(baked(), tmp_path / "shared", TEXT)
+    page = open_page(address=(tmp_path / "shared" / "index.html").as_uri(), wait=False)
+    page.handle.get_by_role("alert").wait_for()
+    text = page.handle.get_by_role("alert").inner_text()
+    assert "web server" in text
+    assert ".html" in text
+
+
+def test_a_shared_page_plays_no_other_stream_under_its_title(baked, open_page, tmp_path):
+    share(baked(), tmp_path / "shared", TEXT)
+    shutil.copytree(baked(lengths=(2,)), tmp_path / "other")
+    requests: list[str] = []
+    with plain_server(tmp_path) as address:
+        query = f"?src={address}/other/manifest.json&t=0"
+        page = open_page(address=f"{address}/shared/{query}", setup=recording(requests))
+        assert page.state["frameCount"] == 9
+        assert not any("/other/" in request and "src=" not in request for request in requests)
+    notice = page.handle.locator("v3-player .notice").inner_text()
+    assert "video" in notice
+
+
+def test_a_page_for_any_stream_shows_the_streams_own_title(baked, open_page, site):
+    shutil.copytree(baked(lengths=(2,), metadata={"title": "Other \u202efigure"}), site.stream)
+    page = site.folder / "index.html"
+    page.write_text(page.read_text().replace("allow-src", 'allow-src data-title="Mine" data-credits="Me"'))
+    shown = open_page("?src=stream/&t=0")
+    assert head(shown) == ("Other figure", "")
+    assert shown.handle.title() == "Other figure"
+
+
 def test_a_single_file_plays_from_the_disk(baked, open_page, tmp_path):
     file = tmp_path / "take é.html"
     share(baked(), file, TEXT)

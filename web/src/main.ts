@@ -3,29 +3,31 @@
 import { startWorker } from "./player/spare_worker.ts";
 import { V3PlayerElement } from "./ui/element.ts";
 import { listen } from "./ui/embedding.ts";
-import { parseTime, parseView } from "./ui/link.ts";
+import { readParameters } from "./ui/parameters.ts";
 
 export { V3PlayerElement };
 export { Player } from "./player/player.ts";
 
+/** What a page says of its own stream, and not of one that a link names. */
+const OWN = ["data-title", "data-credits", "data-license", "data-description", "data-link", "poster", "intro"];
+
 if (customElements.get("v3-player") === undefined) {
   // URL parameters apply before the element starts.
   const page = document.querySelector<V3PlayerElement>("v3-player[page]");
-  if (page !== null) startWorker();
-  const query = new URLSearchParams(location.search);
-  for (const name of ["src", "background", "decoder"] as const) {
-    const value = query.get(name);
-    if (page !== null && value !== null) page.setAttribute(name, value);
+  const link = readParameters(new URLSearchParams(location.search), page?.hasAttribute("allow-src") === true);
+  if (page !== null) {
+    startWorker();
+    if (link.attributes.has("src")) for (const name of OWN) page.removeAttribute(name);
+    for (const [name, value] of link.attributes) page.setAttribute(name, value);
   }
   customElements.define("v3-player", V3PlayerElement);
   if (page !== null) {
-    const time = parseTime(query.get("t"));
-    const view = parseView(query.get("view"));
-    if (time !== null) {
+    if (link.time !== null) {
       page.pause();
-      page.seek(time);
+      page.seek(link.time);
     }
-    if (view !== null) page.setView(view);
+    if (link.view !== null) page.setView(link.view);
+    if (link.ignored.length > 0) page.notice(`The link is damaged: ignored its ${link.ignored.join(" and ")}.`);
     listen(page);
   }
 }

@@ -33,6 +33,7 @@ from studio.stream.manifest import (
     invalid,
 )
 from studio.stream.manifest_file import distinct_bytes, parse_manifest, seal
+from studio.stream.metadata import with_plain_texts
 from studio.stream.settings import BakeSettings
 from studio.stream.sources.source import FolderSource
 
@@ -61,7 +62,8 @@ def write_manifest(
         fps: frames per second.
         settings: as passed to `bake_group`.
         metadata: free-form JSON values. Leave out what changes between runs, such as dates, to keep the bytes
-            reproducible. `StreamMetadata.to_json` makes those that players know.
+            reproducible. `StreamMetadata.to_json` makes those that players know. Control and bidirectional characters
+            are removed from texts that are shown (`TEXTS`).
         live: further groups will follow.
         audio: the sound, from `bake_sound`; no longer than the frames.
 
@@ -97,7 +99,7 @@ def write_manifest(
             pages=_pages(directory, groups, sizes, inline),
             audio=audio,
             settings=settings.to_dict(),
-            metadata=dict(metadata or {}),
+            metadata=with_plain_texts(metadata or {}),
             total_bytes=1,
             manifest_sha256="0" * 64,
         )

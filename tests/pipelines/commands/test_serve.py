@@ -156,6 +156,21 @@ def test_nothing_can_be_changed(port):
         assert ask(port, "/manifest.json", method=method, Content_Length="0")[0] == 405
 
 
+@pytest.mark.parametrize("secret", ["", "t0ken"])
+def test_pages_are_only_read(stream, tmp_path, secret):
+    for name in "ab":
+        shutil.copytree(stream, tmp_path / name, symlinks=True)
+    base = f"/{secret}/" if secret else "/"
+    for folder, page in ((stream, base), (tmp_path, base), (tmp_path, f"{base}a/")):
+        with running(build_app(find_streams(str(folder)), PLAYER, secret=secret)) as port:
+            assert ask(port, page, Accept=BROWSER)[0] == 200
+            assert ask(port, page, method="HEAD", Accept=BROWSER)[::2] == (200, b"")
+            for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS", "BREW"):
+                status, headers, _ = ask(port, page, method=method, Accept=BROWSER, Content_Length="0")
+                assert status == 405
+                assert set(headers["allow"].split(", ")) == {"GET", "HEAD"}
+
+
 def test_which_streams_are_found(stream, tmp_path):
     assert find_streams(str(stream)) == {"/": stream}
     take = tmp_path / "take"
@@ -220,6 +235,14 @@ def test_a_title_that_utf_8_cannot_hold(tmp_path):
     with running(build_app(find_streams(str(tmp_path)), PLAYER)) as port:
         status, _, body = ask(port, "/", Accept=BROWSER)
         assert (status, "<title>a?b</title>" in body.decode()) == (200, True)
+
+
+def test_a_title_looks_like_what_it_is(tmp_path):
+    (tmp_path / "manifest.json").write_text(json.dumps({"metadata": {"title": "a\u202eb\x1b\nc"}}))
+    with running(build_app(find_streams(str(tmp_path)), PLAYER)) as port:
+        page = ask(port, "/", Accept=BROWSER)[2].decode()
+        assert "<title>ab c</title>" in page
+        assert 'data-title="ab c"' in page
 
 
 def test_a_title_for_one_stream(stream, tmp_path, here):

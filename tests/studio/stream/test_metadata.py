@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from studio.cameras import Camera
-from studio.stream import StreamMetadata
+from studio.stream import BakeSettings, StreamMetadata, StreamReader, write_manifest
+from studio.stream.metadata import plain_text, with_plain_texts
 from tests.support.errors import refuses
+from tests.support.streams import bake_numbered
 
 CAMERA = Camera("cam00", 80, 60, np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]]), np.eye(4))
 
@@ -31,3 +35,30 @@ def test_malformed_entries_count_as_not_given() -> None:
     assert StreamMetadata.from_json({"up": [0, 0, 0]}).up is None, "no direction"
     with refuses("camera.missing_key"):
         StreamMetadata.from_json({"suggested_camera": {"name": "cam00"}})
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("\u202eevil\u202c \u2066walk\u2069\u200f", "evil walk"),
+        (" a\x00b\x1b[31m\x7f\x9b\u061c ", "ab[31m"),
+        ("one\ntwo\t three\u2028four", "one two three four"),
+        ("\U0001f468\u200d\U0001f469 \u0645\u06cc\u200c\u062e", "\U0001f468\u200d\U0001f469 \u0645\u06cc\u200c\u062e"),
+        (" \u202e ", ""),
+    ],
+)
+def test_shown_texts_are_plain(text: str, plain: str) -> None:
+    assert plain_text(text) == plain
+    assert with_plain_texts({"title": text, "credits": 7, "other": text}) == {
+        "title": plain,
+        "credits": 7,
+        "other": text,
+    }
+
+
+def test_titles_are_written_plain(tmp_path: Path) -> None:
+    with StreamReader.open(bake_numbered(tmp_path, (2,), 10.0)) as reader:
+        groups = [reader.index.group(0)]
+    values = {"title": "a\u202eb\x07", "note": "a\u202eb"}
+    written = write_manifest(tmp_path, groups, 10.0, BakeSettings(profile="planes", quality=0), values)
+    assert written.metadata == {"title": "ab", "note": "a\u202eb"}

@@ -22,6 +22,15 @@ export interface ViewRange {
   readonly angle: number;
 }
 
+/** Control and bidirectional characters, with which a title could look like another one. */
+// eslint-disable-next-line no-control-regex
+const CONTROLS = /[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]/g;
+
+const oneLine = (text: string): string => text.replace(/\s+/g, " ").trim();
+
+/** Text for one line; the same as `plain_text` in studio/stream/metadata.py. */
+export const plainText = (text: string): string => oneLine(oneLine(text).replace(CONTROLS, ""));
+
 /** Each value is null if it is missing or not well-formed. */
 export interface Metadata {
   readonly camera: Camera | null;
@@ -74,6 +83,6 @@ export function readMetadata(values: Values): Metadata {
     up: isVector(up) && up.some((one) => one !== 0) ? up : null,
     background: isColor ? background : null,
     viewRange: readViewRange(values["view_range"]),
-    title: typeof title === "string" ? title.slice(0, MAX_TITLE) : null,
+    title: typeof title === "string" ? plainText(title.slice(0, MAX_TITLE)) : null,
   };
 }

@@ -1,6 +1,11 @@
 /** What can be chosen in the settings: speeds and backgrounds. */
 
 import type { Vector } from "../stream/metadata.ts";
+import type { DecodePath } from "../worker/messages.ts";
+
+const DECODERS: readonly unknown[] = ["webcodecs", "webcodecs-software", "video"] satisfies DecodePath[];
+
+export const isDecoder = (name: unknown): name is DecodePath => DECODERS.includes(name);
 
 export const SPEEDS = [0.25, 0.5, 1, 1.5, 2] as const;
 
@@ -16,8 +21,8 @@ export const BACKGROUNDS = {
 
 export type BackgroundName = keyof typeof BACKGROUNDS;
 
-export const isBackground = (name: string | null | undefined): name is BackgroundName =>
-  typeof name === "string" && name in BACKGROUNDS;
+export const isBackground = (name: unknown): name is BackgroundName =>
+  typeof name === "string" && Object.hasOwn(BACKGROUNDS, name);
 
 /** A color in CSS. */
 export const cssColor = (color: Vector | null): string =>

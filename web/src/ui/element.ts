@@ -6,15 +6,15 @@ import type { PartialView } from "../render/camera.ts";
 import { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
-import type { DecodePath } from "../worker/messages.ts";
 import type { Immersive } from "../xr/immersive.ts";
 import { type HelpLine, listen } from "./actions.ts";
-import { type BackgroundName, isBackground } from "./choices.ts";
+import { type BackgroundName, isBackground, isDecoder } from "./choices.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
 import { Intro, loadPath } from "./intro.ts";
 import { LinkSheet } from "./link_sheet.ts";
 import css from "./style.css";
 import { helpRow, TEMPLATE } from "./template.ts";
+import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
 
 /** Files of a stream in this page: base64 in script elements below the element that `selector` names. */
 function embeddedFiles(selector: string): EmbeddedFiles {
@@ -58,10 +58,10 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.root.innerHTML = `<style>${css}</style>${TEMPLATE}`;
     this.lifetime = new AbortController();
     this.isReady = false;
-    const path = this.getAttribute("decoder") as DecodePath | "auto" | null;
+    const path = this.getAttribute("decoder");
     const canvas = this.root.querySelector("canvas")!;
     try {
-      this.player = new Player(canvas, { loop: this.hasAttribute("loop"), path: path ?? "auto" });
+      this.player = new Player(canvas, { loop: this.hasAttribute("loop"), path: isDecoder(path) ? path : "auto" });
     } catch (error) {
       this.showFailure(messageOf(error));
       return;
@@ -104,8 +104,13 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.player?.pause();
   }
 
-  /** Seeks to a time in seconds. */
+  /**
+   * Seeks to a time in seconds; before the first frame or after the last, to that frame.
+   *
+   * @throws RangeError - not a finite number
+   */
   seek(seconds: number): void {
+    readSeconds(seconds);
     if (!this.player?.info) this.startAt = seconds;
     else this.controls?.timeline.seek(Math.floor(seconds * this.player.info.fps + 1e-6));
   }
@@ -115,11 +120,17 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.player?.seekLive();
   }
 
-  /** Sets the view; see `state.view`. What is missing stays as it is. */
-  setView(view: PartialView): void {
+  /**
+   * Sets the view; see `state.view`. What is missing stays as it is.
+   *
+   * @param view - an object, or text as in links
+   * @throws RangeError - not a view
+   */
+  setView(view: PartialView | string): void {
+    const given = readView(view);
     this.endIntro();
-    if (!this.player?.info) this.startView = { ...this.startView, ...view };
-    else this.player.view = view;
+    if (!this.player?.info) this.startView = { ...this.startView, ...given };
+    else this.player.view = given;
   }
 
   /** Goes back to the initial view. */
@@ -129,23 +140,35 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     else this.startView = null;
   }
 
-  /** Sets the playback speed, 0.1 to 4; 1 is that of the recording. */
+  /**
+   * Sets the playback speed, 0.1 to 4; 1 is that of the recording.
+   *
+   * @throws RangeError - not such a number
+   */
   setSpeed(speed: number): void {
-    this.controls?.setSpeed(speed);
+    const given = readSpeed(speed);
+    this.controls?.setSpeed(given);
   }
 
   /** Whether playback starts over at the end. */
   setLoop(loop: boolean): void {
-    this.controls?.setLoop(loop);
+    const given = readSwitch(loop, "setLoop");
+    this.controls?.setLoop(given);
   }
 
-  /** What is behind the splats: a name as in the URL parameters. */
+  /**
+   * What is behind the splats: a name as in the URL parameters.
+   *
+   * @throws RangeError - another name
+   */
   setBackground(name: BackgroundName): void {
-    this.controls?.setBackground(name);
+    const given = readBackground(name);
+    this.controls?.setBackground(given);
   }
 
   /** Turns the sound off or on. Browsers may refuse to turn it on before the viewer has touched the page. */
   setMuted(muted: boolean): void {
+    readSwitch(muted, "setMuted");
     if (this.player !== null) this.player.sound.muted = muted;
   }
 

@@ -1,6 +1,7 @@
 /** Links to a time and a view: `?t=3.2&view=30,10,2.5,0,0,0` (angles in degrees, then distance and target). */
 
 import type { PartialView, View } from "../render/camera.ts";
+import { MAX_VALUE } from "../stream/layout.ts";
 
 const short = (value: number, digits = 4): string => String(Number(value.toPrecision(digits)));
 
@@ -12,7 +13,7 @@ export function formatView(view: View): string {
 /** The view of a link: two angles, or with the distance, or with the target too; null if it is malformed. */
 export function parseView(text: string | null): PartialView | null {
   const values = (text ?? "").split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
-  if (![2, 3, 6].includes(values.length) || !values.every(Number.isFinite)) return null;
+  if (![2, 3, 6].includes(values.length) || !values.every((value) => Math.abs(value) <= MAX_VALUE)) return null;
   const [azimuth, elevation, distance, x, y, z] = values;
   if (values.length === 2) return { azimuth, elevation };
   if (!(distance > 0)) return null;
@@ -22,7 +23,7 @@ export function parseView(text: string | null): PartialView | null {
 /** The time of a link in seconds; null if it is malformed. */
 export function parseTime(text: string | null): number | null {
   const value = text === null || text.trim() === "" ? NaN : Number(text);
-  return Number.isFinite(value) && value >= 0 ? value : null;
+  return value >= 0 && value <= MAX_VALUE ? value : null;
 }
 
 /** The page's URL with a time, a view and further parameters; the rest of it is unchanged. */
