@@ -106,7 +106,8 @@ def _assumed(take: Take) -> list[str]:
         if isinstance(report, CamerasFromFile):
             lines += [f"Cameras: {shown(report.file)}.", *report.notes]
         footage = TakeFootage(take, load_config(take.config))
-        lines += (footage.calibrated if take.rig.is_file() else footage.raw).description.splitlines()
+        opened = footage.calibrated if take.rig.is_file() else footage.raw
+        lines += [*opened.description.splitlines(), *(f"Warning: {warning}" for warning in opened.warnings)]
     except StudioError as error:  # damage is reported above; footage may be elsewhere
         lines.append(f"Not known how the footage is read: {error}")
     return lines

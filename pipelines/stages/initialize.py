@@ -91,6 +91,8 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
     """Find groups, and sample points for groups that have none."""
     for line in inputs.footage.calibrated.description.splitlines():
         reporter.log(line)  # what was found, in particular what auto chose
+    for warning in inputs.footage.calibrated.warnings:
+        reporter.warn(warning)
     first = 0.0 if grouping.is_known(inputs.footage) else 0.3
     grouping.find_groups(inputs.footage, reporter.part("finding groups", 0.0, first))
     groups = inputs.groups

@@ -123,6 +123,12 @@ class Footage:
         return self._exact_mask_source is not None
 
     @property
+    def warnings(self) -> list[Message]:
+        """What is unlikely about the mask files: see `FileMaskSource.warnings`."""
+        sources = [self._mask_source, self._exact_mask_source]
+        return [warning for each in sources if isinstance(each, FileMaskSource) for warning in each.warnings]
+
+    @property
     def unmasked_cameras(self) -> tuple[str, ...]:
         """Held-out cameras that have no mask files although others have."""
         if not isinstance(self._mask_source, FileMaskSource):

@@ -71,8 +71,9 @@ class FileSettings(Settings):
     """Pattern of the mask files; anything but 0 is the performer, unless the values are soft. auto: search folders
     with names such as masks, mattes, seg or alpha."""
 
-    mask_labels: tuple[Annotated[int, Field(ge=1, le=65535)], ...] = ()
-    """Masks from files whose values are labels, such as numbers of people: those of the performer. Empty: all but 0."""
+    mask_labels: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = ()
+    """Masks from files whose values are labels, such as numbers of people: those of the performer. Empty: all but 0.
+    [0] inverts the masks, also soft ones."""
 
     clean_plates: str = "auto"
     """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named

@@ -12,13 +12,14 @@ from studio.capture.detect import MASK_FOLDERS, detect_beside
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, number_ranges
 from studio.capture.settings import CaptureSettings
-from studio.counts import plural
-from studio.errors import StudioError
+from studio.counts import cameras_listed, plural
+from studio.errors import Message, StudioError
 from studio.masks.mask_source import MaskInputs, MaskSource
-from studio.masks.mask_values import LOSSY, MaskValues, mask_channel, read_mask_values, values_in
+from studio.masks.mask_values import INVERTED, LOSSY, MaskValues, mask_channel, read_mask_values, values_in
 from studio.yaml_text import inline_yaml
 
 _SAMPLED_FRAMES, _SAMPLED_CAMERAS = 3, 8
+_INVERT = {False: "set capture.mask_labels to [0]", True: "remove capture.mask_labels"}
 
 
 class FileMaskSource:
@@ -62,8 +63,8 @@ class FileMaskSource:
             source = self._source(camera, 0)
             count = len(source.frames)
             chosen = sorted({source.frames[index] for index in np.linspace(0, count - 1, _SAMPLED_FRAMES).astype(int)})
-            found = values_in([_read(source, frame) for frame in chosen], _is_exact(source))
-            if self._labels and found.highest and not found.labels:
+            found = values_in([_read(source, frame) for frame in chosen], _is_exact(source), self._labels)
+            if self._labels not in ((), INVERTED) and found.highest and not found.labels:
                 raise StudioError(
                     "mask.no_label",
                     f"the masks of camera '{camera}' are not labels, but have {found}",
@@ -74,6 +75,43 @@ class FileMaskSource:
                 )
             self._values[camera] = found
         return self._values[camera]
+
+    @property
+    def sampled(self) -> dict[str, MaskValues]:
+        """The values of some of the cameras."""
+        names = self.cameras[:: -(-len(self.cameras) // _SAMPLED_CAMERAS)]
+        return {name: self.values(name) for name in names}
+
+    @property
+    def warnings(self) -> list[Message]:
+        """What is not as in usual masks: they are nearly black (`mask.weak`), or inverted (`mask.inverted`)."""
+        sampled = self.sampled
+        weak = {name: found for name, found in sampled.items() if found.is_weak}
+        inverted = [name for name, found in sampled.items() if found.looks_inverted]
+        warnings = []
+        for name, found in list(weak.items())[:1]:
+            warnings.append(
+                Message(
+                    "mask.weak",
+                    f"the masks of {cameras_listed(weak)} never reach half of full scale, so that nobody is in them: "
+                    f"the highest value is {found.highest:g} of {found.full:g}",
+                    file=self._sources[name].files()[0],
+                    value=found.highest,
+                    fix=f"Write them again, with {found.full:g} for the performer.",
+                    fields={"cameras": tuple(weak)},
+                )
+            )
+        if 2 * len(inverted) > len(sampled):
+            warnings.append(
+                Message(
+                    "mask.inverted",
+                    f"most of the border of the image is performer in the masks of {cameras_listed(inverted)}",
+                    file=self._sources[inverted[0]].files()[0],
+                    fix=f"If they are inverted, {_INVERT[self._labels == INVERTED]}.",
+                    fields={"cameras": tuple(inverted), "setting": "capture.mask_labels"},
+                )
+            )
+        return warnings
 
     def _source(self, camera: str, frame: int) -> FrameSource:
         source = self._sources.get(camera)
@@ -94,7 +132,7 @@ class FileMaskSource:
         source = self._source(camera, frame)
         values, meaning = _read(source, frame), self.values(camera)
         if not meaning.highest:  # the sampled frames are empty, so that they tell nothing
-            meaning = values_in([values], _is_exact(source))
+            meaning = values_in([values], _is_exact(source), self._labels)
         mask = meaning.mask(values, self._labels)
         height, width = image.shape[:2]
         if mask.shape != (height, width):
@@ -145,10 +183,9 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
     source = _file_mask_source(
         matches, inputs.spec, needed, inputs.frames, inputs.pool, "mask", inputs.spec.mask_labels, not required
     )
-    names = source.cameras[:: -(-len(source.cameras) // _SAMPLED_CAMERAS)]
-    values = {name: source.values(name) for name in names}
+    values = source.sampled
     wanted, known = inputs.spec.mask_labels, sorted({label for found in values.values() for label in found.labels})
-    if wanted and known and not set(wanted) & set(known):
+    if wanted not in ((), INVERTED) and known and not set(wanted) & set(known):
         raise StudioError(
             "mask.no_label",
             f"capture.mask_labels is {inline_yaml(list(wanted))}, but the masks have {', '.join(map(str, known))}",
@@ -161,15 +198,9 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
 
 
 def _described(values: Mapping[str, MaskValues]) -> str:
-    """What the masks of some cameras contain, in parentheses, and a warning if it is not what masks look like."""
+    """What the masks of some cameras contain, in parentheses."""
     kinds = {str(found): name for name, found in values.items() if found.highest}
     words = f" ({'; '.join(f'camera {name}: {kind}' if len(kinds) > 1 else kind for kind, name in kinds.items())})"
-    weak = [name for name, found in values.items() if found.is_weak]
-    inverted = [name for name, found in values.items() if found.looks_inverted]
-    if weak:
-        words += f". Warning: the masks of camera '{weak[0]}' never reach half of full scale, so that they are empty"
-    if 2 * len(inverted) > len(values):
-        words += ". Warning: the masks look inverted: in most cameras, the border of the image is foreground"
     return words if kinds else " (all that were looked at are empty)"
 
 

@@ -18,6 +18,9 @@ from studio.capture.images import read_values
 LOSSY = frozenset({".jpg", ".jpeg", ".webp"})
 """Extensions of images whose values are not exact, so that they cannot be labels."""
 
+INVERTED = (0,)
+"""The chosen labels with which the background of masks is the foreground."""
+
 _MOST_LABELS = 24  # more than people in a capture or parts of a body; soft masks have more values
 _FLAT = 0.3  # share of the pixels between black and white whose neighbors are the same, if they are labels
 _SCALES = {True: (255.0, 65535.0), False: (1.0, 255.0, 65535.0)}
@@ -57,13 +60,13 @@ class MaskValues:
 
         Args:
             values: (H, W) as from `mask_values_of`.
-            chosen: the labels that are foreground; empty: all but 0.
+            chosen: the labels that are foreground; empty: all but 0. Of soft masks, only `INVERTED` counts.
         """
-        if chosen:
-            return np.where(np.isin(values, chosen), 255, 0).astype(np.uint8)
         if self.labels:
-            return np.where(values != 0, 255, 0).astype(np.uint8)
-        return np.clip(np.rint(values.astype(np.float64) * (255.0 / self.full)), 0, 255).astype(np.uint8)
+            is_inside = np.isin(values, chosen) if chosen else values != 0
+            return np.where(is_inside, 255, 0).astype(np.uint8)
+        scaled = np.clip(np.rint(values.astype(np.float64) * (255.0 / self.full)), 0, 255).astype(np.uint8)
+        return 255 - scaled if tuple(chosen) == INVERTED else scaled
 
     def __str__(self) -> str:
         if self.labels:
@@ -98,7 +101,7 @@ def mask_channel(values: np.ndarray) -> np.ndarray:
     return values[:, :, :3].max(axis=2)
 
 
-def values_in(images: Sequence[np.ndarray], exact: bool) -> MaskValues:
+def values_in(images: Sequence[np.ndarray], exact: bool, chosen: Sequence[int] = ()) -> MaskValues:
     """What the values of several masks mean.
 
     Few different numbers are labels if those between black and white fill areas. Those of smooth edges do not.
@@ -106,6 +109,7 @@ def values_in(images: Sequence[np.ndarray], exact: bool) -> MaskValues:
     Args:
         images: (H, W) each, as from `read_mask_values`.
         exact: whether they were stored without loss; if not, they cannot be labels.
+        chosen: as in `MaskValues.mask`.
     """
     found: set[float] = set().union(*(np.unique(values).tolist() for values in images))
     integral = all(float(number).is_integer() for number in found)
@@ -116,7 +120,7 @@ def values_in(images: Sequence[np.ndarray], exact: bool) -> MaskValues:
     if exact and integral and len(seen) <= _MOST_LABELS and _has_areas(images, full):
         labels = tuple(sorted(int(number) for number in seen))
     meaning = MaskValues(labels, full, float(highest), bool(seen - {full}))
-    borders = [meaning.mask(values) > 127 for values in images]
+    borders = [meaning.mask(values, chosen) > 127 for values in images]
     around = [np.concatenate([edge[0], edge[-1], edge[:, 0], edge[:, -1]]) for edge in borders]
     return replace(meaning, border=float(np.concatenate(around).mean()))
 

@@ -106,7 +106,7 @@ class NewTake:
         cameras = _of_camera_file(rig, footage) if rig else "No camera file: Calibrate estimates the cameras."
         if not self.settings.strip():
             cameras += f" The preset is {preset_here()}."
-        found = footage.problems
+        found = [*footage.problems, *footage.warnings]
         problems = f"\n{counted(len(found), 'problem')}: {found[0]}" if found else ""
         given = (None if self.fps.strip() else config.capture.fps) or footage.filmed_fps  # as `open_footage`
         return Found(f"{footage.description}\n{cameras}{problems}", given)

@@ -78,7 +78,7 @@ class CaptureView(StageView):
         if opened is None:
             return sentence(size, self.workspace.without_settings, self.em)
         footage = opened.footage
-        problems = [*map(str, footage.problems), *self.footage_check.problems]
+        problems = [*map(str, (*footage.problems, *footage.warnings)), *self.footage_check.problems]
         lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
         room = min(len(lines), 8)
         bottom = (room + 1.2) * line_height(self._small) if lines or self.footage_check.words else 0

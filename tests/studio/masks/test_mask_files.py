@@ -139,7 +139,7 @@ def test_encodings(tmp_path: Path, make: SimpleNamespace, name: str) -> None:
     if name == "JPEG":
         mask = np.where(mask > 127, 255, 0)
     assert np.array_equal(mask, np.where(INSIDE, 255, 0))
-    assert "Warning" not in footage.description
+    assert footage.warnings == []
     assert check_footage(footage) == []
 
 
@@ -197,13 +197,26 @@ def test_chosen_labels(tmp_path: Path, make: SimpleNamespace) -> None:
 
 
 @pytest.mark.parametrize(
-    ("write", "words"),
-    [(pillow(255 - ONE * 255), "inverted"), (pillow((SOFT * 0.3).astype(np.uint8)), "half of full scale")],
+    ("write", "code"),
+    [(pillow(255 - ONE * 255), "mask.inverted"), (pillow((SOFT * 0.3).astype(np.uint8)), "mask.weak")],
 )
-def test_masks_that_look_wrong(tmp_path: Path, make: SimpleNamespace, write: Write, words: str) -> None:
-    footage = open_footage(CaptureSettings(root=capture(tmp_path, make, ".png", write)))
-    assert "Warning: the masks" in footage.description
-    assert words in footage.description
+def test_masks_that_look_wrong(tmp_path: Path, make: SimpleNamespace, write: Write, code: str) -> None:
+    spec = CaptureSettings(root=capture(tmp_path, make, ".png", write), evaluation_masks="masks/{camera}/{frame}.png")
+    for kind in ("auto", "none"):  # those of the evaluation, too
+        found = open_footage(spec.replace(masks=kind)).warnings
+        assert {warning.code for warning in found} == {code}
+        assert found[0].fields["cameras"] == ("a", "b")
+
+
+@pytest.mark.parametrize("write", [pillow(255 - ONE * 255), pillow(255 - SOFT), pillow(1 - ONE), pillow(9 - 9 * ONE)])
+def test_masks_can_be_inverted(tmp_path: Path, make: SimpleNamespace, write: Write) -> None:
+    """As the warning advises."""
+    spec = CaptureSettings(root=capture(tmp_path, make, ".png", write))
+    (warning,) = open_footage(spec).warnings
+    advice = warning.fix.split("capture.mask_labels to ")[1].rstrip(".")
+    footage = open_footage(spec.replace(mask_labels=parse_yaml(advice)))
+    assert ((footage.mask("a", 0) > 127) != INSIDE).mean() < 0.01  # but for soft corners
+    assert footage.warnings == []
 
 
 def test_cameras_without_masks_are_named_with_a_setting_that_works(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -217,7 +230,7 @@ def test_cameras_without_masks_are_named_with_a_setting_that_works(tmp_path: Pat
     assert open_footage(CaptureSettings(root=root, cameras=parse_yaml(advice))).camera_names == tuple("acdf")
     footage = open_footage(CaptureSettings(root=root))
     assert footage.camera_names == tuple("acdf")
-    assert "'b', 'e'" in footage.description
+    assert "'b' and 'e'" in footage.description
 
 
 def test_held_out_cameras_need_no_masks(tmp_path: Path, make: SimpleNamespace) -> None:
