@@ -6,6 +6,7 @@ import bisect
 import functools
 import threading
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from studio.errors import StudioError
 _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
 _HDR = {16: "PQ", 18: "HLG"}  # FFmpeg's AVCOL_TRC_SMPTE2084 and AVCOL_TRC_ARIB_STD_B67
+_SQUARE = 0.01
 _EMPTY_PACKET = 8  # bytes
 _ENCODE_AGAIN = "Copy or encode the video again."
 
@@ -37,7 +39,7 @@ class VideoReader:
 
     Attributes:
         path: the file.
-        width, height: in pixels, after the file's display rotation (multiples of 90 degrees).
+        width, height: in square pixels, after the file's display rotation (multiples of 90 degrees).
         frame_count: number of frames at a constant rate. A frame that the file skips or repeats without data is the one
             before it.
         fps: frame rate in frames per second, or None.
@@ -87,9 +89,9 @@ class VideoReader:
                 raise StudioError("footage.video_empty", "the video has no frames", file=self.path)
             frame = self._decode(0)
             self._turns = (round(frame.rotation / 90) % 4) if frame.rotation else 0
-            turned = self._turns % 2 == 1
-            self.width, self.height = (frame.height, frame.width) if turned else (frame.width, frame.height)
             self._coded = (frame.width, frame.height)
+            self._square = _with_square_pixels(*self._coded, stream.sample_aspect_ratio)
+            self.width, self.height = self._square[:: -1 if self._turns % 2 else 1]
             self.note = "; ".join(filter(None, (self.note, *_unusual(self._container, stream, frame))))
             self.has_alpha = any(part.is_alpha for part in frame.format.components)
 
@@ -149,8 +151,8 @@ class VideoReader:
     @functools.cached_property
     def chroma(self) -> ChromaSampling | None:
         """Chroma grid of the frames that `read` returns; None: no subsampling, or see `chroma_grid`."""
-        if self._transfer not in ("auto", "srgb"):
-            return None  # the loss would have to subsample before the curve
+        if self._transfer not in ("auto", "srgb") or self._square != self._coded:
+            return None  # the loss would have to subsample before the curve, or before stretching
         with open_media(self.path) as container:
             stream = video_stream(container)
             assert stream is not None  # else `__init__` would have raised
@@ -159,10 +161,12 @@ class VideoReader:
         return found and found.rotated(self._turns, *self._coded)
 
     def _to_rgb(self, frame: Any) -> np.ndarray:
+        options: dict[str, str | int] = {"interpolation": _SWS_FLAGS}
+        if self._square != self._coded:
+            options |= {"width": self._square[0], "height": self._square[1]}
         if frame.format.name == "gray":
             # Gray values are used as stored, without range conversion.
-            return np.repeat(frame.to_ndarray()[:, :, None], 3, axis=2)
-        options: dict[str, str | int] = {"interpolation": _SWS_FLAGS}
+            return np.repeat(frame.to_ndarray(format="gray", **options)[:, :, None], 3, axis=2)
         if self._matrix != "auto" and not frame.format.is_rgb:
             options["src_colorspace"] = _MATRICES[self._matrix]
         if self._transfer in ("auto", "srgb"):
@@ -389,11 +393,24 @@ def _unusual(container: Any, stream: Any, frame: Any) -> Iterator[str]:
         yield f"of {len(container.streams.video)} video streams, {which} is used"
     if frame.interlaced_frame:
         yield "the video is interlaced, and its lines of two times stay mixed"
-    shape = stream.sample_aspect_ratio
-    if shape not in (None, 0, 1):
-        yield f"pixels are {float(shape):.4g} times as wide as high; images are used as stored"
+    shape = float(stream.sample_aspect_ratio or 1)
+    width, height = _with_square_pixels(frame.width, frame.height, shape)
+    if (width, height) != (frame.width, frame.height):
+        yield f"pixels are {shape:.4g} times as wide as high: stretched from {frame.width}x{frame.height}"
     if int(frame.color_trc) in _HDR:
         yield f"the video is HDR ({_HDR[int(frame.color_trc)]}), and its values are read as sRGB"
+
+
+def _with_square_pixels(width: int, height: int, shape: float | Fraction | None) -> tuple[int, int]:
+    """The size of an anamorphic image that is stretched until its pixels are square.
+
+    Args:
+        shape: width of a pixel divided by its height. Below a difference of 1%, as resizing leaves it, the size stays.
+    """
+    ratio = float(shape or 1)
+    if abs(ratio - 1) < _SQUARE:
+        return width, height
+    return (round(width * ratio), height) if ratio > 1 else (width, round(height / ratio))
 
 
 def _chain(first: Any, rest: Any) -> Any:

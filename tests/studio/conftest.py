@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,9 +24,10 @@ def write_video(
     options: dict[str, str] | None = None,
     fps: int = 25,
     rotation: int = 0,
+    shape: Fraction | None = None,
     source: str = "rgb24",
 ) -> Path:
-    """Encode (H, W, 3) RGB (or `source`) uint8 frames."""
+    """Encode (H, W, 3) RGB (or `source`) uint8 frames, whose pixels are `shape` times as wide as high."""
     import av
 
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -35,6 +37,8 @@ def write_video(
         stream.options = options if options is not None else {"crf": "10", "preset": "veryfast"}
         if rotation:
             stream.set_display_rotation(rotation)
+        if shape is not None:
+            stream.codec_context.sample_aspect_ratio = shape
         for frame in frames:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format=source)))
         container.mux(stream.encode())

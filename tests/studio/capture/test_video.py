@@ -1,4 +1,5 @@
 import random
+from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -262,3 +263,30 @@ def test_ten_bits_and_prores(tmp_path: Path, make: SimpleNamespace, name: str, c
     reader = VideoReader(path)
     assert [make.number_of(reader.read(index)) for index in (1, 0)] == [5, 3]
     assert np.abs(reader.read(0)[8:-8, 30:90].astype(int) - make.numbered(3)[8:-8, 30:90]).mean() < 4
+
+
+@pytest.mark.parametrize(
+    ("shape", "rotation", "size"),
+    [
+        (Fraction(4, 3), 0, (128, 64)),
+        (Fraction(4, 3), 90, (64, 128)),
+        (Fraction(8, 9), 0, (96, 72)),
+        (Fraction(801, 800), 0, (96, 64)),  # as resizing leaves it
+    ],
+)
+@pytest.mark.parametrize("pixels", ["yuv420p", "gray"])
+def test_anamorphic_videos_are_stretched(
+    tmp_path: Path, make: SimpleNamespace, shape: Fraction, rotation: int, size: tuple[int, int], pixels: str
+) -> None:
+    image = np.zeros((64, 96, 3), np.uint8)
+    image[32:, 48:] = 255  # the lower right quarter
+    path = make.video(tmp_path / "wide.mov", [image] * 2, rotation=rotation, shape=shape, pixels=pixels)
+    reader = VideoReader(path)
+    assert (reader.width, reader.height) == size
+    assert ("stretched" in reader.note) == (size not in ((96, 64), (64, 96)))
+    shown = reader.read(1)
+    assert shown.shape == (*size[::-1], 3)
+    bright = np.argwhere(shown[..., 0] > 127)
+    center = (bright.mean(axis=0) + 0.5) / shown.shape[:2]
+    np.testing.assert_allclose(center, (0.25 if rotation else 0.75, 0.75), atol=0.02)
+    assert reader.chroma is None or size == (96, 64)
