@@ -82,7 +82,7 @@ class Views:
     def add(self, index: int, gaussians: Gaussians) -> None:
         """Add frame `index` of the take."""
         for camera in self.cameras:
-            view = compared_view(self.inputs, camera, self.inputs.footage.calibrated.frames[index])
+            view = compared_view(self.inputs, camera, self.inputs.footage.trained.frames[index])
             if view is not None:
                 pair = view.pair(gaussians)
                 self.trained.append((index, view, pair.rendered))
@@ -457,7 +457,7 @@ def main(words: Sequence[str] | None = None) -> int:
     wanted = [int(number) for number in arguments.groups.split(",")] if arguments.groups else None
     views, groups = load_take(arguments.take, wanted)
     frames, splats = sum(len(g.frames) for g in groups), [len(g.frames[0]) for g in groups]
-    kind = "held-out" if views.inputs.footage.calibrated.held_out_cameras else "training"
+    kind = "held-out" if views.inputs.footage.trained.held_out_cameras else "training"
     about = (
         f"groups: {len(groups)}, frames: {frames}; "
         f"{min(splats):,} to {max(splats):,} splats, SH degree {groups[0].frames[0].sh_degree}; "

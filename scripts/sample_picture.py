@@ -29,7 +29,7 @@ TITLES = ("held-out footage", "performer", "trained", "decoded stream", "differe
 
 def row(context: Inputs, camera: str, index: int) -> list[np.ndarray]:
     """The five images of one camera, cropped to the performer, HEIGHT pixels high."""
-    footage = context.footage.calibrated
+    footage = context.footage.trained
     frame = footage.frames[index]
     group = next(one for one in context.groups if index in one.indices)
     view = footage.view(camera, frame)
@@ -60,7 +60,7 @@ def main() -> None:
     options = parser.parse_args()
     take = Take.open(options.take)
     context = Inputs(take, load_config(take.config))
-    rows = [row(context, camera, options.frame) for camera in context.footage.calibrated.held_out_cameras]
+    rows = [row(context, camera, options.frame) for camera in context.footage.trained.held_out_cameras]
     width = max(picture.shape[1] for pictures in rows for picture in pictures)
     canvas = Canvas(5 * (width + GAP), HEADER + len(rows) * (HEIGHT + GAP), (0, 0, 0))
     canvas.rect(0, 0, canvas.width, HEADER, (26, 26, 28))

@@ -149,7 +149,7 @@ class TrainView(StageView):
                 "no trained frames and no cameras yet",
                 fix="Run Train: it runs earlier stages first.",
             )
-        footage = context.footage.calibrated
+        footage = context.footage.trained
         held_out = footage.measured_cameras
         run = self.workspace.run
         preview = max(run.previews.values(), key=lambda event: event.time, default=None)
@@ -179,7 +179,7 @@ class TrainView(StageView):
         context = self.workspace.context
         assert context is not None
         with suppress(StudioError):
-            return performer_over(context.footage.calibrated, camera, frame, context.config.capture.background)
+            return performer_over(context.footage.trained, camera, frame, context.config.capture.background)
         return None
 
     @property

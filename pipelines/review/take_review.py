@@ -171,7 +171,7 @@ class TakeReview:
     @cached_property
     def _footage(self) -> Footage | None:
         try:
-            return self._settings.calibrated
+            return self._settings.trained
         except StudioError as error:
             print(f"warning: {error} The review continues without the footage.", file=sys.stderr, flush=True)
             return None

@@ -30,7 +30,7 @@ from pipelines.stages.params import Params, settings_affecting
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.summaries import CalibrateSummary
 from pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
-from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_model, write_text
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, remove, write_model, write_text
 from pipelines.takes.point_files import write_points
 from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
 from studio.calibration.report import CalibrationReport
@@ -93,6 +93,8 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
         rig, report = _from_tie_points(inputs, reporter)
     else:
         rig, report = _from_footage(inputs, reporter)
+    for path in (inputs.take.camera_refinement, inputs.take.refined_rig):
+        remove(path)  # refined from other cameras
     with atomic_path(inputs.take.rig) as temporary:
         write_rig(rig, temporary)
     write_model(inputs.take.calibration_report, report)

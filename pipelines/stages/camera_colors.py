@@ -128,7 +128,16 @@ def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     def tell(done: int, total: int, **figures: Any) -> None:
         reporter.progress(0.0, f"colors of cameras: step {done} of {total}", **figures)
 
-    views: list[TrainingView] = training_views(inputs, reporter, group.keyframe, reading, inputs.threads, colored=False)
+    views: list[TrainingView] = training_views(
+        inputs,
+        reporter,
+        group.keyframe,
+        reading,
+        inputs.threads,
+        footage=inputs.footage.calibrated,
+        colored=False,
+        detailed=False,
+    )
     points, points_colors = read_points(inputs.take.initialize_group(group.index) / "points.ply")
     found = fit_camera_colors(
         views,

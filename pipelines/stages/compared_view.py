@@ -48,7 +48,7 @@ def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | Non
     """
     from studio.edits import silhouette
 
-    footage, settings, crop = inputs.footage.calibrated, inputs.config, inputs.edits.crop
+    footage, settings, crop = inputs.footage.trained, inputs.config, inputs.edits.crop
     view = footage.view(camera, frame)
     mask = footage.evaluation_mask(camera, frame)
     if crop is not None:
@@ -63,5 +63,5 @@ def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | Non
 
 def compared_cameras(inputs: Inputs) -> tuple[str, ...]:
     """Names of the held-out cameras; those of the training cameras if none is held out."""
-    footage = inputs.footage.calibrated
+    footage = inputs.footage.trained
     return footage.measured_cameras or footage.train_cameras

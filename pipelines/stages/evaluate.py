@@ -77,7 +77,7 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> EvaluationSummary:
     """Decode, render and compare; write evaluation.json and report.html."""
-    footage = inputs.footage.calibrated
+    footage = inputs.footage.trained
     lpips = lpips_of(inputs.config, inputs.device if executor is None else "cpu")
     if lpips is not None and lpips.remark:
         reporter.warn(lpips.remark)
@@ -142,9 +142,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     protocol = Protocol(
         cameras=tuple(cameras),
         held_out=held_out,
-        note="The cameras were held out from training."
-        if held_out
-        else "No camera was held out: these are the training cameras.",
+        note=_note(inputs, held_out),
         resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
         crop=f"bounding box of the mask, padded by {inputs.config.evaluate.crop_padding} px",
         background=inputs.config.capture.background,
@@ -178,6 +176,16 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     reporter.metrics(summary.to_json())
     reporter.progress(1.0, "done")
     return summary
+
+
+def _note(inputs: Inputs, held_out: bool) -> str:
+    """What the cameras have to do with training."""
+    if not held_out:
+        return "No camera was held out: these are the training cameras."
+    note = "The cameras were held out from training."
+    if inputs.take.refined_rig.is_file():
+        note += " Training refined its cameras, and each of these was aligned to the splats of the first keyframe."
+    return note
 
 
 def group_key(inputs: Inputs, group: Group) -> str:

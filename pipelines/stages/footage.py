@@ -84,6 +84,23 @@ class TakeFootage:
         return self._open(in_own_frame(read_rig(self.take.rig)))
 
     @cached_property
+    def trained(self) -> Footage:
+        """The footage with the cameras that splats are trained and measured with, in the take's own frame: refined ones
+        if the take has them, else `calibrated`.
+
+        Raises:
+            StudioError: as `calibrated`.
+        """
+        from studio.camera_files import read_rig
+        from studio.cameras import Rig
+        from studio.own_frame import own_frame
+
+        if not self.take.refined_rig.is_file():
+            return self.calibrated
+        frame = own_frame(read_rig(self.take.rig))
+        return self._open(Rig(tuple(frame.camera(camera) for camera in read_rig(self.take.refined_rig))))
+
+    @cached_property
     def digest(self) -> str:
         """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid. So
         do they when the take is moved or copied."""
@@ -95,8 +112,9 @@ class TakeFootage:
         return open_footage(everything, None, strict=False).digest(names)
 
     def forget_cameras(self) -> None:
-        """Reopen the calibrated footage on next access, after the cameras have changed."""
+        """Reopen the footage on next access, after the cameras have changed."""
         self.__dict__.pop("calibrated", None)
+        self.__dict__.pop("trained", None)
 
     def seen_by_training(self) -> Params:
         """The footage's digest, and the settings and the crop box that affect training views."""

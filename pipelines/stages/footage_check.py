@@ -33,7 +33,7 @@ def footage_check(
     from studio.capture import check_footage
     from studio.capture.checks import ColorDrift
 
-    footage, ended, drift = inputs.footage.calibrated, Cancellation(), ColorDrift()
+    footage, ended, drift = inputs.footage.trained, Cancellation(), ColorDrift()
     problems: list[Message] = []
     failures: list[BaseException] = []
 

@@ -17,6 +17,12 @@ from pipelines.events.cancellation import Cancellation
 from pipelines.stages import Executor, stage_named
 from pipelines.stages.baking.live import LiveBake
 from pipelines.stages.camera_colors import camera_colors_key, ensure_camera_colors
+from pipelines.stages.camera_refinement import (
+    drop_refined_cameras,
+    ensure_refined_cameras,
+    refinement_key,
+    refines_cameras,
+)
 from pipelines.stages.footage_check import footage_check
 from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_memory, run_groups, threads_of_groups
 from pipelines.stages.inputs import Inputs
@@ -49,11 +55,11 @@ def params(inputs: Inputs) -> Params:
 
 
 def results(inputs: Inputs) -> list[Path]:
-    """One file per frame, and the colors of the cameras."""
+    """One file per frame, the colors of the cameras, and what refining the cameras changed."""
     colors = [inputs.take.camera_colors] if inputs.config.train.camera_colors else []
-    return colors + [
-        inputs.take.trained_frame(group.index, index) for group in inputs.groups for index in group.indices
-    ]
+    refinement = [inputs.take.camera_refinement] if refines_cameras(inputs) else []
+    frames = [inputs.take.trained_frame(group.index, index) for group in inputs.groups for index in group.indices]
+    return colors + refinement + frames
 
 
 def units(inputs: Inputs) -> tuple[int, int, str] | None:
@@ -79,7 +85,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
     if executor is None and todo:
         refuse_too_little_memory(inputs)
     if executor is None or not todo:  # else those that train the groups need it, and have the devices
-        _colors(inputs, reporter, Cancellation())
+        _prepare(inputs, reporter, Cancellation())
     reporter.start_clock()
     with LiveBake(inputs, reporter, finished) if inputs.config.bake.live else nullcontext() as live:
         written = (lambda group, frames: None) if live is None else live.written
@@ -145,7 +151,7 @@ def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
     reporter.log(f"group {group.index}: {finished} of {counted(len(group.frames), 'frame')} are already trained")
     clock = TrainClock((group,), {group.index: finished}, inputs.config.train)
     work = GroupWork(inputs, reporter, clock, inputs.threads)
-    _colors(inputs, reporter, work.stop)
+    _prepare(inputs, reporter, work.stop)
     job = partial(work.train, group, finished, _keys_to_write(inputs, group))
     with _checked(inputs, (group,), {group.index: finished}, work):
         run_groups({group.index: job}, 1, threads_of_groups(inputs), work.stop)
@@ -161,11 +167,11 @@ def _checked(
     return footage_check(inputs, frames, work.stop, work.reporter)
 
 
-def _colors(inputs: Inputs, reporter: StageReporter, stop: Cancellation) -> None:
-    """Fit the colors of the cameras if that is wanted and not done yet."""
-    settings = inputs.config.train
+def _prepare(inputs: Inputs, reporter: StageReporter, stop: Cancellation) -> None:
+    """Fit the colors of the cameras, and refine the cameras, if that is wanted and not done yet."""
+    settings, recipe = inputs.config.train, _keyframe_recipe(inputs)
     if settings.camera_colors:
-        ensure_camera_colors(inputs, reporter, camera_colors_key(inputs, _keyframe_recipe(inputs)), stop)
+        ensure_camera_colors(inputs, reporter, camera_colors_key(inputs, recipe), stop)
     elif settings.color_chart_frame is not None:
         reporter.warn(
             Message(
@@ -176,6 +182,16 @@ def _colors(inputs: Inputs, reporter: StageReporter, stop: Cancellation) -> None
                 fields={"setting": "train.camera_colors", "frame": settings.color_chart_frame},
             )
         )
+    if refines_cameras(inputs):
+        ensure_refined_cameras(inputs, reporter, _cameras_keys(inputs, recipe)[-1], stop)
+    else:
+        drop_refined_cameras(inputs)
+
+
+def _cameras_keys(inputs: Inputs, recipe: Params) -> list[str]:
+    """Of what is fitted to the cameras before groups are trained, if wanted: colors, then refined cameras."""
+    colors = [camera_colors_key(inputs, recipe)] if inputs.config.train.camera_colors else []
+    return colors + ([refinement_key(inputs, recipe, *colors)] if refines_cameras(inputs) else [])
 
 
 def _keyframe_recipe(inputs: Inputs) -> Params:
@@ -196,7 +212,6 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
     files = read_model(points, InitialPointsReport).files if points.is_file() else None
     later = settings_affecting(inputs.config, "later_frames")
     recipe = _keyframe_recipe(inputs) if recipe is None else recipe
-    colors = [camera_colors_key(inputs, recipe)] if inputs.config.train.camera_colors else []
     start = key_of(
         STAGE.name,
         STAGE.version,
@@ -204,7 +219,7 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
         result_of(inputs.take, "calibrate"),
         files,
         group.index,
-        *colors,
+        *_cameras_keys(inputs, recipe),
         *details_at(inputs.edits, group.first),
     )
     keys = [key_of(STAGE.name, STAGE.version, start, group.keyframe)]

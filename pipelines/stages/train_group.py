@@ -329,7 +329,7 @@ class GroupWork:
             if pause == 0 or time.monotonic() - self._last_preview < pause:
                 return
             self._last_preview = time.monotonic()
-        footage = self.inputs.footage.calibrated
+        footage = self.inputs.footage.trained
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         frame = group.frames[position]
         image = render(

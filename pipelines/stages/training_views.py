@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from studio.errors import Message, StudioError
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from studio.capture import FootageView
+    from studio.capture import Footage, FootageView
     from studio.edits import CropBox
     from studio.training import TrainingView
 
@@ -30,9 +30,13 @@ def training_views(
     frame: int,
     reading: Callable[[int, int], None],
     readers: int = 1,
+    *,
+    footage: Footage | None = None,
+    cameras: Sequence[str] | None = None,
     colored: bool = True,
+    detailed: bool = True,
 ) -> list[TrainingView]:
-    """Views of all training cameras that see the performer, with the take's details.
+    """Views of all cameras that see the performer.
 
     Args:
         inputs: of the stage.
@@ -40,17 +44,19 @@ def training_views(
         frame: frame number in the footage.
         reading: called with images read and images before each image, by any thread; may raise Cancelled.
         readers: cameras that are read in parallel.
-        colored: with the cameras' colors, if `train.camera_colors` is on. Views without have no details, as these have
-            no part in the colors.
+        footage: where images and cameras are from; None: `TakeFootage.trained`.
+        cameras: names; None: the training cameras.
+        colored: with the cameras' colors, if `train.camera_colors` is on.
+        detailed: with the take's details.
 
     Raises:
         StudioError: an image cannot be read, no camera sees the performer, or the cameras' colors are not there.
     """
     from studio.training import Detail, TrainingView
 
-    footage, settings = inputs.footage.calibrated, inputs.config.train
-    cameras = footage.train_cameras
-    marked = details_at(inputs.edits, inputs.footage.raw.frames.index(frame)) if colored else []
+    footage, settings = footage or inputs.footage.trained, inputs.config.train
+    cameras = footage.train_cameras if cameras is None else cameras
+    marked = details_at(inputs.edits, inputs.footage.raw.frames.index(frame)) if detailed else []
     details = [Detail(*one) for one in marked]
     colors = read_camera_colors(inputs) if colored and settings.camera_colors else {}
     closer = bool(details) and inputs.config.capture.scale < 1

@@ -193,7 +193,7 @@ def keep_bake(take: Take, name: str) -> KeptBake:
 
 def _files_of(take: Take, records: list[StageRecord]) -> list[Path]:
     """Files of a take that make up a kept bake, apart from its settings."""
-    files = [take.root / "take.json", take.edits, take.garbage, take.rig, take.calibration_report]
+    files = [take.root / "take.json", take.edits, take.garbage, take.rig, take.refined_rig, take.calibration_report]
     files += [take.record(record.stage) for record in records]
     files += [take.root / name for record in records for name in record.files]
     files += sorted(take.work("bake").glob("group_*.json"))

@@ -70,6 +70,65 @@ class CameraColors(Result):
         return 255 * max(abs(sum(row[:3]) / 2 + row[3] - 0.5) for row in self.cameras[camera])
 
 
+class CameraChange(Result):
+    """What refinement changed about a camera."""
+
+    degrees: float
+    """Angle between the orientations."""
+
+    distance: float
+    """Between the centers, in units of the calibration."""
+
+    focal: float
+    """Change of the horizontal focal length, pixels of the training images."""
+
+    principal_point: float
+    """Distance between the principal points, pixels of the training images."""
+
+    radial: float
+    """Change of the first radial term (OpenCV's k1)."""
+
+
+class CameraRefinement(Result):
+    """train/refinement.json: cameras refined together with the splats of a keyframe."""
+
+    key: str
+    """Digest of everything that they were refined from."""
+
+    frame: int
+    """Frame number in the footage."""
+
+    used: bool
+    """Whether the refined cameras are used: they fit better than the calibrated ones."""
+
+    before: float
+    """Mean PSNR of the training views in dB with the calibrated cameras."""
+
+    after: float
+    """The same after equally many steps with refined cameras."""
+
+    held_out_calibrated: float | None = None
+    """PSNR of the held-out views in dB with the calibrated cameras, all of them; None without held-out views."""
+
+    held_out_before: float | None = None
+    """The same with the held-out cameras aligned to the splats."""
+
+    held_out_after: float | None = None
+    """The same with refined training cameras, and the held-out cameras aligned to the splats."""
+
+    cameras: dict[str, CameraChange] = Field(default_factory=dict)
+
+    @property
+    def sentence(self) -> str:
+        """What was gained, and whether it is used."""
+        gain = f"{self.after - self.before:+.2f} dB on the training views ({self.before:.2f} to {self.after:.2f})"
+        if self.held_out_before is not None and self.held_out_after is not None:
+            gain += f", {self.held_out_after - self.held_out_before:+.2f} dB on held-out ones"
+        if not self.used:
+            return f"Refining the cameras does not help: {gain}. The calibrated cameras are used."
+        return f"Refined cameras: {gain}."
+
+
 class BakedGroupNote(Result):
     """.v3studio/work/bake/group_NNN.json: what a baked group was made from."""
 

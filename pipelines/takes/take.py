@@ -170,6 +170,16 @@ class Take:
         """train/camera_colors.json: color matrices of the cameras, with train.camera_colors."""
         return self.root / "train" / "camera_colors.json"
 
+    @property
+    def refined_rig(self) -> Path:
+        """train/rig.json: the cameras that were refined while training, if they are used."""
+        return self.root / "train" / "rig.json"
+
+    @property
+    def camera_refinement(self) -> Path:
+        """train/refinement.json: what refining the cameras changed; exists if it was tried."""
+        return self.root / "train" / "refinement.json"
+
     def trained_frame(self, group: int, index: int) -> Path:
         """Gaussians of frame `index`, counted from 0 in the take."""
         return self.train_group(group) / f"frame_{index:06d}.safetensors"

@@ -1,4 +1,5 @@
 from .camera_colors import fit_camera_colors
+from .camera_refinement import Correction, RefinedCameras, refine_cameras
 from .details import Detail
 from .interframe import InterframeResult, interframe_steps, train_interframe
 from .keyframe import keyframe_steps, train_keyframe
@@ -6,14 +7,17 @@ from .settings import LearningRates, TrainSettings
 from .views import TrainingView
 
 __all__ = [
+    "Correction",
     "Detail",
     "InterframeResult",
     "LearningRates",
+    "RefinedCameras",
     "TrainSettings",
     "TrainingView",
     "fit_camera_colors",
     "interframe_steps",
     "keyframe_steps",
+    "refine_cameras",
     "train_interframe",
     "train_keyframe",
 ]

@@ -111,6 +111,12 @@ class TrainSettings(Settings):
     capture.start; it may be before that. The matrices are then fitted to its patches instead of to splats. Cameras that
     do not see it are not corrected. `v3studio colors` shows the result. null: no chart."""
 
+    refine_cameras: Annotated[Literal["auto", "always", "never"], Heading("Refined cameras")] = "auto"
+    """Refine the cameras together with the splats of the first keyframe: pose, principal point, focal length and one
+    radial term of each; all frames are then trained and measured with them. They are kept in train/rig.json, and only
+    used if they improve the training views by at least 0.1 dB (train/refinement.json). auto: if the cameras were
+    calibrated from the footage or from tie points, not if they are from a file or a board."""
+
     crop_margin: Annotated[float, Heading("Crops")] = Field(default=0.15, ge=0, le=10)
     """Padding of the performer's bounding box that images are cropped to, as a fraction of the box size (16 pixels are
     added)."""

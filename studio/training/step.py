@@ -88,6 +88,8 @@ class Stepper:
         alpha_weight: weight of the difference between drawn alpha and mask.
         chroma_shift: drawings of views with subsampled chroma go through the same subsampling before they are compared;
             this is the encoder's shift, see `studio.chroma.resampled`. None: they do not.
+        moved: where a view's camera sees the splats: moved ones, and their (N, 2) offsets in the image. None: where
+            they are. Not for views with `closer` ones.
     """
 
     def __init__(self, views: Sequence[TrainingView], settings: TrainSettings, generator: torch.Generator) -> None:
@@ -97,6 +99,7 @@ class Stepper:
         self._backgrounds = backgrounds(settings.background, generator, views[0].device)
         self.dropout, self.alpha_weight = settings.dropout, settings.alpha_weight
         self.chroma_shift: float | None = None
+        self.moved: Callable[[Gaussians, TrainingView], tuple[Gaussians, Tensor]] | None = None
 
     @property
     def views(self) -> Sequence[TrainingView]:
@@ -113,6 +116,8 @@ class Stepper:
         if dropout and self.dropout:
             logits = drop_splats(gaussians.logit_opacities, self.dropout, draw_seed(self._generator))
             gaussians = replace(gaussians, logit_opacities=logits)
+        if self.moved is not None:
+            gaussians, screen_offsets = self.moved(gaussians, view)
         behind = _behind(view, background)
         render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
         return self._step(gaussians, view, background, behind, render)

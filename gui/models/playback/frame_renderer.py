@@ -284,7 +284,7 @@ def capture_camera(request: RenderRequest) -> Camera | None:
         return None
     if request.context is not None:
         try:
-            return request.context.footage.calibrated.rig[request.camera]
+            return request.context.footage.trained.rig[request.camera]
         except StudioError:
             if request.rig is None:
                 raise
@@ -329,7 +329,7 @@ def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray
         raise StudioError("playback.no_footage", "a stream has no footage", fix="Open its take.")
     if not request.camera:
         raise StudioError("playback.no_camera_selected", "footage needs a capture camera", fix="Select one (C).")
-    footage = request.context.footage.calibrated
+    footage = request.context.footage.trained
     if request.frame >= len(footage.frames):
         raise StudioError(
             "footage.no_such_frame",

@@ -95,7 +95,7 @@ def edited_group(inputs: Inputs, part: Part) -> EditedGroup:
 
 def stream_cameras(inputs: Inputs) -> list[Camera]:
     """The training cameras in the world of the stream."""
-    footage, world = inputs.footage.calibrated, inputs.edits.similarity
+    footage, world = inputs.footage.trained, inputs.edits.similarity
     cameras = [footage.rig[name] for name in footage.train_cameras]
     return cameras if world.is_identity else [world.camera(camera) for camera in cameras]
 

@@ -44,7 +44,7 @@ def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporte
     audio = None if live else _sound(inputs, plan, reporter)
     if audio is not None:
         _put(plan, audio.path, digest_of_file(plan.folder / audio.path))
-    fps, settings = inputs.footage.calibrated.fps, inputs.config.bake
+    fps, settings = inputs.footage.trained.fps, inputs.config.bake
     metadata = _metadata(plan, entries, notes).to_json()
     return write_manifest(stream, entries, fps, settings, metadata, live=live, audio=audio)
 
@@ -96,7 +96,7 @@ def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[Bak
     from studio.stream.suggested_view import suggested_view
 
     inputs = plan.inputs
-    footage, world = inputs.footage.calibrated, inputs.edits.similarity
+    footage, world = inputs.footage.trained, inputs.edits.similarity
     cameras, up = stream_cameras(inputs), world.directions(footage.rig.up)
     boxes = [
         note.seen or (entry.best.bounding_box.min, entry.best.bounding_box.max)

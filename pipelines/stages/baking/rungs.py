@@ -122,7 +122,7 @@ class RungTraining:
         if resume is not None:
             reporter.log(f"group {group.index}: resuming {rung.kept} at step {int(resume['done'])}")
         unedited = EditedFrames(EditedGroup(inputs.take, group.index, group.indices, EditList()), group.indices)
-        footage = inputs.footage.calibrated
+        footage = inputs.footage.trained
         cameras = [footage.rig[name] for name in footage.train_cameras]
         contribution = rendered_contribution(unedited, cameras, inputs.device, reporter.check)
         kept = torch.from_numpy(most_visible(ranking_of(contribution), rung.splats)).to(inputs.device)

@@ -19,7 +19,8 @@ from studio.chroma import ChromaSampling
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.settings import affected
-from studio.training import LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
+from studio.similarity import Similarity
+from studio.training import Correction, LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
 from tests.studio.training.test_group import HEIGHT, SHIFT, WIDTH, ball, cameras
 from tests.support.color_charts import matrices, view_of_chart, write_charts
 
@@ -187,6 +188,15 @@ def _camera_colors() -> bool:
     plain = train_keyframe(views(0), *points(), settings(), seed=1)
     darker = [view.with_color(0.8 * torch.eye(3, 4)) for view in views(0)]
     return digest([plain]) != digest([train_keyframe(darker, *points(), settings(), seed=1)])
+
+
+@observed_by("refine_cameras")
+def _refined_cameras() -> bool:
+    """In a take: `tests/pipelines/stages/test_camera_refinement.py`. Here, that refined cameras see something else."""
+    correction = Correction(Similarity(), np.array([2.0, 0.0]), 0.0, 0.0)
+    moved = [TrainingView(correction.of(one.camera), one.image, one.mask, one.full_size) for one in views(0)]
+    plain = train_keyframe(views(0), *points(), settings(), seed=1)
+    return digest([plain]) != digest([train_keyframe(moved, *points(), settings(), seed=1)])
 
 
 def test_all_frames_keep_the_dilation_that_they_were_trained_with() -> None:

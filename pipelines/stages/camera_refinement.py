@@ -1,0 +1,212 @@
+"""The cameras of a take, refined once before its groups are trained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.calibrate import has_camera_file
+from pipelines.stages.group_scheduler import run_groups, threads_of_groups
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.params import Params, derived_seed, key_of
+from pipelines.stages.reporter import StageReporter
+from pipelines.stages.training_views import training_views
+from pipelines.takes.atomic_files import atomic_path, read_model, remove, write_model
+from pipelines.takes.point_files import read_points
+from pipelines.takes.records import result_of
+from pipelines.takes.stage_files import CameraChange, CameraRefinement, InitialPointsReport
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.cameras import Camera, Rig
+    from studio.training import Correction, TrainingView
+
+VERSION = 1
+
+
+def refines_cameras(inputs: Inputs) -> bool:
+    """Whether the settings ask for refined cameras, see `train.refine_cameras`."""
+    wanted = inputs.config.train.refine_cameras
+    if wanted != "auto":
+        return wanted == "always"
+    return not inputs.config.calibrate.board_images and not has_camera_file(inputs)
+
+
+def refinement_key(inputs: Inputs, recipe: Params, *more: Any) -> str:
+    """Digest of what the cameras are refined from.
+
+    Args:
+        inputs: of the stage `train`.
+        recipe: settings and inputs of keyframes.
+        more: what else they are refined from.
+    """
+    first = inputs.groups[0]
+    points = inputs.take.initialize_group(first.index) / "report.json"
+    files = read_model(points, InitialPointsReport).files if points.is_file() else None
+    return key_of(
+        "camera refinement", VERSION, recipe, result_of(inputs.take, "calibrate"), files, first.keyframe, *more
+    )
+
+
+def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
+    """Refine the cameras and write them to the take, unless they are there. Any worker may do it: the same inputs give
+    the same bytes.
+
+    Raises:
+        StudioError: the first group has no initial points (`training.no_first_points`), the footage cannot be read, or
+            training diverged.
+        Cancelled: the run was cancelled.
+    """
+
+    def check() -> None:
+        stop.check()
+        reporter.check()
+
+    points = inputs.take.initialize_group(inputs.groups[0].index) / "points.ply"
+    if not points.is_file():
+        raise StudioError(
+            "training.no_first_points",
+            "the cameras are refined with the first group, which has no initial points yet",
+            file=points,
+            fix="Run `v3studio initialize`.",
+            stage="initialize",
+        )
+    with inputs.take.group_locked("camera_refinement", 0, check):
+        if _key_of_file(inputs) != key:
+            drop_refined_cameras(inputs)
+            # with the threads of the first group, so that other workers get the same bits
+            run_groups({0: partial(_refine, inputs, reporter, key)}, 1, threads_of_groups(inputs), stop)
+    inputs.footage.forget_cameras()
+
+
+def drop_refined_cameras(inputs: Inputs) -> None:
+    """Go back to the calibrated cameras."""
+    for path in (inputs.take.camera_refinement, inputs.take.refined_rig):
+        if path.exists():
+            remove(path)
+            inputs.footage.forget_cameras()
+
+
+def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
+    import torch
+
+    from studio.camera_files import write_rig
+    from studio.training import refine_cameras
+    from studio.training.camera_refinement import WORTH
+
+    group, device, footage = inputs.groups[0], inputs.device, inputs.footage.calibrated
+
+    def reading(number: int, images: int) -> None:
+        reporter.progress(0.0, f"refining cameras: image {number} of {images}")
+
+    def show(done: int, total: int, **figures: Any) -> None:
+        reporter.progress(0.0, f"refining cameras: step {done} of {total}", **figures)
+
+    def views(cameras: Sequence[str]) -> list[TrainingView]:
+        seeing = [name for name in cameras if (footage.view(name, group.keyframe).mask > 127).any()]
+        if not seeing:
+            return []
+        return training_views(
+            inputs,
+            reporter,
+            group.keyframe,
+            reading,
+            inputs.threads,
+            footage=footage,
+            cameras=seeing,
+            detailed=False,
+        )
+
+    trained, held_out = views(footage.train_cameras), views(footage.measured_cameras)
+    points, colors = read_points(inputs.take.initialize_group(group.index) / "points.ply")
+    found = refine_cameras(
+        trained,
+        torch.from_numpy(points).to(device),
+        torch.from_numpy(colors).to(device),
+        inputs.config.train,
+        held_out=held_out,
+        seed=derived_seed(inputs.config.run.seed, "camera refinement"),
+        progress=show,
+    )
+    used = found.gain >= WORTH
+    names = [view.camera.name for view in (*trained, *held_out)]
+    corrections = dict(zip(names, (*found.corrections, *found.held_out), strict=True))
+    rig = _refined(inputs, corrections)
+    if used:
+        inputs.take.refined_rig.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(inputs.take.refined_rig) as temporary:
+            write_rig(rig, temporary)
+    report = CameraRefinement(
+        key=key,
+        frame=int(group.keyframe),
+        used=used,
+        before=round(found.before, 3),
+        after=round(found.after, 3),
+        held_out_calibrated=_rounded(found.held_out_calibrated),
+        held_out_before=_rounded(found.held_out_before),
+        held_out_after=_rounded(found.held_out_after),
+        cameras=_changes(inputs, rig, names),
+    )
+    write_model(inputs.take.camera_refinement, report)
+    reporter.log(report.sentence)
+
+
+def _refined(inputs: Inputs, corrections: dict[str, Correction]) -> Rig:
+    """The take's cameras with these corrections, at the size of the footage and in the world of the calibration."""
+    from studio.camera_files import read_rig
+    from studio.cameras import Rig
+    from studio.own_frame import own_frame
+
+    given = read_rig(inputs.take.rig)
+    frame, seen = own_frame(given), inputs.footage.calibrated.rig
+
+    def of(camera: Camera) -> Camera:
+        if camera.name not in corrections:
+            return camera
+        small = seen[camera.name]
+        larger = camera.width / small.width
+        moved = corrections[camera.name].of(frame.camera(camera), larger)
+        return frame.inverse.camera(moved)
+
+    return Rig(tuple(of(camera) for camera in given), given.notes)
+
+
+def _changes(inputs: Inputs, rig: Rig, names: Sequence[str]) -> dict[str, CameraChange]:
+    from studio.camera_files import read_rig
+
+    given, seen, found = read_rig(inputs.take.rig), inputs.footage.calibrated.rig, {}
+    for name in names:
+        before, after = given[name], rig[name]
+        smaller = seen[name].width / before.width
+        sine = min(1.0, float(np.linalg.norm(after.rotation - before.rotation)) / 8**0.5)
+        moved = np.hypot(after.cx - before.cx, after.cy - before.cy)
+        found[name] = CameraChange(
+            degrees=round(float(np.degrees(2 * np.arcsin(sine))), 4),
+            distance=round(float(np.linalg.norm(after.center - before.center)), 6),
+            focal=round(smaller * (after.fx - before.fx), 3),
+            principal_point=round(smaller * float(moved), 3),
+            radial=round(_radial(after) - _radial(before), 6),
+        )
+    return found
+
+
+def _radial(camera: Camera) -> float:
+    return float(camera.distortion[0]) if camera.distortion.size else 0.0
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)
+
+
+def _key_of_file(inputs: Inputs) -> str | None:
+    path = inputs.take.camera_refinement
+    if not path.is_file():
+        return None
+    try:
+        return read_model(path, CameraRefinement).key
+    except StudioError:
+        return None

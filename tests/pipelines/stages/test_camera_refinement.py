@@ -1,0 +1,107 @@
+"""The refined cameras of a take: made once, used by all frames, the same from any worker."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pipelines.config import load_config, parse_override
+from pipelines.events import Log
+from pipelines.runs.runner import run, status
+from pipelines.stages.inputs import Inputs
+from pipelines.takes.atomic_files import read_model
+from pipelines.takes.stage_files import CameraRefinement
+from pipelines.takes.take import Take
+from studio.camera_files import read_rig
+
+pytestmark = pytest.mark.long
+
+SCHEDULE = "train.keyframe_iterations=50"
+ALWAYS = ("train.refine_cameras=always", SCHEDULE)
+
+
+@pytest.fixture(autouse=True)
+def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studio.training.camera_refinement.ALIGN_STEPS", 5)
+
+
+@pytest.fixture
+def turned(finished: Path, tmp_path: Path) -> Path:
+    """The tiny capture, where the file says that cam1 looks 5 pixels to the side."""
+    shutil.copytree(finished, tmp_path / "project")
+    path = tmp_path / "project" / "capture" / "cameras.json"
+    rig = json.loads(path.read_text())
+    for camera in rig["cameras"]:
+        if camera["name"] == "cam1":
+            turn = Rotation.from_rotvec([0, 0.07, 0]).as_matrix()
+            camera["R"], camera["t"] = (turn @ camera["R"]).tolist(), (turn @ camera["t"]).tolist()
+    path.write_text(json.dumps(rig))
+    return tmp_path / "project"
+
+
+def train(project: Path, *overrides: str) -> list:
+    events: list = []
+    config = load_config(project / "ball.yaml", [parse_override(text) for text in overrides])
+    run(Take.open(project / "take"), config, events.append, stages=("calibrate", "initialize", "train"))
+    return events
+
+
+def files_of(take: Take) -> dict[str, bytes]:
+    files = [*(take.root / "train").rglob("*.safetensors"), take.camera_refinement, take.refined_rig]
+    return {path.name: path.read_bytes() for path in files}
+
+
+def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> None:
+    take = Take.open(turned / "take")
+    train(turned, SCHEDULE)
+    assert not take.refined_rig.exists(), "cameras from a file stay as they are"
+    plain = take.trained_frame(0, 0).read_bytes()
+
+    events = train(turned, *ALWAYS)
+    report = read_model(take.camera_refinement, CameraRefinement)
+    assert report.used
+    assert report.after > report.before + 0.1
+    assert set(report.cameras) == {f"cam{number}" for number in range(6)}, "held-out cameras are aligned"
+    assert any(report.sentence in event.message for event in events if isinstance(event, Log))
+    config = load_config(turned / "ball.yaml", [parse_override(text) for text in ALWAYS])
+    footage = Inputs(take, config).footage
+    assert np.allclose(footage.trained.rig["cam1"].K, read_rig(take.refined_rig)["cam1"].K)
+    assert not np.allclose(footage.trained.rig["cam1"].center, footage.calibrated.rig["cam1"].center)
+
+    first = files_of(take)
+    assert first["frame_000000.safetensors"] != plain
+    # as after a kill while they are refined
+    for path in (take.camera_refinement, take.trained_frame(0, 0), take.trained_frame(1, 3)):
+        path.unlink()
+    train(turned, *ALWAYS)
+    assert files_of(take) == first
+
+    train(turned, SCHEDULE)
+    assert not take.refined_rig.exists()
+    assert not take.camera_refinement.exists()
+    assert take.trained_frame(0, 0).read_bytes() == plain
+    assert status(take, config)["train"].state == "stale"
+
+
+def test_cameras_that_gain_nothing_are_not_used_and_new_cameras_drop_refined_ones(
+    turned: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take = Take.open(turned / "take")
+    train(turned, *ALWAYS)
+    assert take.refined_rig.is_file()
+    path = turned / "capture" / "cameras.json"
+    path.write_text(path.read_text().replace("70.0", "70.5"))
+    config = load_config(turned / "ball.yaml", [parse_override(text) for text in ALWAYS])
+    run(take, config, lambda event: None, stages=("calibrate",))
+    assert not take.refined_rig.exists()
+    monkeypatch.setattr("studio.training.camera_refinement.WORTH", 99.0)
+    train(turned, *ALWAYS)
+    report = read_model(take.camera_refinement, CameraRefinement)
+    assert not report.used
+    assert "does not help" in report.sentence
+    assert not take.refined_rig.exists()

@@ -1,0 +1,116 @@
+"""Refined cameras: a rig that is off by known amounts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from studio.calibration import align_rigs
+from studio.cameras import Camera, Rig
+from studio.gaussians import SH_C0
+from studio.similarity import Similarity
+from studio.training import Correction, RefinedCameras, TrainingView, TrainSettings, refine_cameras
+from tests.studio.training.test_group import HEIGHT, WIDTH, ball, cameras, views
+
+SETTINGS = TrainSettings(keyframe_iterations=400, dropout=0.0, opacity_reg=0.0, scale_reg=0.0)
+HELD_OUT = 3
+
+
+def off(camera: Camera, number: int) -> Camera:
+    """A camera that is turned, moved and zoomed a little, differently for each number."""
+    random = np.random.default_rng(number)
+    pose, K = camera.world_to_camera.copy(), camera.K.copy()
+    pose[:3] = Rotation.from_rotvec(random.normal(0, 0.006, 3)).as_matrix() @ pose[:3]
+    pose[:3, 3] += random.normal(0, 0.015, 3)
+    K[:2, :2] *= 1 + random.normal(0, 0.01)
+    return replace(camera, world_to_camera=pose, K=K)
+
+
+def seen_by(rig: list[Camera]) -> list[TrainingView]:
+    """What the true cameras see, by cameras that say that they are elsewhere."""
+    true = views(torch.zeros(3))
+    return [TrainingView(camera, one.image, one.mask, (WIDTH, HEIGHT)) for camera, one in zip(rig, true, strict=True)]
+
+
+def refined(rig: list[Camera], seed: int = 0) -> RefinedCameras:
+    seen, truth = seen_by(rig), ball(torch.zeros(3))
+    trained = [view for number, view in enumerate(seen) if number != HELD_OUT]
+    colors = truth.sh[:, 0] * SH_C0 + 0.5
+    return refine_cameras(trained, truth.means, colors, SETTINGS, held_out=[seen[HELD_OUT]], seed=seed)
+
+
+def after(rig: list[Camera], corrections: list[Correction]) -> Rig:
+    return Rig(tuple(one.of(camera) for camera, one in zip(rig, corrections, strict=True)))
+
+
+def in_order(found: RefinedCameras) -> list[Correction]:
+    corrections = list(found.corrections)
+    corrections.insert(HELD_OUT, found.held_out[0])
+    return corrections
+
+
+def pixels_off(rig: Rig) -> float:
+    """Mean distance in pixels between where cameras, once aligned, see the points of the ball and where they are."""
+    points = ball(torch.zeros(3)).means.double().numpy()
+    truth = Rig(tuple(cameras()))
+    aligned = align_rigs(rig, truth).rig(rig)
+    pairs = zip(aligned, truth, strict=True)
+    return float(
+        np.mean([np.linalg.norm(a.project(points)[0] - b.project(points)[0], axis=1).mean() for a, b in pairs])
+    )
+
+
+def test_cameras_that_are_off_come_nearer_to_the_truth() -> None:
+    given = [off(camera, number) for number, camera in enumerate(cameras())]
+    found = refined(given)
+    rig = after(given, in_order(found))
+    assert found.gain > 2
+    assert found.held_out_calibrated is not None
+    assert found.held_out_before is not None
+    assert found.held_out_after is not None
+    assert found.held_out_after > found.held_out_before > found.held_out_calibrated
+    assert pixels_off(rig) < 0.5 * pixels_off(Rig(tuple(given)))
+
+
+def test_correct_cameras_stay_and_gain_little() -> None:
+    found = refined(cameras())
+    assert found.gain < 0.6
+    assert pixels_off(after(cameras(), in_order(found))) < 0.15
+
+
+def test_the_rig_as_a_whole_stays_where_it_is() -> None:
+    given = [off(camera, number) for number, camera in enumerate(cameras())]
+    found = refined(given)
+    trained = [camera for number, camera in enumerate(given) if number != HELD_OUT]
+    centers = Rig(tuple(one.of(camera) for camera, one in zip(trained, found.corrections, strict=True))).centers
+    before = Rig(tuple(trained)).centers
+    assert np.allclose(centers.mean(0), before.mean(0), atol=0.01)
+    spread = [np.linalg.norm(one - one.mean(0), axis=1).mean() for one in (centers, before)]
+    assert spread[0] == pytest.approx(spread[1], rel=0.01)
+
+
+def test_the_same_seed_gives_the_same_cameras_bit_for_bit() -> None:
+    given = [off(camera, number) for number, camera in enumerate(cameras())]
+    poses = [after(given, in_order(refined(given, seed=5))).centers for _ in range(2)]
+    assert np.array_equal(*poses)
+
+
+def test_a_correction_moves_the_camera_the_other_way_than_the_scene() -> None:
+    camera = replace(cameras()[0], distortion=np.array([0.01, 0, 0, 0]))
+    moved = Similarity(1.1, Rotation.from_rotvec([0.02, -0.01, 0.03]).as_matrix(), np.array([0.1, 0.0, -0.05]))
+    correction = Correction(moved, np.array([1.5, -0.5]), 0.02, 0.1)
+    points = 0.4 * np.random.default_rng(0).normal(size=(50, 3))
+    found, _ = correction.of(camera, larger=2.0).project(points)
+    x, y, depth = (moved.points(points) @ camera.rotation.T + camera.translation).T
+    slopes = np.stack([x, y], 1) / depth[:, None]
+    expected = slopes * (1 + (0.11 * (slopes**2).sum(1))[:, None]) * 1.02 * camera.fx + camera.K[:2, 2] + [3.0, -1.0]
+    assert np.allclose(found, expected, atol=1e-6)
+
+
+def test_a_radial_term_that_no_image_would_show_does_not_add_distortion() -> None:
+    correction = Correction(Similarity(), np.zeros(2), 0.0, 1e-4)
+    assert correction.of(cameras()[0]).is_pinhole
