@@ -6,12 +6,31 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <optional>
+#include <stdexcept>
+#include <string>
 
-#include "kernels.h"
+#include "arrays.h"
 #include "simd.h"
 #include "threads.h"
 
 namespace vs::VS_ISA {
+
+struct DequantizeJob {
+    std::int64_t count;
+    int coefficients;                                 // of SH, K; there are C = 10 + 3 K channels
+    const std::uint8_t* picture;
+    const std::int32_t* pixels;                       // (N,) of each splat, relative to the first one of a channel
+    const std::int64_t* first;                        // (C,)
+    const float *steps, *offsets;                     // (C,)
+    const std::int64_t* escape_starts;                // (C + 1,) first escape of each channel
+    const std::int32_t* escape_splats;                // (E,) ascending within a channel
+    const float* escape_codes;                        // (E,) instead of the pixels
+    const float *gains, *keyframe, *local;            // (N,), (N, 3), (N, 4)
+    const std::int32_t* labels;                       // (N,) rows of `maps` and `turned`
+    const float *maps, *turned;                       // (B, 4, 3), (B, 4) quaternions; may be null: nothing moves
+    float *means, *quats, *log_scales, *logits, *sh;  // results
+};
 
 constexpr int DEQUANTIZE_BLOCK = 256;  // splats whose channels fit into the cache; a multiple of LANES
 constexpr int DEQUANTIZE_CHANNELS = 10;  // means, rotations, log scales, opacity; then 3 for each SH coefficient
@@ -101,6 +120,73 @@ static void dequantize_all(const DequantizeJob& job, int threads) {
 
 namespace vs {
 
-void dequantize(const DequantizeJob& job, int threads) { VS_ISA::dequantize_all(job, threads); }
+namespace {
+
+// The largest of some indices; throws if one is negative.
+std::int64_t largest(const In<std::int32_t>& indices, const char* name) {
+    std::int32_t low = 0, high = -1;
+    for (std::size_t i = 0; i < indices.size(); i++) {
+        low = indices.data()[i] < low ? indices.data()[i] : low;
+        high = indices.data()[i] > high ? indices.data()[i] : high;
+    }
+    if (low < 0) throw std::invalid_argument(std::string(name) + " has a negative value");
+    return high;
+}
+
+void dequantize(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64_t> first, In<float> steps,
+                In<float> offsets, In<std::int64_t> escape_starts, In<std::int32_t> escape_splats,
+                In<float> escape_codes, In<float> gains, In<float> keyframe, In<float> local, In<std::int32_t> labels,
+                std::optional<In<float>> maps, std::optional<In<float>> turned, Out<float> means, Out<float> quats,
+                Out<float> log_scales, Out<float> logits, Out<float> sh, int threads) {
+    const std::size_t n = pixels.size(), channels = first.size();
+    if (channels < 13 || (channels - 10) % 3) throw std::invalid_argument("there must be 10 + 3 K channels");
+    const std::size_t coefficients = (channels - 10) / 3;
+    const std::int64_t most = largest(pixels, "pixels");
+    for (std::size_t c = 0; c < channels; c++)
+        if (first.data()[c] < 0 || first.data()[c] + most >= std::int64_t(picture.size()))
+            throw std::invalid_argument("a channel is outside the picture");
+    expect(steps, channels, "steps");
+    expect(offsets, channels, "offsets");
+    expect(escape_starts, channels + 1, "escape_starts");
+    expect(escape_codes, escape_splats.size(), "escape_codes");
+    for (std::size_t c = 0; c < channels; c++)
+        if (escape_starts.data()[c] < 0 || escape_starts.data()[c] > escape_starts.data()[c + 1] ||
+            escape_starts.data()[c + 1] > std::int64_t(escape_splats.size()))
+            throw std::invalid_argument("escape_starts must ascend");
+    if (largest(escape_splats, "escape_splats") >= std::int64_t(n))
+        throw std::invalid_argument("an escape is outside the group");
+    expect(gains, n, "gains");
+    expect(keyframe, 3 * n, "keyframe");
+    expect(local, 4 * n, "local");
+    expect(labels, n, "labels");
+    const std::size_t blocks = std::size_t(largest(labels, "labels") + 1);
+    if ((maps && maps->size() < 12 * blocks) || (turned && turned->size() < 4 * blocks))
+        throw std::invalid_argument("a label is outside the blocks");
+    expect(means, 3 * n, "means");
+    expect(quats, 4 * n, "quats");
+    expect(log_scales, 3 * n, "log_scales");
+    expect(logits, n, "logits");
+    expect(sh, 3 * coefficients * n, "sh");
+    const VS_ISA::DequantizeJob job = {std::int64_t(n), int(coefficients), picture.data(), pixels.data(), first.data(),
+                               steps.data(), offsets.data(), escape_starts.data(), escape_splats.data(),
+                               escape_codes.data(), gains.data(), keyframe.data(), local.data(), labels.data(),
+                               maps ? maps->data() : nullptr, turned ? turned->data() : nullptr, means.data(),
+                               quats.data(), log_scales.data(), logits.data(), sh.data()};
+    nb::gil_scoped_release release;
+    VS_ISA::dequantize_all(job, checked_threads(threads));
+}
+
+}  // namespace
+
+void add_dequantize(nb::module_& m) {
+    m.def("dequantize", &dequantize, nb::arg("picture").noconvert(), nb::arg("pixels").noconvert(),
+          nb::arg("first").noconvert(), nb::arg("steps").noconvert(), nb::arg("offsets").noconvert(),
+          nb::arg("escape_starts").noconvert(), nb::arg("escape_splats").noconvert(),
+          nb::arg("escape_codes").noconvert(), nb::arg("gains").noconvert(), nb::arg("keyframe").noconvert(),
+          nb::arg("local").noconvert(), nb::arg("labels").noconvert(), nb::arg("maps").noconvert().none(),
+          nb::arg("turned").noconvert().none(), nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
+          nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
+          nb::arg("threads"), "Splats of a frame of the profile `motion`.");
+}
 
 }  // namespace vs

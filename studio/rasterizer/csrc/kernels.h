@@ -163,24 +163,6 @@ struct DropoutJob {
     T *out, *derivative;  // (N,)
 };
 
-struct DequantizeJob {
-    std::int64_t count;
-    int coefficients;                                 // of SH, K; there are C = 10 + 3 K channels
-    const std::uint8_t* picture;
-    const std::int32_t* pixels;                       // (N,) of each splat, relative to the first one of a channel
-    const std::int64_t* first;                        // (C,)
-    const float *steps, *offsets;                     // (C,)
-    const std::int64_t* escape_starts;                // (C + 1,) first escape of each channel
-    const std::int32_t* escape_splats;                // (E,) ascending within a channel
-    const float* escape_codes;                        // (E,) instead of the pixels
-    const float *gains, *keyframe, *local;            // (N,), (N, 3), (N, 4)
-    const std::int32_t* labels;                       // (N,) rows of `maps` and `turned`
-    const float *maps, *turned;                       // (B, 4, 3), (B, 4) quaternions; may be null: nothing moves
-    float *means, *quats, *log_scales, *logits, *sh;  // results
-};
-
-void dequantize(const DequantizeJob& job, int threads);  // the same on all processors, see dequantize.cpp
-
 template <typename T>
 struct TrainingKernels {
     void (*field_forward)(const FieldJob<T>&, Buffer<T>& activations, T* out, int threads);

@@ -1,10 +1,7 @@
 // The Python module studio.rasterizer._kernels. Arrays are passed by DLPack: torch tensors without a copy, and without
-// linking to torch. This file checks array sizes, so that no call can read or write out of bounds. All other checks are
-// in the Python wrappers (cpu.py, and those in studio/training).
+// linking to torch. This file and dequantize.cpp check array sizes, so that no call can read or write out of bounds. All
+// other checks are in the Python wrappers (cpu.py, and those in studio/training).
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -18,19 +15,13 @@
 #include <utility>
 #include <vector>
 
+#include "arrays.h"
 #include "buffers.h"
 #include "kernels.h"
-
-namespace nb = nanobind;
 
 namespace vs {
 
 namespace {
-
-template <typename T>
-using In = nb::ndarray<const T, nb::c_contig, nb::device::cpu>;
-template <typename T>
-using Out = nb::ndarray<T, nb::c_contig, nb::device::cpu>;
 
 std::vector<const Kernels*> supported() {
     std::vector<const Kernels*> found;
@@ -48,12 +39,6 @@ std::vector<const Kernels*> supported() {
 
 const Kernels* kernels = supported().front();
 
-template <typename A>
-void expect(const A& array, std::size_t size, const char* name) {
-    if (array.size() != size)
-        throw std::invalid_argument(std::string(name) + " has " + std::to_string(array.size()) + " values, expected " +
-                                    std::to_string(size));
-}
 template <typename A>
 auto* pointer(const std::optional<A>& array, std::size_t size, const char* name) {
     if (!array) return static_cast<decltype(array->data())>(nullptr);
@@ -94,11 +79,6 @@ nb::ndarray<nb::pytorch, T> empty(const std::vector<std::size_t>& shape) {
     nb::capsule owner(buffer.get(), [](void* p) noexcept { delete static_cast<Buffer<T>*>(p); });
     buffer.release();
     return nb::ndarray<nb::pytorch, T>(data, shape.size(), shape.data(), owner);
-}
-
-int checked_threads(int threads) {
-    if (threads < 1) return 1;
-    return threads > 256 ? 256 : threads;
 }
 
 template <typename T>
@@ -355,60 +335,6 @@ void dropout(In<T> logits, double share, std::uint32_t seed, Out<T> out, Out<T> 
     training<T>().dropout(job, checked_threads(threads));
 }
 
-// The largest of some indices; throws if one is negative.
-std::int64_t largest(const In<std::int32_t>& indices, const char* name) {
-    std::int32_t low = 0, high = -1;
-    for (std::size_t i = 0; i < indices.size(); i++) {
-        low = indices.data()[i] < low ? indices.data()[i] : low;
-        high = indices.data()[i] > high ? indices.data()[i] : high;
-    }
-    if (low < 0) throw std::invalid_argument(std::string(name) + " has a negative value");
-    return high;
-}
-
-void dequantize_checked(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64_t> first, In<float> steps,
-                In<float> offsets, In<std::int64_t> escape_starts, In<std::int32_t> escape_splats,
-                In<float> escape_codes, In<float> gains, In<float> keyframe, In<float> local, In<std::int32_t> labels,
-                std::optional<In<float>> maps, std::optional<In<float>> turned, Out<float> means, Out<float> quats,
-                Out<float> log_scales, Out<float> logits, Out<float> sh, int threads) {
-    const std::size_t n = pixels.size(), channels = first.size();
-    if (channels < 13 || (channels - 10) % 3) throw std::invalid_argument("there must be 10 + 3 K channels");
-    const std::size_t coefficients = (channels - 10) / 3;
-    const std::int64_t most = largest(pixels, "pixels");
-    for (std::size_t c = 0; c < channels; c++)
-        if (first.data()[c] < 0 || first.data()[c] + most >= std::int64_t(picture.size()))
-            throw std::invalid_argument("a channel is outside the picture");
-    expect(steps, channels, "steps");
-    expect(offsets, channels, "offsets");
-    expect(escape_starts, channels + 1, "escape_starts");
-    expect(escape_codes, escape_splats.size(), "escape_codes");
-    for (std::size_t c = 0; c < channels; c++)
-        if (escape_starts.data()[c] < 0 || escape_starts.data()[c] > escape_starts.data()[c + 1] ||
-            escape_starts.data()[c + 1] > std::int64_t(escape_splats.size()))
-            throw std::invalid_argument("escape_starts must ascend");
-    if (largest(escape_splats, "escape_splats") >= std::int64_t(n))
-        throw std::invalid_argument("an escape is outside the group");
-    expect(gains, n, "gains");
-    expect(keyframe, 3 * n, "keyframe");
-    expect(local, 4 * n, "local");
-    expect(labels, n, "labels");
-    const std::size_t blocks = std::size_t(largest(labels, "labels") + 1);
-    if ((maps && maps->size() < 12 * blocks) || (turned && turned->size() < 4 * blocks))
-        throw std::invalid_argument("a label is outside the blocks");
-    expect(means, 3 * n, "means");
-    expect(quats, 4 * n, "quats");
-    expect(log_scales, 3 * n, "log_scales");
-    expect(logits, n, "logits");
-    expect(sh, 3 * coefficients * n, "sh");
-    const DequantizeJob job = {std::int64_t(n), int(coefficients), picture.data(), pixels.data(), first.data(),
-                               steps.data(), offsets.data(), escape_starts.data(), escape_splats.data(),
-                               escape_codes.data(), gains.data(), keyframe.data(), local.data(), labels.data(),
-                               maps ? maps->data() : nullptr, turned ? turned->data() : nullptr, means.data(),
-                               quats.data(), log_scales.data(), logits.data(), sh.data()};
-    nb::gil_scoped_release release;
-    dequantize(job, checked_threads(threads));
-}
-
 template <typename T>
 void add_training(nb::module_& m, const char* pass_name) {
     nb::class_<FieldPass<T>>(m, pass_name, "What the backward pass of the motion field needs from the forward pass.");
@@ -472,14 +398,7 @@ NB_MODULE(_kernels, m) {
           "Mean absolute difference and mean SSIM; writes the gradient of (1 - w) L1 + w (1 - SSIM).");
     m.def("over", &vs::over, nb::arg("image").noconvert(), nb::arg("rest").noconvert(), nb::arg("color").noconvert(),
           nb::arg("out").noconvert(), nb::arg("threads"), "out = image + rest * color, per pixel.");
-    m.def("dequantize", &vs::dequantize_checked, nb::arg("picture").noconvert(), nb::arg("pixels").noconvert(),
-          nb::arg("first").noconvert(), nb::arg("steps").noconvert(), nb::arg("offsets").noconvert(),
-          nb::arg("escape_starts").noconvert(), nb::arg("escape_splats").noconvert(),
-          nb::arg("escape_codes").noconvert(), nb::arg("gains").noconvert(), nb::arg("keyframe").noconvert(),
-          nb::arg("local").noconvert(), nb::arg("labels").noconvert(), nb::arg("maps").noconvert().none(),
-          nb::arg("turned").noconvert().none(), nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
-          nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
-          nb::arg("threads"), "Splats of a frame of the profile `motion`.");
+    vs::add_dequantize(m);
     m.def("empty_float", &vs::empty<float>, nb::arg("shape"),
           "An uninitialized float32 torch tensor in recycled memory.");
     m.def("empty_double", &vs::empty<double>, nb::arg("shape"),
