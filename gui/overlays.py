@@ -10,6 +10,7 @@ from gui.actions.commands import Actions
 from gui.actions.search import opens_list
 from gui.drawing.canvas import shortened
 from gui.drawing.palette import TEXT
+from gui.models.take.run_state import percent
 from gui.models.take.workspace import Workspace
 from gui.shell import Shell
 from gui.widgets.picture import color, put
@@ -62,7 +63,7 @@ class Overlays:
         """Show the message over the view, of a long one the beginning: the log has all of it. Returns whether anything
         changed."""
         window = self._window
-        message, room = window.workspace.message or window.views.message, MESSAGE_WIDTH * window.layout.view[2]
+        message, room = window.workspace.problem or window.views.message, MESSAGE_WIDTH * window.layout.view[2]
         if self._message_of != (message, room):
             self._message_of = (message, room)
             lines = shortened(message, round(window.em), room, MESSAGE_LINES, MORE)
@@ -156,4 +157,4 @@ def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float 
 
 def run_words(stage: str, fraction: float | None) -> str:
     """ "37% train"; only the stage if it has not reported its progress."""
-    return stage if fraction is None else f"{int(100 * fraction)}% {stage}"
+    return stage if fraction is None else f"{percent(fraction)} {stage}"

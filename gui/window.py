@@ -19,7 +19,6 @@ from gui.models.loop import LOOP
 from gui.models.marks import Marks
 from gui.models.notices import Notices
 from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.rate import Rate
 from gui.models.preferences import PICTURE_SIZES, Preferences
 from gui.models.take.exports import Exports
 from gui.models.take.serving import Serving
@@ -102,7 +101,6 @@ class MainWindow:
         self._log = StateLog(log)
         self.pictures = 0
         self.numbers: list[int | None] = [None, None, None]
-        self.drawn = Rate()
         self.close_requests = CloseRequests(lambda: self._x.escape_down)
         self.wants_close = False
         self.ticks = 0
@@ -189,13 +187,23 @@ class MainWindow:
     def _connect(self) -> None:
         workspace, exports = self.workspace, self.exports
         workspace.changed.connect(self.changed)
+        workspace.refused.connect(self._run_refused)
+        workspace.changed.connect(self._forget_refusals)
         workspace.run_ended.connect(partial(self.notices.show, topic="run"))
+        self.player.refused.connect(partial(self.notices.show, topic="view"))
         workspace.new_results.connect(self.player.refresh)
         exports.changed.connect(self.changed)
         exports.finished.connect(self._exported)
         for signal in (self.serving.started, self.serving.failed, self.actions.bakes.bakes.changed):
             signal.connect(lambda *_: self.changed())
         self._marks_timer = LOOP.every(LOOK_EVERY, self._look_at_marks)
+
+    def _run_refused(self, why: str) -> None:
+        self.notices.show(why, bad=True, topic="busy" if self.workspace.busy else "run")
+
+    def _forget_refusals(self) -> None:
+        """What a run in progress forbids is allowed after it; a run that has begun was not refused."""
+        self.notices.clear("run" if self.workspace.busy else "busy")
 
     def _exported(self) -> None:
         exports = self.exports
@@ -358,7 +366,7 @@ class MainWindow:
             changed |= self._update_panels()
             changed |= self.overlays.update()
             changed |= self.actions.search.update()
-        put(self.window, title=self.title)
+            put(self.window, title=self.title)
         if changed:
             self.changed()
         self._log.write(self)
@@ -376,7 +384,6 @@ class MainWindow:
         if due:
             shown = self.player.picture.frame if self.player.picture is not None and self.views.shows_player else None
             self.numbers = [shown, self.inspector.frame, self.timeline.frame]
-            self.drawn.hit()
             self._guard.drawn()
             unsettled = [picture.settle() for picture in self._pictures]
             if any(unsettled):
@@ -414,11 +421,9 @@ class MainWindow:
         changed |= touched
         if layout:
             self.window.set_needs_layout()
-        # at rest, a figure that changes with each draw would ask for the next one
-        drawn = self.drawn.value if self.player.transport.playing else 0.0
         changed |= self.inspector.update(
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage,
-            stage_view.blocks if stage_view is not None else (), drawn, self._quality.camera,
+            stage_view.blocks if stage_view is not None else (), self._quality.camera,
         )  # fmt: skip
         changed |= self.inspector.update_log(self.workspace)
         if self.hints.update(self.input.pointer, bool(self._user.buttons) or self._user.covered or self.hints.listing):

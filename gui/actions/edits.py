@@ -16,7 +16,13 @@ from gui.shell import Shell
 from gui.widgets.dialogs.numbers import ask_numbers
 from gui.widgets.picture import holds
 from pipelines.takes.edits import describe
+from studio.counts import counted
 from studio.edits.edit_list import EditList
+
+OTHER_GROUPS = (
+    "Each group has splats of its own. In other groups, those are removed that are\n"
+    "inside of what you have drawn in at least half of the frames."
+)
 
 _NUMBERS_OF = {
     "crop": "crop",
@@ -43,6 +49,7 @@ class EditActions:
         views, notices = window.views, window.notices
         views.edit_dialog.connect(later(self._show_dialog))
         views.editor.two_points.connect(later(self._ask_distance))
+        views.editor.range_wanted.connect(later(self._ask_range))
         views.editor.refusal.connect(partial(notices.show, bad=True, topic="edits"))
         window.workspace.changed.connect(self._follow_edits)
 
@@ -163,6 +170,18 @@ class EditActions:
             [("distance", "Distance", f"{now:.4g}")],
             save,
         )
+
+    def _ask_range(self, selected: int, group: range) -> None:
+        """In which frames what is selected is to be removed."""
+        window = self._window
+        ranges: dict[str, tuple[int, int] | None] = {f"Frames {group[0]} to {group[-1]}, their group": (group[0],) * 2}
+        span = window.player.transport.span
+        if span is not None and span[0] <= group[-1] and group[0] <= span[1]:
+            ranges[f"Frames {span[0]} to {span[1]}, the span"] = span
+        ranges["All frames"] = None
+        remove = window.views.editor.remove_selected
+        title = f"Remove {counted(selected, 'splat')} in"
+        window.dialogs.choose("remove", title, list(ranges), lambda line: remove(ranges[line]), note=OTHER_GROUPS)
 
     def _list(self) -> None:
         window, editor = self._window, self._window.views.editor

@@ -56,9 +56,10 @@ class MarkActions:
             elif not marks.set(frame, note, known, view_of(window.player)):
                 return
         except StudioError as error:  # among others, somebody else has changed it: theirs is not to be undone here
-            window.player.message = str(error)
+            window.notices.show(str(error), bad=True, topic="marks")
             return
         now = marks.marks.get(frame)
+        window.notices.clear("marks")
         window.marks_changed()
 
         def put(mark: Mark | None, replaces: Mark | None) -> Message | None:
@@ -109,7 +110,6 @@ def view_of(player: PlayerPresenter) -> MarkView:
 
 def show_view(player: PlayerPresenter, view: MarkView) -> None:
     """Show what a mark was made of, as far as it is there: without the take's cameras, the view from the same place."""
-    player.message = ""
     if view.camera not in player.camera_names:
         player.look_through("")
         up = player.orbit.up

@@ -33,10 +33,7 @@ class Opening:
         """Open a take, a stream or a URL; bad input is reported in the window."""
         window = self._window
         self.place = window.workspace.opening = place
-        if window.player.opened is None:
-            window.player.message = f"Opening {place} ..."
-        else:
-            window.notices.show(f"Opening {place} ...", topic="open")
+        window.notices.show(f"Opening {place} ...", topic="open")
         self._worker.ask(place)
 
     def _loaded(self, done: Done[str, Loaded]) -> None:

@@ -51,7 +51,6 @@ ICONS: Mapping[str, str] = {
     "lasso": "lasso",
     "brush": "paintbrush",
     "remove": "trash-2",
-    "remove here": "eraser",
     "origin": "crosshair",
     "up": "move-up",
     "scale": "ruler",

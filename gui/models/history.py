@@ -19,7 +19,7 @@ class Change:
     """A change that was made.
 
     Attributes:
-        words: what it changed, as in "bake.quality 20 to 24".
+        words: what it changed, as in "the change of bake.quality from 20 to 24".
         undo, redo: reverse it, make it again; each returns why that was refused, None if it was not.
     """
 

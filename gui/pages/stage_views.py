@@ -112,7 +112,7 @@ class StageViews:
         """Show the edits of the take."""
         player = self.player
         if player.opened is None or self.workspace.take is None:
-            player.message = "Only a take can be edited. Open one, or create one from footage."
+            player.refused.emit("Only a take can be edited. Open one, or create one from footage.")
             return
         player.transport.pause()
         self._go("review")

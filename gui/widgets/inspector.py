@@ -145,7 +145,6 @@ class InspectorPanel:
         workspace: Workspace,
         stage: str,
         of_stage: Sequence[Block],
-        drawn_rate: float,
         camera: str,
     ) -> bool:
         """Redraw the figures if they have changed; return whether they did. They leave the rest to the log, so
@@ -160,7 +159,7 @@ class InspectorPanel:
             return False
         self._next, self._of = time.monotonic() + PAUSE, of
         self.frame = player.frame
-        blocks = review_blocks(player, evaluation, marks, drawn_rate, camera)
+        blocks = review_blocks(player, evaluation, marks, camera)
         if stage != "review" and workspace.take is not None:
             blocks = blocks[:1]
         blocks = [*run_blocks(workspace, stage), *of_stage, *blocks]

@@ -22,7 +22,6 @@ NAMED = frozenset(("footage", "trained", "decoded", "other", "scene", "edit", "d
 
 UNLIKE = (
     frozenset(("remove",)),
-    frozenset(("remove here",)),
     frozenset(("floaters", "numbers", "removed")),
     frozenset(("ground", "origin", "detail", "list")),
     frozenset(("in", "out", "up", "scale")),

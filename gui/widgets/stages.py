@@ -88,6 +88,7 @@ class StagesPanel:
         self.row.add_stretch()
         self._button("help", "?", "What to look for in this stage (F1)", show_help)
         self._refused_setting = ""
+        self._error_in: object = None
         self.error = gui.Label("")
         self.error.text_color = color(BAD)
         self.error.background_color = color(PANEL)
@@ -165,7 +166,7 @@ class StagesPanel:
 
     def _say(self, text: str) -> None:
         self._refuse(None)
-        self.error.text = text
+        put(self.error, text=text)
 
     def _choose(self, preset: str) -> None:
         """Set the settings of a preset; all others stay as they are."""
@@ -200,7 +201,13 @@ class StagesPanel:
         text = "" if refusal is None else str(refusal)
         setting = "" if refusal is None else str(refusal.fields.get("setting", ""))
         self._refused_setting = setting if setting != edited else ""  # the edited one is already on screen
+        self._error_in = self._circumstances
         put(self.error, text=text)
+
+    @property
+    def _circumstances(self) -> object:
+        """What the error on screen is true of: the settings, and whether a run is in progress."""
+        return self._workspace.context, self._workspace.busy
 
     @property
     def error_setting(self) -> str:
@@ -254,6 +261,8 @@ class StagesPanel:
             self._drawn = state
             self.list.show(stage_list.image(rows, self.selected, self.list.size[0], self._em))
             changed = True
+        if self._error_in != self._circumstances:
+            self._refuse(None)
         row = self._workspace.row(self.selected)
         config, setting = self._workspace.config, self.error_setting
         link = f"Go to {setting}" if setting else ""

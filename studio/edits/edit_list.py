@@ -212,6 +212,10 @@ class Region(Edit):
     far: float | None = Field(default=None, gt=0, le=1e9)
     """Greatest depth; None: no limit."""
 
+    drawn: int | None = Field(default=None, ge=0, le=10_000_000)
+    """The frame on which it was drawn, counted from 0 in the take: of its group, the splats are removed that are inside
+    in this frame, wherever they move. None: no such frame."""
+
     frames: tuple[int, int] | None = None
     """First and last frame for which it holds, counted from 0 in the take; None: all. A splat lives as long as its
     group, so it is removed from the whole group."""

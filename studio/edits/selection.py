@@ -2,7 +2,7 @@
 
 A stream needs the same splats in all frames of a group, so each splat is kept or removed for the whole group: it is
 removed by a box, a plane or a region if it is outside, below or inside in at least half of the group's frames for
-which the edit holds.
+which the edit holds. In the group in which a region was drawn, those inside in the frame on which it was drawn are.
 """
 
 from __future__ import annotations
@@ -107,6 +107,8 @@ def in_region(region: Region, paths: Paths) -> np.ndarray:
     frames = [at for at, index in enumerate(paths.indices) if first <= index <= last]
     if not frames:
         return np.zeros(paths.means.shape[1], bool)
+    if region.drawn in paths.indices:
+        return _inside(region, paths.means[paths.indices.index(region.drawn)])
     return _mostly(np.stack([_inside(region, paths.means[at]) for at in frames]))
 
 

@@ -59,7 +59,7 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     window.wait_for("no selection", lambda s: s["settled"] and s["selected"] == 0)
     window.click("brush")
     window.wait_for("the brush", lambda s: "brush" in s["mode"])
-    tops = {window.states()[-1]["widgets"][name][1] for name in ("done", "brush", "remove here", "removed")}
+    tops = {window.states()[-1]["widgets"][name][1] for name in ("done", "brush", "remove", "removed")}
     assert len(tops) == 1, "all buttons in one row"
     before = bright(window)
     window.send("mousemove", *window.point("viewport", 0.2, 0.7))
@@ -70,7 +70,9 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     window.key("minus")
     window.drag("viewport", (0.45, 0.5), (0.55, 0.5))
     window.wait_for("a selection", lambda s: s["selected"] > 0)
-    window.click("remove here")
+    window.click("remove")
+    window.wait_for("the frames", lambda s: s["dialog"] == "remove")
+    window.click("dialog choice0")
     window.wait_for("one group to bake", lambda s: "regions 1" in s["edits"] and s["stages"]["bake"][0] == "partial")
     (region,) = read_edits(take_copy / "edits.json").regions
     assert region.radius is not None

@@ -95,7 +95,6 @@ def main(paths: Path, results: Path) -> int:
                 while self.notices.dismiss():
                     pass
                 self.notices.clear("open")
-                self.player.message = ""
                 self.open(path)
                 while self.opening:
                     yield

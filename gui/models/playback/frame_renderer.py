@@ -123,7 +123,7 @@ class Picture:
         frame: counted from 0.
         source: "decoded", "trained" or "footage".
         splats: number of Gaussians drawn; 0 for footage.
-        load_seconds, draw_seconds: total time to load and to render the Gaussians of all parts.
+        draw_seconds: total time to render the Gaussians of all parts.
         mode: one of `compare.MODES`.
         box: rectangle of the (left) image in the image; the wipe moves within it.
         camera: the capture camera; "" for the free view.
@@ -135,7 +135,6 @@ class Picture:
     frame: int
     source: str
     splats: int
-    load_seconds: float
     draw_seconds: float
     mode: str = "single"
     box: Box = field(default_factory=lambda: Box(0, 0, 1, 1))
@@ -149,7 +148,6 @@ class Picture:
 class _Part:
     image: np.ndarray
     splats: int
-    load_seconds: float
     draw_seconds: float
     holder: object  # kept alive with the part, so that its id stays unique
 
@@ -201,7 +199,6 @@ class FrameRenderer:
             request.frame,
             request.what,
             parts[-1].splats,
-            sum(part.load_seconds for part in parts),
             sum(part.draw_seconds for part in parts),
             request.mode,
             where[0],
@@ -213,16 +210,15 @@ class FrameRenderer:
         source = request.sources.get(request.what)
         if source is None:
             raise StudioError("playback.no_source", f"no {request.what} frames yet", value=request.what)
-        start = time.perf_counter()
         gaussians = source.gaussians(request.frame)
-        loaded = time.perf_counter()
+        start = time.perf_counter()
         width, height = request.size
         view = request.orbit.camera(width, height)
         if capture is not None:
             view = request.image_zoom.camera(capture, width, height)
         found = self.scene(gaussians, view, wanted, request.frame, request.background)
         return Picture(
-            found.image, request.frame, request.what, len(gaussians), loaded - start, time.perf_counter() - loaded,
+            found.image, request.frame, request.what, len(gaussians), time.perf_counter() - start,
             request.mode, Box(0, 0, width, height), request.camera, request.label, found.cameras, found.ends,
         )  # fmt: skip
 
@@ -234,15 +230,14 @@ class FrameRenderer:
         pictures = self._kept  # `forget` replaces them, on another thread
         kept = pictures.get(key)
         if kept is None:
-            start = time.perf_counter()
             if name == "footage":
                 image = footage_image(request, box.width, box.height)
-                kept = _Part(image, 0, time.perf_counter() - start, 0.0, holder)
+                kept = _Part(image, 0, 0.0, holder)
             elif source is None:
                 raise StudioError("playback.no_source", f"no {name} frames yet", value=name)
             else:
                 gaussians = source.gaussians(request.frame)
-                loaded = time.perf_counter()
+                start = time.perf_counter()
                 camera = request.orbit.camera(box.width, box.height, self._reduced(request, box))
                 if capture is not None:
                     camera = request.image_zoom.camera(capture, box.width, box.height)
@@ -252,7 +247,7 @@ class FrameRenderer:
                 else:
                     covered = getattr(source, "view_range", None)
                     image = faded(image, covered, camera, request.background, request.text)
-                kept = _Part(image, len(gaussians), loaded - start, time.perf_counter() - loaded, holder)
+                kept = _Part(image, len(gaussians), time.perf_counter() - start, holder)
         pictures[key] = kept
         pictures.move_to_end(key)
         while len(pictures) > KEPT_PICTURES:

@@ -44,10 +44,6 @@ class OtherSource:
         """See `FrameSource`."""
         return self._source.gaussians(self.frame_of(frame))
 
-    def load_ms(self, frame: int) -> float | None:
-        """See `FrameSource`."""
-        return self._source.load_ms(self.frame_of(frame))
-
     def series(self, name: str, camera: str = "") -> list[float | None]:
         """A metric, or "bytes", for every frame of the open take or stream; None where it was not measured.
 

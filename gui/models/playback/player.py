@@ -18,7 +18,7 @@ from gui.models.playback.sources import Opened, body_of, open_path, reach_of, ta
 from gui.models.playback.stream_audio import StreamAudio
 from gui.models.playback.stream_source import LeftOut, StreamSource
 from gui.models.playback.transport import Transport
-from gui.models.playback.viewpoint import BACKGROUNDS, Viewpoint
+from gui.models.playback.viewpoint import BACKGROUNDS, NOTHING_OPEN, Viewpoint
 from gui.models.scene.contents import SceneWanted, Surface
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.render import Place, SceneRenderer, no_mesh
@@ -80,10 +80,18 @@ class PlayerPresenter(Viewpoint):
         self.on_screen = True
         self.audio: StreamAudio | None = None
         self._left_out: tuple[int, str] | None = None
+        self._problem = ""  # with what was wanted last
         self._rest = Rest(now)
         self.still = False
         self._sharp: bool | None = None
         self.em = 16.0
+
+    @property
+    def message(self) -> str:
+        """Text over the image, for as long as its cause lasts; "" if all is well."""
+        if self._problem or self.opened is None:
+            return self._problem or NOTHING_OPEN
+        return self.opened.message or ("" if self.opened.sources else NOTHING_TO_SHOW)
 
     # The open take or stream
 
@@ -91,7 +99,7 @@ class PlayerPresenter(Viewpoint):
         """Open a take or a stream. On bad input returns False and sets `message`."""
         found = load(path)
         if isinstance(found, str):
-            self.message = found
+            self._problem = found
             return False
         self.adopt(*found)
         return True
@@ -110,7 +118,7 @@ class PlayerPresenter(Viewpoint):
         self._look_home(first)
         self.picture = None
         self._asked = self._left_out = None
-        self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
+        self._problem = ""
 
     @property
     def points(self) -> np.ndarray:
@@ -164,7 +172,7 @@ class PlayerPresenter(Viewpoint):
             opened = open_path(self.opened.path)
             first = first_whole(opened.default) if opened.default is not None and not self.opened.sources else None
         except StudioError as error:  # being written; the next refresh will succeed
-            self.message = str(error)
+            self._problem = str(error)
             return False
         self._contents = contents
         was_empty = not self.opened.sources
@@ -185,7 +193,7 @@ class PlayerPresenter(Viewpoint):
         self._fit_transport()
         if was_empty and first is not None:
             self._look_home(first)
-        self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
+        self._problem = ""
         return True
 
     def _look_home(self, first: Gaussians | None) -> None:
@@ -235,33 +243,32 @@ class PlayerPresenter(Viewpoint):
         return source is not None and self.span(source.frame_count, source.group_starts, source.fps)
 
     def choose(self, what: str) -> bool:
-        """Show one of `WHATS` at the same frame; False, with `message` set, if it is unavailable."""
+        """Show one of `WHATS` at the same frame; False, and `refused`, if it is unavailable."""
         assert what in WHATS
         why = self.why_not(what)
         if why:
-            self.message = why
+            self.refused.emit(why)
             return False
         if what == "footage" and not self.camera:
             self.look_through(self._first_camera())
         self.what = self._wanted = what
-        self.message = ""
         self._fit_transport()
         return True
 
     def choose_mode(self, mode: str) -> bool:
-        """Set the comparison mode; False, with `message` set, if there is nothing to compare."""
+        """Set the comparison mode; False, and `refused`, if there is nothing to compare."""
         assert mode in MODES
         if mode == "single":
             self.mode = mode
             self._fit_zoom()
             return True
         if self.opened is None or not self.opened.sources:
-            self.message = NOTHING_TO_SHOW
+            self.refused.emit(NOTHING_TO_SHOW)
             return False
         if mode != "scene" and len(self.opened.sources) < 2 and not self.camera:
             why = self.why_not("footage")
             if why:
-                self.message = f"Nothing to compare with. {why}"
+                self.refused.emit(f"Nothing to compare with. {why}")
                 return False
             self.look_through(self._first_camera())
         if self.what == "footage" and self.opened.default is not None:
@@ -285,7 +292,7 @@ class PlayerPresenter(Viewpoint):
     def toggle_sound(self) -> None:
         """Turn the sound off or on."""
         if self.audio is None:
-            self.message = "This take or stream has no sound."
+            self.refused.emit("This take or stream has no sound.")
         else:
             self.audio.volume = 0.0 if self.audio.volume else 1.0
 
@@ -303,7 +310,7 @@ class PlayerPresenter(Viewpoint):
         done = self._worker.take()
         picture = self._received(done) if done is not None else None
         if self._left_out is not None and (self.picture is None or not self.transport.playing):
-            self.message = f"Frame {self._left_out[0]}: {self._left_out[1]}"
+            self._problem = f"Frame {self._left_out[0]}: {self._left_out[1]}"
         return picture
 
     def _request(self) -> RenderRequest | None:
@@ -397,15 +404,13 @@ class PlayerPresenter(Viewpoint):
             return None
         if done.error is not None:
             what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
-            self.message = f"Frame {done.request.frame}: {what}"
+            self._problem = f"Frame {done.request.frame}: {what}"
             self.transport.pause()
             return None
         wanted = self._request()
         if wanted is not None and done.request.label != wanted.label:
             return None  # the user has chosen something else meanwhile
-        self.picture, self._left_out = done.result, None
-        if self.message.startswith("Frame "):
-            self.message = ""
+        self.picture, self._left_out, self._problem = done.result, None, ""
         self._shown.hit()
         return self.picture
 
@@ -439,7 +444,7 @@ class PlayerPresenter(Viewpoint):
             self.camera or "free view",
         ]
         if not current:
-            parts.append("rendering")
+            parts.append("not shown" if self.settled else "rendering")
         elif picture.splats:
             parts.append(counted(picture.splats, "splat"))
         count = len(self.left_out)

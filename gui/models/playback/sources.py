@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -38,10 +37,6 @@ class FrameSource(Protocol):
 
     def gaussians(self, frame: int) -> Gaussians:
         """The splats of a frame. Raises StudioError if the file is missing or damaged."""
-        ...
-
-    def load_ms(self, frame: int) -> float | None:
-        """Milliseconds that the last read or decode of the frame took; None before the first."""
         ...
 
     def close(self) -> None:
@@ -117,7 +112,6 @@ class TrainedSource:
             for number, (start, end) in enumerate(zip(starts, ends, strict=True))
         ]
         self._cache = frame_cache()
-        self._load_ms: dict[int, float] = {}
 
     def gaussians(self, frame: int) -> Gaussians:
         """See `FrameSource`."""
@@ -129,15 +123,9 @@ class TrainedSource:
             )
         held = self._cache.get(frame)
         if held is None:
-            start = time.perf_counter()
             held = self._groups[bisect_right(self.group_starts, frame) - 1].cut(read_frame(self._files[frame]))
-            self._load_ms[frame] = 1000 * (time.perf_counter() - start)
             self._cache.put(frame, held)
         return held
-
-    def load_ms(self, frame: int) -> float | None:
-        """See `FrameSource`."""
-        return self._load_ms.get(frame)
 
     def reach(self) -> np.ndarray:
         """(N, 3): where the performer is in frames spread over the take, world coordinates; damaged ones are left

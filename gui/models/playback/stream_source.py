@@ -74,7 +74,7 @@ class StreamSource:
         self._wanted: int | None = None
         self._failed: dict[int, tuple[Exception, float]] = {}
         self._unavailable = 0  # consecutive groups that the server did not deliver
-        self._load_ms: dict[int, float] = {}
+        self._was_decoded: set[int] = set()
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="v3studio decode ahead", daemon=True)
         self._thread.start()
@@ -135,7 +135,6 @@ class StreamSource:
                 if self._closed:
                     return
                 assert frame is not None
-            start = time.perf_counter()
             try:
                 decoded = moved(self._decoded(frame), self._back)
             except Exception as error:  # raised when the frame is requested
@@ -144,7 +143,7 @@ class StreamSource:
                     self._changed.notify_all()
             else:
                 with self._changed:
-                    self._load_ms[frame] = 1000 * (time.perf_counter() - start)
+                    self._was_decoded.add(frame)
                     self._cache.put(frame, decoded)
                     self._changed.notify_all()
 
@@ -191,13 +190,9 @@ class StreamSource:
     def _first_bad(self, group: Rendition, frame: int) -> int:
         """The first unplayable frame of the group: earlier frames are unplayable too, unless they were decoded."""
         first = frame
-        while first > group.first_frame and first - 1 not in self._load_ms:
+        while first > group.first_frame and first - 1 not in self._was_decoded:
             first -= 1
         return first
-
-    def load_ms(self, frame: int) -> float | None:
-        """See `FrameSource`."""
-        return self._load_ms.get(frame - self.first)
 
     def sound(self) -> StreamSound | None:
         """The stream's sound, fetched now, which begins with frame `first`; the caller closes it. None for a silent

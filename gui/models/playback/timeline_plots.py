@@ -55,14 +55,19 @@ class Plot:
     short: str = ""
 
     @property
+    def extremes(self) -> tuple[float, float] | None:
+        """The lowest value, of bars zero, and the highest; None if there are none."""
+        known = [value for value in (*self.values, *self.other) if value is not None]
+        return (0.0 if self.bars else min(known), max(known)) if known else None
+
+    @property
     def range(self) -> tuple[float, float] | None:
         """Values at the lower and the upper end of the row; None if there are none."""
-        known = [value for value in (*self.values, *self.other) if value is not None]
-        if not known:
+        if self.extremes is None:
             return None
-        low, high = min(known), max(known)
+        low, high = self.extremes
         if self.bars:
-            return 0.0, max(high, 1e-9) * 1.05
+            return low, max(high, 1e-9) * 1.05
         pad = max(0.1 * (high - low), 0.5 * (LEAST_SPAN - (high - low)))
         return low - pad, high + pad
 
@@ -416,19 +421,25 @@ class TimelinePlots:
             if value is not None:
                 line = replace(plot, bars=False)
                 self._value(canvas, timeline, line, index, value, y, height, FAIR, plot.range)
-        self._axis(canvas, plot.range, y, height)
+        self._axis(canvas, plot, y, height)
 
-    def _axis(self, canvas: Canvas, limits: tuple[float, float], y: float, height: float) -> None:
-        """The values at the lower and the upper end of a row, to the right of it: above each other, or side by side
-        where there is no room for that."""
+    def _axis(self, canvas: Canvas, plot: Plot, y: float, height: float) -> None:
+        """The lowest and the highest value of a row, to the right of it and at their heights, or side by side where
+        there is no room for that."""
+        assert plot.extremes is not None
+        assert plot.range is not None
         size = max(round(0.68 * self.em), 8)
-        low, high = (f"{value:.{1 if abs(value) < 100 else 0}f}" if value else "0" for value in limits)
+        bottom, top = plot.range
+        words = [f"{value:.{1 if abs(value) < 100 else 0}f}" if value else "0" for value in plot.extremes]
+        below, above = (y + height * (top - value) / (top - bottom) - 0.62 * size for value in plot.extremes)
+        below, above = min(below, y + height - 1.1 * size), max(above, y - 0.1 * size)
         left, room = self.left + self.timeline.width + 0.3 * self.em, self.right - 0.3 * self.em
-        if height >= 2.4 * size:
-            canvas.text(left, y - 0.1 * size, high, size, DIM, width=room)
-            canvas.text(left, y + height - 1.1 * size, low, size, DIM, width=room)
-        else:
-            canvas.text(left, y + height / 2 - 0.62 * size, f"{low} – {high}", size, DIM, width=room)
+        if below - above >= 1.1 * size:
+            canvas.text(left, above, words[1], size, DIM, width=room)
+            canvas.text(left, below, words[0], size, DIM, width=room)
+            return
+        both = words[0] if words[0] == words[1] else " – ".join(words)
+        canvas.text(left, y + height / 2 - 0.62 * size, both, size, DIM, width=room)
 
     def _waveform(self, canvas: Canvas, plot: Waveform, y: int, height: int) -> None:
         if not len(plot.peaks):

@@ -6,6 +6,7 @@ import numpy as np
 
 from gui.drawing.compare import ALONE
 from gui.models.held_out import HeldOut
+from gui.models.loop import Signal
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.other_source import OTHER
 from gui.models.playback.sources import FrameSource, Opened
@@ -34,7 +35,7 @@ class Viewpoint:
         orbit, home: the current and the initial free view.
         size: (width, height) of the image.
         background: one of `BACKGROUNDS`.
-        message: text over the image.
+        refused: emitted with why something cannot be shown or done, as a sentence.
         scene_parts: what the scene shows, of `gui.models.scene.contents.PARTS`.
     """
 
@@ -52,7 +53,7 @@ class Viewpoint:
         self.home = self.orbit
         self.size = self._fitted_size = (960, 540)
         self.background = "dark"
-        self.message = NOTHING_OPEN
+        self.refused: Signal[[str]] = Signal()
         self.scene_parts = SHOWN_AT_FIRST
 
     @property
@@ -140,7 +141,6 @@ class Viewpoint:
 
     def look_through(self, camera: str) -> None:
         """Look through a capture camera; "" returns to the free view, from the same position."""
-        self.message = ""
         if camera and self.opened is not None and self.opened.rig is not None:
             self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
         if not camera and self.what == "footage" and self.opened is not None and self.opened.default is not None:
@@ -155,7 +155,7 @@ class Viewpoint:
         """Switch to the next or previous capture camera."""
         names = self.camera_names
         if not names:
-            self.message = "No capture cameras."
+            self.refused.emit("No capture cameras.")
         elif not self.camera:
             self.look_through(self._first_camera())
         else:

@@ -36,15 +36,12 @@ class Block:
     note: str = ""
 
 
-def review_blocks(
-    player: PlayerPresenter, evaluation: Evaluation, marks: Marks, drawn_rate: float, camera: str = ""
-) -> list[Block]:
+def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks, camera: str = "") -> list[Block]:
     """Figures of the current frame; quality is that in evaluation.json, of a camera or, by default, the mean."""
-    transport, picture = player.transport, player.picture
+    transport = player.transport
     if player.opened is None:
         return []
     frame = player.frame
-    group = max(sum(1 for start in transport.group_starts if start <= frame) - 1, 0)
     blocks = [
         Block(
             "Frame",
@@ -52,9 +49,8 @@ def review_blocks(
                 ("frame", f"{frame} (0 to {transport.last})"),
                 ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} fps"),
                 *([("footage frame", str(player.filmed[frame]))] if filmed_otherwise(player) else []),
-                ("group", f"{group} (0 to {len(transport.group_starts) - 1})"
-                 + (", keyframe" if frame in transport.group_starts else "")),
                 *camera_rows(player),
+                *splat_rows(player),
             ],
             f"Mark: {marks.notes[frame] or '(no note)'}" if frame in marks.notes else "",
         ),
@@ -78,20 +74,6 @@ def review_blocks(
     )
     if transport.span is not None:
         blocks.append(span_block(player, evaluation, camera, *transport.span))
-    rows = []
-    if picture is not None and player.current:
-        if picture.splats:
-            rows.append(("splats", f"{picture.splats:,}"))
-        source = player.source
-        load = source.load_ms(picture.frame) if source is not None and picture.source != "footage" else None
-        if load is not None:
-            rows.append(("decode" if picture.source == "decoded" else "read", f"{load:.1f} ms"))
-        if picture.draw_seconds:
-            rows.append(("render", f"{1000 * picture.draw_seconds:.1f} ms"))
-    plays = transport.playing  # otherwise the rates are those of single draws
-    rows.append(("playback", f"{player.rate:.1f} fps" if plays else "paused"))
-    rows.append(("window redraws", f"{drawn_rate:.1f} fps" if plays else "as needed"))
-    blocks.append(Block("Speed", rows))
     if player.left_out:
         blocks.insert(1, Block("Damaged, skipped", [], "\n".join(player.left_out)))
     return blocks
@@ -151,7 +133,8 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
         blocks.append(Block("Running", rows, progress.label))
     if stage != "review":
         status = workspace.assessment.stages.get(stage)
-        rows = [("state", "paused" if row.state == "running" and workspace.paused else row.state)]
+        states = {"missing": "not run", "running": "paused" if workspace.paused else "running"}
+        rows = [("state", states.get(row.state, row.state))]
         if status is not None and status.seconds is not None:
             rows.append(("time", duration(status.seconds)))
         for name, value in (status.summary or {}).items() if status is not None else ():
@@ -173,12 +156,18 @@ def camera_rows(player: PlayerPresenter) -> list[Row]:
     """Rows about the capture camera or the free view."""
     rig = player.opened.rig if player.opened is not None else None
     if not player.camera or rig is None:
-        return [("camera", f"free view, distance {player.orbit.distance:.2f}")]
+        return [("camera", "free view")]
     camera = rig[player.camera]
     return [
         ("camera", camera.name + (", held out" if camera.name in player.held_out else "")),
         ("image", f"{camera.width} x {camera.height}, focal {camera.fx:.0f} px"),
     ]
+
+
+def splat_rows(player: PlayerPresenter) -> list[Row]:
+    """Number of splats in the image on screen, if it is the wanted one."""
+    picture = player.picture
+    return [("splats", f"{picture.splats:,}")] if picture is not None and player.current and picture.splats else []
 
 
 def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float, down: float = 0.0) -> np.ndarray:

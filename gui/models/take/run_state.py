@@ -210,7 +210,12 @@ class RunState:
         if self.progress is None:
             return "starting"
         left = self.progress.seconds_left
-        words = f"{100 * self.progress.fraction:.0f}%"
+        words = percent(self.progress.fraction)
         if left is None:
             return f"{words}, estimating"
         return f"{words}, {duration(left)} left" if left >= 1 else words
+
+
+def percent(fraction: float) -> str:
+    """How much is done, 0 to 1, as in "42%"; 100% means that nothing is left."""
+    return f"{int(100 * fraction + 1e-6)}%"

@@ -55,6 +55,7 @@ class Workspace:
         changed: emitted when something visible has changed.
         new_results: emitted when the take has new results.
         run_ended: emitted with a sentence when a run of this window has ended well.
+        refused: emitted with a sentence when a run cannot be started, paused or cancelled.
     """
 
     def __init__(self) -> None:
@@ -63,6 +64,7 @@ class Workspace:
         self.changed: Signal[[]] = Signal()
         self.new_results: Signal[[]] = Signal()
         self.run_ended: Signal[[str]] = Signal()
+        self.refused: Signal[[str]] = Signal()
         self._seen: object = None
         self.opening = ""
         self._clear()
@@ -72,12 +74,12 @@ class Workspace:
         self.take: Take | None = None
         self.context: Inputs | None = None
         self.assessment = Assessment()
-        self.assessed = self.checked = self._assess_failed = False
+        self.assessed = self.checked = False
         self._asked: Inputs | None = None  # for the assessment of the take as it is now
         self.run = RunState()
         self.job: Job | None = None
         self.holder: dict[str, object] | None = None
-        self.message = ""
+        self._unread = self._unassessed = ""  # why the settings, and the status, cannot be read
         self.cancelling = False
         self.paused = False
         self._follower: LogFollower | None = None
@@ -103,10 +105,15 @@ class Workspace:
         return self.context.config if self.context else None
 
     @property
+    def problem(self) -> str:
+        """Why the settings or the status of the stages cannot be read; "" if they can."""
+        return self._unread or self._unassessed
+
+    @property
     def without_settings(self) -> str:
         """Why there are no settings: nothing is open yet, a bare stream is, or they cannot be read."""
         if self.take is not None:
-            return f"The settings of this take cannot be read, so no footage can be shown.\n{self.message}"
+            return f"The settings of this take cannot be read, so no footage can be shown.\n{self._unread}"
         if self.opening:
             return f"Opening {self.opening} ..."
         return "No take is open. A stream has no footage."
@@ -114,7 +121,7 @@ class Workspace:
     @property
     def unreadable(self) -> bool:
         """Whether the take's settings or the status of its stages cannot be read."""
-        return self.take is not None and (self.context is None or self._assess_failed)
+        return self.take is not None and (self.context is None or self._unassessed != "")
 
     def _new_context(self, config: Config) -> Inputs:
         assert self.take is not None
@@ -123,9 +130,9 @@ class Workspace:
     def _read_config(self) -> None:
         assert self.take is not None
         try:
-            self.context = self._new_context(load_config(self.take.config))
+            self.context, self._unread = self._new_context(load_config(self.take.config)), ""
         except StudioError as error:
-            self.context, self.message = None, str(error)
+            self.context, self._unread = None, str(error)
         self._unchecked()
 
     def _unchecked(self) -> None:
@@ -158,12 +165,10 @@ class Workspace:
         if self.context is None or done.request.config is not self.context.config:
             return
         self.assessed = True
-        self._assess_failed = done.result is None
-        self.checked = not self._assess_failed and (self.checked or done.request is self._asked)
+        self._unassessed = "" if done.result is not None else f"Cannot read the status of the take: {done.error}"
+        self.checked = done.result is not None and (self.checked or done.request is self._asked)
         if done.result is not None:
             self.assessment = done.result
-        else:
-            self.message = f"Cannot read the status of the take: {done.error}"
         self._notify()
 
     def _notify(self) -> None:
@@ -177,7 +182,7 @@ class Workspace:
             self.new_results.emit()
 
     def _shown(self) -> tuple[object, ...]:
-        now = (self.run.changes, self.assessment, self.holder, self.message, self.assessed, self.checked, self.paused)
+        now = (self.run.changes, self.assessment, self.holder, self.problem, self.assessed, self.checked, self.paused)
         return (*now, self.context)
 
     def _job_over(self) -> None:
@@ -263,7 +268,7 @@ class Workspace:
         status = self.assessment.stages.get(name)
         if status is None:
             return StageRow(key, "missing", "" if self.assessed else "checking")
-        words = status.state
+        words = "not run" if status.state == "missing" else status.state
         if status.state == "partial":
             words = f"{status.units_done} of {status.units} {status.unit}"
         return StageRow(key, status.state, words, status.reason)
@@ -274,7 +279,7 @@ class Workspace:
 
     def _capture_row(self) -> StageRow:
         if self.context is None:
-            return StageRow("capture", "failed", "no settings", self.message)
+            return StageRow("capture", "failed", "no settings", self._unread)
         if self.assessment.footage_error is not None:
             error = self.assessment.footage_error
             setting = str(error.fields.get("setting", ""))
@@ -288,25 +293,24 @@ class Workspace:
     def start(self, key: str, again: bool = False) -> bool:
         """Run a stage and the stages it depends on, as needed; `again` reruns a finished stage; "all" runs all stages.
 
-        Returns False and sets `message` if the run cannot be started.
+        Returns False, and emits `refused`, if the run cannot be started.
         """
         if self.take is None:
-            self.message = "Open a take first. A stream has no stages to run."
+            self.refused.emit("Open a take first. A stream has no stages to run.")
             return False
         if self.busy:
-            self.message = "Another run is in progress on this take. Wait for it to finish, or cancel it."
+            self.refused.emit("Another run is in progress on this take. Wait for it to finish, or cancel it.")
             return False
         if self.context is None:
             return False
         name = pipeline_name(key)
         arguments = ("run",) if key == "all" else (name, "--force") if again else ("run", "--until", name)
-        self.message = ""
         self.run = self.run.followed()
         try:
             with disk_errors(self.take.root):
                 self.job = Job(self.take, arguments)
         except (StudioError, OSError) as error:
-            self.message = f"Cannot start the run: {error}"
+            self.refused.emit(f"Cannot start the run: {error}")
             return False
         self.job.output.connect(self._job_output)
         self._notify()
@@ -329,13 +333,13 @@ class Workspace:
                 try:
                     request_cancel(self.take)
                 except StudioError as error:
-                    self.message = str(error)
+                    self.refused.emit(str(error))
                     return
                 self.cancelling = True
             elif pid is not None and stop_process(pid):
                 self.cancelling = True
             else:
-                self.message = f"Cannot stop the run (process {pid}) from here. Stop it where it was started."
+                self.refused.emit(f"Cannot stop the run (process {pid}) from here. Stop it where it was started.")
 
     def pause(self) -> None:
         """Suspend or resume the run, wherever it was started. A suspended run stays in memory; unfinished work is lost
@@ -344,15 +348,16 @@ class Workspace:
         if pid is None:
             return
         if self.config is not None and self.config.run.executor == "ray":
-            self.message = "A run on a cluster cannot be paused. Cancel it; the next run resumes it."
+            self.refused.emit("A run on a cluster cannot be paused. Cancel it; the next run resumes it.")
             return
         if self._elsewhere:
-            self.message = f"The run is on another machine ({self.holder and self.holder.get('host')}); pause it there."
+            host = self.holder and self.holder.get("host")
+            self.refused.emit(f"The run is on another machine ({host}); pause it there.")
             return
         if pause_process(pid, not self.paused):
             self.paused = not self.paused  # takes effect with a delay; `_look` reads the actual state
         else:
-            self.message = f"Cannot pause the run (process {pid}) from here. Pause it where it was started."
+            self.refused.emit(f"Cannot pause the run (process {pid}) from here. Pause it where it was started.")
 
     @property
     def _elsewhere(self) -> bool:
@@ -387,7 +392,8 @@ class Workspace:
         if refusal is None and before is not None and self.context is not None and self.context.config != before:
             old = {name: setting_value(before, name) for name in values}
             new = {name: setting_value(self.context.config, name) for name in values}
-            words = words or ", ".join(f"{name} {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new)
+            changes = [f"{name} from {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new]
+            words = words or f"the change of {', '.join(changes)}"
             write = self.write_settings
             self.history.add(Change(words, lambda: write(old), lambda: write(new)))
         return refusal

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import ClassVar
@@ -81,6 +82,8 @@ class EditView(OrbitView):
         clicks: picked points, world.
         brush: radius of the brush, relative to the height of the image.
         pointer: where the pointer is over the image, relative to its width and height; None elsewhere.
+        range_wanted: emitted with the number of splats that are selected and the frames of their group, to ask for the
+            frames in which they are to be removed (`remove_selected`).
         two_points: emitted with two points, whose distance gives the scale.
         refused: why the last change was refused, or what to do; "" if it was not.
         refusal: emitted with `refused`.
@@ -92,7 +95,8 @@ class EditView(OrbitView):
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
-        self._trained: TtlCache[Take, int] = TtlCache(lambda take: len(take.trained_files()[0]))
+        self._trained: TtlCache[Take, tuple[int, ...]] = TtlCache(_group_starts)
+        self.range_wanted: Signal[[int, range]] = Signal()
         self.tool, self.show_removed = "look", False
         self.pending: EditList | None = None
         self.clicks: tuple[tuple[float, ...], ...] = ()
@@ -169,8 +173,8 @@ class EditView(OrbitView):
             self.show_removed = not self.show_removed
         elif key in ("in", "out"):
             self._trim(key)
-        elif key in ("remove", "remove here"):
-            self.remove_selected(key == "remove here")
+        elif key == "remove":
+            self._remove()
 
     @property
     def pressed_buttons(self) -> set[str]:
@@ -180,17 +184,15 @@ class EditView(OrbitView):
     @property
     def idle_buttons(self) -> set[str]:
         """Buttons that would do nothing now. Limits may select in other groups only, or bring splats back."""
-        drawn = self.tool in ("lasso", "brush")
-        if self.pending is None or self.pending == self.edits or (drawn and not self.counts.get("selected")):
-            return {"remove", "remove here"}
-        return set() if drawn else {"remove here"}
+        nothing = self.pending is None or self.pending == self.edits
+        return {"remove"} if nothing or (self._draws and not self.counts.get("selected")) else set()
 
-    def remove_selected(self, here: bool = False) -> None:
-        """Remove what is selected.
+    @property
+    def _draws(self) -> bool:
+        return self.tool in ("lasso", "brush")
 
-        Args:
-            here: a lasso or brush holds in the group on screen only.
-        """
+    def _remove(self) -> None:
+        """Remove what is selected; ask first in which frames if it was drawn and there are several groups."""
         edits = self.pending
         if edits is None:
             self._refuse("Nothing is selected. Draw with the lasso or the brush, or choose Floaters.")
@@ -198,17 +200,33 @@ class EditView(OrbitView):
         if edits == self.edits:
             self._refuse("That is removed already. Change it with Numbers (#).")
             return
-        if self.tool in ("lasso", "brush") and self.settled and not self.counts.get("selected"):
+        if not self._draws:
+            self.commit(edits, self.tool)
+            return
+        if self.settled and not self.counts.get("selected"):
             self._refuse("Nothing is selected in this group. Select splats first.")
             return
-        if self.tool in ("lasso", "brush") and edits.regions:
-            frames = (self.frame, self.frame) if here else None
-            last = edits.regions[-1].model_copy(update={"frames": frames})
-            edits = edits.with_(regions=(*edits.regions[:-1], last))
-        elif here:
-            self._refuse("Only a lasso or a brush can hold in one group; the others hold in all frames.")
+        *starts, count = self._group_ends()
+        drawn = edits.regions[-1].drawn or 0
+        group = bisect_right(starts, drawn) - 1
+        if len(starts) == 1:
+            self.remove_selected(None)
+        else:
+            frames = range(starts[group], (*starts, count)[group + 1])
+            self._refuse("")
+            self.range_wanted.emit(self.counts.get("selected", 0), frames)
+
+    def remove_selected(self, frames: tuple[int, int] | None) -> None:
+        """Remove what a lasso or the brush has selected.
+
+        Args:
+            frames: the first and the last frame in which it is removed, always from whole groups; None: in all.
+        """
+        edits = self.pending
+        if edits is None:
             return
-        self.commit(edits, f"{self.tool} removal" if self.tool in ("lasso", "brush") else self.tool)
+        last = edits.regions[-1].model_copy(update={"frames": frames})
+        self.commit(edits.with_(regions=(*edits.regions[:-1], last)), f"{self.tool} removal")
 
     def commit(self, edits: EditList, words: str) -> bool:
         """Write the edits as one change; returns whether that was possible, and sets `refused` if not."""
@@ -317,8 +335,9 @@ class EditView(OrbitView):
         points = points[:: -(-len(points) // MOST_POINTS)]
         try:
             region = Region(
-                view=RegionView.of(self._view()), outline=points, radius=stroke.radius, frames=(self.frame,) * 2
-            )
+                view=RegionView.of(self._view()), outline=points, radius=stroke.radius, drawn=self.frame,
+                frames=(self.frame,) * 2,
+            )  # fmt: skip
             self.pending = edits.with_(regions=(*edits.regions, region))
         except ValueError:
             self._refuse("There are too many regions already. Take some back with List.")
@@ -387,7 +406,11 @@ class EditView(OrbitView):
         return []
 
     def _trained_count(self) -> int:
-        return self._trained.get(self.workspace.take) if self.workspace.take is not None else 0
+        return self._group_ends()[-1]
+
+    def _group_ends(self) -> tuple[int, ...]:
+        """First trained frame of each group, and the number of all."""
+        return self._trained.get(self.workspace.take) if self.workspace.take is not None else (0,)
 
     def poll(self, size: Size) -> np.ndarray | None:
         """See `StageView`."""
@@ -509,6 +532,11 @@ class EditView(OrbitView):
             return f"trim to {text}" if name == "trim" else f"{shown[kind]} {number}" if number else name
 
         return f"Edits: {', '.join(short(name, text) for name, text in found.items())}"
+
+
+def _group_starts(take: Take) -> tuple[int, ...]:
+    files, starts = take.trained_files()
+    return (*starts, len(files))
 
 
 def _orbit_of(key: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, float, float, float, float]:

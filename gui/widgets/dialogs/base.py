@@ -326,14 +326,18 @@ class Dialogs:
         chosen: Callable[[str], object],
         answers: Sequence[tuple[str, str, Callable[[], object]]] = (),
         nothing: str = "The list is empty.",
+        note: str = "",
     ) -> None:
-        """Choose from a list. Answers are placed before Close. `nothing` is shown for an empty list."""
+        """Choose from a list with a note below it. Answers are placed before Close. `nothing` is shown for an empty
+        list."""
         self.widgets = {}
         parts: list[gui.Widget] = []
         for number, choice in enumerate(choices):
             parts.append(self.button(f"choice{number}", choice, self.closing(partial(chosen, choice))))
         if not choices:
             parts.append(self.label(nothing))
+        if note:
+            parts.append(self.label(note))
         row: list[Answer] = [(key, label, self.closing(action)) for key, label, action in answers]
         row.append(("close", "Close", self.close))
         self.show(name, title, parts, row, 60, accent="close")

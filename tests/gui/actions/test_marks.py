@@ -12,6 +12,7 @@ import pytest
 from gui.actions.marks import MarkActions
 from gui.models.history import History
 from gui.models.marks import Marks
+from gui.models.notices import Notices
 from gui.models.playback.player import PlayerPresenter
 from pipelines.takes.marks import Mark, change_mark, read_marks
 
@@ -25,7 +26,7 @@ class Window:
         self.marks = Marks(path)
         self.player = PlayerPresenter()
         self.player.opened = SimpleNamespace()  # type: ignore[assignment]
-        self.workspace = SimpleNamespace(history=History())
+        self.workspace, self.notices = SimpleNamespace(history=History()), Notices()
         self.dialogs = SimpleNamespace(line=self._line)
         self.answers: dict[str, Callable[[str], None]] = {}
 
@@ -49,7 +50,7 @@ def test_undo_leaves_what_somebody_else_wrote_meanwhile(window: Window, tmp_path
     change_mark(path, 0, ANNAS, window.marks.marks[0])
     assert window.marks.refresh(), "the window shows it at once"
     window.answers[answer]("head")
-    assert "changed in the meantime" in window.player.message
+    assert "changed in the meantime" in window.notices.text
     assert window.workspace.history.undo() == "Nothing to undo."
     assert read_marks(path) == {0: ANNAS}
 

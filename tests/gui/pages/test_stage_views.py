@@ -40,7 +40,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 from tests.support.errors import refuses
-from tests.support.looping import wait_in_loop
+from tests.support.looping import heard, wait_in_loop
 from tests.support.object_store import ObjectStore
 from tests.support.waiting import HandClock, wait_until
 
@@ -113,7 +113,7 @@ def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -
 
     def note() -> str:
         views.poll(SIZE, SIZE, 16.0)
-        return {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None), 1.0)}["Quality"]
+        return {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None))}["Quality"]
 
     assert note() == "Not evaluated yet."
     player.transport.seek(4)
@@ -289,8 +289,9 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
     assert train.nothing == NOT_RUN
     views.select("review")
     assert "Nothing trained" in views.message
+    refused = heard(views.player.refused)
     assert not views.player.choose("decoded")
-    assert "Bake" in views.player.message
+    assert "Bake" in str(refused)
 
 
 def test_each_setting_has_a_field_with_words_and_its_text_reads_back() -> None:
@@ -478,7 +479,7 @@ def test_a_change_of_settings_is_named_when_it_is_undone(workspace: Workspace, t
     assert workspace.context is not None
     before = workspace.context.config.bake.quality
     assert workspace.change_settings({"bake.quality": before + 6}) is None
-    assert workspace.history.undo() == f"Undone: bake.quality {before} to {before + 6}."
+    assert workspace.history.undo() == f"Undone: the change of bake.quality from {before} to {before + 6}."
     assert workspace.context.config.bake.quality == before
     assert workspace.change_settings({"bake.quality": before + 8}, "QP from the curve") is None
     assert workspace.history.undo() == "Undone: QP from the curve."

@@ -125,6 +125,15 @@ def test_a_lasso_takes_what_one_sees_in_it() -> None:
     assert (select(EditList(regions=(region(frames=(4, 9)),)), still(means, first=2, frames=3)).removed == seen).all()
 
 
+@pytest.mark.parametrize("frames", [None, (2, 2), (0, 99)])
+def test_splats_that_were_drawn_around_are_removed_wherever_they_move(frames: tuple[int, int] | None) -> None:
+    away = np.array([[0.0, 0, 0], [9.0, 9, 9]])
+    paths = Paths(range(2, 5), np.stack([away, away[::-1], away]), np.ones((3, 2)))
+    for drawn, removed in ((2, [True, False]), (3, [False, True]), (9, [True, False])):
+        found = select(EditList(regions=(region(drawn=drawn, frames=frames),)), paths).removed
+        assert found.tolist() == removed, "in other groups, what is mostly inside"
+
+
 def test_polygons_and_paths_against_opencv() -> None:
     cv2 = pytest.importorskip("cv2")
     generator = np.random.default_rng(2)

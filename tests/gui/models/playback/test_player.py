@@ -27,6 +27,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 from tests.support.errors import refuses
+from tests.support.looping import heard
 from tests.support.players import settle
 from tests.support.streams import group_files
 from tests.support.waiting import wait_until
@@ -112,12 +113,13 @@ def test_damage_is_played_past_with_a_sentence(player: PlayerPresenter, stream_f
     settle(player)
     assert victim.name in player.message
     assert "Group 1, frames 8 to 11, was skipped" in player.message
+    assert "rendering" not in player.status, "nothing is rendered any more"
     player.transport.seek(3)
     settle(player)
     assert player.message == ""
     assert player.picture is not None
     assert player.picture.frame == 3
-    blocks = {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None), 1.0)}
+    blocks = {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None))}
     assert victim.name in blocks["Damaged, skipped"]
 
     # playback skips the damaged group and loops, again and again
@@ -221,8 +223,10 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
     assert player.picture is not None
     assert (player.picture.source, player.picture.frame, player.picture.splats) == ("trained", 9, 50)
     assert player.transport.group_starts == (0, 8)
+    refused = heard(player.refused)
     assert not player.choose("footage")  # no footage is known
-    assert "footage" in player.message
+    assert "footage" in str(refused)
+    assert player.message == "", "what is shown is not at fault"
 
 
 def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_path: Path) -> None:

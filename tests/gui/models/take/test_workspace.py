@@ -158,7 +158,7 @@ def wait(workspace: Workspace, what: str, accept: Callable[[], bool], seconds: f
     try:
         wait_in_loop(what, accept, seconds)
     except pytest.fail.Exception:
-        pytest.fail(f"never {what}: {workspace.rows()}, {workspace.message}, {list(workspace.run.lines)[-5:]}")
+        pytest.fail(f"never {what}: {workspace.rows()}, {workspace.problem}, {list(workspace.run.lines)[-5:]}")
 
 
 def states(workspace: Workspace) -> dict[str, str]:
@@ -206,7 +206,9 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     assert "bake.quality changed from 20 to 33" in workspace.row("bake").detail
     ended = heard(workspace.run_ended)
     assert workspace.start("review")
+    refused = heard(workspace.refused)
     assert not workspace.start("all"), "one run at a time"
+    assert "Another run is in progress" in str(refused)
     refusal = workspace.change_setting("bake.quality", 34)
     assert refusal is not None
     assert refusal.code == "settings.run_active"
@@ -281,12 +283,16 @@ def test_footage_that_is_gone_is_told_and_the_rest_still_stands(workspace: Works
     assert states(workspace)["bake"] == "done"
 
 
-def test_damaged_settings_are_a_sentence(workspace: Workspace, take_copy: Path) -> None:
+def test_damaged_settings_are_a_sentence_until_they_are_repaired(workspace: Workspace, take_copy: Path) -> None:
+    written = (take_copy / "config.yaml").read_text()
     (take_copy / "config.yaml").write_text("train: {qp: [")
     workspace.open(Take.open(take_copy))
-    assert "config.yaml" in workspace.message
+    assert "config.yaml" in workspace.problem
     assert workspace.row("capture").state == "failed"
     assert not workspace.start("all")
+    (take_copy / "config.yaml").write_text(written)
+    wait(workspace, "repaired", lambda: workspace.problem == "")
+    assert workspace.config is not None
 
 
 def test_a_run_on_a_cluster_is_not_paused(workspace: Workspace, take_copy: Path) -> None:
@@ -296,7 +302,8 @@ def test_a_run_on_a_cluster_is_not_paused(workspace: Workspace, take_copy: Path)
     workspace.open(Take.open(take_copy))
     with subprocess.Popen(["sleep", "600"]) as child:
         workspace.holder = {"pid": child.pid}
+        refused = heard(workspace.refused)
         workspace.pause()
-        assert "on a cluster cannot be paused" in workspace.message
+        assert "on a cluster cannot be paused" in str(refused)
         assert (workspace.paused, is_paused(child.pid)) == (False, False)
         child.kill()
