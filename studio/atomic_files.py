@@ -16,6 +16,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from studio.errors import StudioError
+
 PARTIAL = ".partial"
 """Part of every temporary name. Remaining files with this name are leftovers of killed processes and may be deleted."""
 
@@ -40,6 +42,7 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
 
     Raises:
         OSError: the folder cannot be created or the file cannot be renamed.
+        StudioError: of the block; its file has the final name.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_path(path)
@@ -48,9 +51,22 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
         if durable:
             sync(temporary)
         os.replace(temporary, path)
+    except StudioError as error:
+        remove(temporary)
+        raise _naming(error, temporary, path) from None
     except BaseException:
         remove(temporary)
         raise
+
+
+def _naming(error: StudioError, temporary: Path, path: Path) -> StudioError:
+    """The error with the final name, if it has the temporary one, or that of a file inside."""
+    file = error.file and Path(error.file)
+    if not file or not file.is_relative_to(temporary):
+        return error
+    message = error.message
+    file = path / file.relative_to(temporary)
+    return type(error)(message.code, message.problem, file=file, value=message.value, fix=message.fix, **message.fields)
 
 
 def sync(path: Path) -> None:

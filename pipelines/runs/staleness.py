@@ -109,8 +109,8 @@ def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) 
 def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> StageStatus:
     """The status of a stage, given that of the stages it depends on.
 
-    If the footage cannot be read, a finished stage is still done, with a note in `reason`. Not so if the take's edits
-    cannot: what it must be is not known then.
+    If the footage cannot be read, a finished stage whose files are there is still done, with a note in `reason`. Not so
+    if the take's edits cannot: what it must be is not known then.
     """
     record = read_record(inputs.take, stage.name)
     direct = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
@@ -155,15 +155,15 @@ def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, wait
         return "not finished; the next run resumes" if _is_begun(stage, inputs) else "never run"
     if waiting:
         return f"{', '.join(waiting)} must run first"
-    changed = differences(record.params, current_params(stage, inputs))
-    if changed:
-        return "; ".join(changed)
     root, written, touched = inputs.take.root, record.written, False
     for name, size in record.files.items():
         state = _state_of(f"{root}/{name}")
         if state is None or not stat.S_ISREG(state.st_mode) or state.st_size != size:
             return f"{name} was {'deleted' if state is None else 'modified'}"
         touched |= name in written and state.st_mtime_ns != written[name]
+    changed = differences(record.params, current_params(stage, inputs))  # last, since the footage may be elsewhere
+    if changed:
+        return "; ".join(changed)
     # with another modification time the content may still be the same, as in a copied take
     if touched and digest_of_files(root, [root / name for name in written]) != record.result:
         return "result files were modified"

@@ -102,6 +102,7 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offs
             f"a splat is {farthest:g} units from the origin; SPZ supports up to {_LARGEST}",
             file=path,
             value=farthest,
+            fix="Export as PLY.",
         )
     if offset is not None and 0 < extent < 1000 * 2.0**-bits:
         raise StudioError(

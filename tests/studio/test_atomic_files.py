@@ -1,9 +1,11 @@
-"""Temporary files of killed processes."""
+"""Temporary files: of killed processes, and in errors."""
 
 import os
 import subprocess
 import sys
 import time
+
+import pytest
 
 from studio import atomic_files as module
 from studio.atomic_files import (
@@ -14,6 +16,8 @@ from studio.atomic_files import (
     remove_leftovers,
     temporary_path,
 )
+from studio.errors import StudioError
+from tests.support.errors import refuses
 
 
 def dead_pid():
@@ -88,3 +92,11 @@ def test_names_of_this_version_tell_whether_their_process_runs(tmp_path, monkeyp
     assert leftovers(tmp_path, tmp_path / "site") == [new]
     assert leftovers(tmp_path, tmp_path / "site", ".old") == [old]
     assert [is_being_written(path) for path in (new, old, alive)] == [False, False, True]
+
+
+@pytest.mark.parametrize("inside", ["", "frame_0001.spz"])
+def test_errors_of_the_block_name_the_final_path(tmp_path, inside):
+    with refuses("splat_file.position_range", file=tmp_path / "out" / inside), atomic_path(tmp_path / "out") as path:
+        raise StudioError("splat_file.position_range", "too far away", file=path / inside)
+    with refuses("footage.missing", file=tmp_path / "other"), atomic_path(tmp_path / "out"):
+        raise StudioError("footage.missing", "not found", file=tmp_path / "other")

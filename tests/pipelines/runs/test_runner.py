@@ -239,6 +239,9 @@ def test_a_lost_capture_leaves_finished_stages_done(project):
     states = project.states()
     assert states["train"] == "done"
     assert "not checked against the footage" in project.found["train"].reason
+    project.take.rig.unlink()
+    assert project.states()["calibrate"] == "stale"
+    assert "calibrate/rig.json" in project.found["calibrate"].reason
 
 
 def test_a_changed_image_is_noticed(project):
