@@ -1,6 +1,6 @@
 // Builds the player into ../v3studio/player: the page, one script with the worker inside, a second script that only pages
 // for reviews load, and the licenses.
-import { build } from "esbuild";
+import { build, transform } from "esbuild";
 import { mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -20,7 +20,17 @@ const common = {
   legalComments: "none",
   metafile: true,
   logLevel: "warning",
-  loader: { ".css": "text" },
+};
+
+/** Style sheets as text, without what only people read. */
+const styles = {
+  name: "styles",
+  setup(builder) {
+    builder.onLoad({ filter: /\.css$/ }, async ({ path }) => {
+      const { code } = await transform(await readFile(path, "utf8"), { loader: "css", minify: true, target: common.target });
+      return { contents: code.trim(), loader: "text" };
+    });
+  },
 };
 
 const worker = await build({ ...common, plugins: [schemaPlugin], entryPoints: ["src/worker/main.ts"], format: "iife", write: false });
@@ -33,6 +43,7 @@ const player = await build({
   write: false,
   plugins: [
     schemaPlugin,
+    styles,
     {
       name: "worker-source",
       setup(builder) {
@@ -43,7 +54,7 @@ const player = await build({
   ],
 });
 
-const review = await build({ ...common, entryPoints: ["src/review/main.ts"], format: "esm", write: false });
+const review = await build({ ...common, plugins: [styles], entryPoints: ["src/review/main.ts"], format: "esm", write: false });
 
 /** Packages whose code is in the bundles, with the text of their licenses. */
 async function licenses() {

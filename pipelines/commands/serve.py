@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.share import add_view_option
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ def register(commands: Any) -> None:
         metavar="FILE",
         help="camera path with which the pages begin, until the viewer takes over, as for `v3studio share`",
     )
+    add_view_option(serve)
     serve.add_argument(
         "--review",
         action="store_true",
@@ -104,13 +106,14 @@ def register(commands: Any) -> None:
 
 def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.events.cancellation import EXIT_CANCELLED
-    from pipelines.share.page import PageText, read_intro
+    from pipelines.share.page import PageText, read_intro, read_view
     from pipelines.share.served import wait_for_first_group
     from pipelines.share.serving import prepare
     from pipelines.takes.videos import original_of
 
     wait_for_first_group(arguments.folder)
     intro = None if arguments.intro is None else read_intro(arguments.intro, original_of(str(arguments.folder)))
+    view = None if arguments.view is None else read_view(arguments.view)
     player = _player()
     serving = prepare(
         arguments.folder,
@@ -123,7 +126,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         review=arguments.review,
         allow_hosts=arguments.allow_host,
         allow_origins=arguments.allow_origin,
-        text=PageText(title=arguments.title, intro=intro),
+        text=PageText(title=arguments.title, intro=intro, view=view),
     )
     server = serving.server
     with contextlib.closing(serving):

@@ -48,6 +48,7 @@ def add_page_options(share: argparse.ArgumentParser) -> None:
         help="camera path with which the page begins, until the viewer takes over: keyframes as for `v3studio export "
         "--format camera-path`, or a rig.json",
     )
+    add_view_option(share)
     share.add_argument(
         "--address",
         metavar="URL",
@@ -55,19 +56,36 @@ def add_page_options(share: argparse.ArgumentParser) -> None:
     )
 
 
+def add_view_option(command: argparse.ArgumentParser) -> None:
+    """The first view, for `share`, `publish` and `serve`."""
+    command.add_argument(
+        "--view",
+        metavar="VIEW",
+        help="view with which the page begins, as in links to the player: azimuth and elevation in degrees, then the "
+        "distance and the target if wanted; example: --view=-30,10 (default: from the first camera's direction, at eye "
+        "level, with everybody in the image)",
+    )
+
+
 def page_text(arguments: argparse.Namespace) -> PageText:
     """What `add_page_options` asked for.
 
     Raises:
-        StudioError: an address that is none, or an intro that cannot be read.
+        StudioError: an address or a view that is none, or an intro that cannot be read.
     """
     _check_address(arguments.address)
-    from pipelines.share.page import PageText, read_intro
+    from pipelines.share.page import PageText, read_intro, read_view
     from pipelines.takes.videos import original_of
 
     intro = None if arguments.intro is None else read_intro(arguments.intro, original_of(arguments.source))
     return PageText(
-        arguments.title, arguments.credits, arguments.license, arguments.address, arguments.description, intro
+        title=arguments.title,
+        credits=arguments.credits,
+        license=arguments.license,
+        address=arguments.address,
+        description=arguments.description,
+        intro=intro,
+        view=None if arguments.view is None else read_view(arguments.view),
     )
 
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
+from math import isfinite
 from pathlib import Path
 
 from pipelines.version import program_version
@@ -48,6 +49,7 @@ class PageText:
         description: what the stream shows, for screen readers and link previews; None for the stream's own, "" for
             none.
         intro: a camera path from `read_intro`, with which the page begins; None for none.
+        view: with which the page begins, from `read_view`; None for the stream's own.
     """
 
     title: str | None = None
@@ -56,6 +58,7 @@ class PageText:
     address: str | None = None
     description: str | None = None
     intro: str | None = None
+    view: str | None = None
 
     def plain(self) -> PageText:
         """The same without control and bidirectional characters (`plain_text`), and with "?" for lone surrogates, which
@@ -97,13 +100,14 @@ def player_page(
     text = text.plain()
     values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
     values |= {"data-license": text.license, "data-description": text.description, "data-link": link}
+    values["view"] = text.view
     if text.intro is not None:
         values["intro"] = f"#{_INTRO}"
         script = f'<script type="application/json" id="{_INTRO}">{_in_json(text.intro)}</script>\n{script}'
     attributes = [f'{name}="{escape(value)}"' for name, value in values.items() if value]
     if not stream.startswith("#"):
         head = [_early_files(stream, first), *head]
-    element = f"<v3-player {' '.join(attributes)} page autoplay loop></v3-player>"
+    element = f"<v3-player {' '.join(attributes)} page autoplay loop controls></v3-player>"
     page = built.replace(_TITLE, f"<title>{escape(text.title or 'V3 Player')}</title>")
     page = page.replace(_HEAD, "\n".join([f'<meta name="generator" content="{GENERATOR} {program_version()}">', *head]))
     page = _PLAYER.sub(lambda _: element, page)
@@ -202,6 +206,26 @@ def read_intro(path: Path, original: Similarity | None = None) -> str:
             }
         )
     return json.dumps({"format": FORMAT, "version": VERSION, "keys": entries}, separators=(",", ":"))
+
+
+def read_view(text: str) -> str:
+    """A view as in links to the player, checked: azimuth, elevation; or with the distance; or with the target too.
+
+    Raises:
+        StudioError: it is none (`share.view`).
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (2, 3, 6) or not all(map(isfinite, values)) or (len(values) > 2 and values[2] <= 0):
+        raise StudioError(
+            "share.view",
+            "is no view",
+            value=text,
+            fix="Give azimuth and elevation in degrees, as --view=30,10; a link from the player's Share has them.",
+        )
+    return ",".join(f"{value:g}" for value in values)
 
 
 def _early_files(stream: str, first: Sequence[str]) -> str:

@@ -139,12 +139,24 @@ def test_inertia_unless_motion_is_reduced(page, stream, open_page):
 
 def test_a_first_visit_with_reduced_motion(stream, open_page):
     """Nothing plays automatically; a hint and a large button invite, and neither is in the way."""
-    page = open_page(**CALM)
+    spinner = """document.addEventListener('v3-ready', () => {
+      const {shadowRoot} = document.querySelector('v3-player');
+      const seen = {opacityProperty: true, visibilityProperty: true};
+      window.spinning = shadowRoot.querySelector('.spinner').checkVisibility(seen);
+    })"""
+    page = open_page(setup=lambda handle: handle.add_init_script(spinner), **CALM)
+    assert page.evaluate("() => window.spinning") is False, "it disappears with the first image"
     assert not page.state["playing"]
     hint, start = page.handle.locator("v3-player .hint"), page.handle.locator("v3-player .start")
     hint.get_by_text("Drag to turn").wait_for()
     assert page.evaluate("() => document.querySelector('v3-player').shadowRoot.querySelector('.hint').role") == "status"
     assert hint.evaluate("one => getComputedStyle(one.querySelector('svg')).animationName") == "none"
+
+    for height in (500, 300, 180):  # as in a page, or above a review
+        page.handle.set_viewport_size({"width": 400, "height": height})
+        play, said = start.bounding_box(), hint.bounding_box()
+        assert said is None or play["y"] + play["height"] <= said["y"]
+    page.handle.set_viewport_size({"width": 400, "height": 500})
 
     def center():
         box = start.bounding_box()

@@ -269,7 +269,7 @@ def copied(page: Page, which: str) -> str:
 def test_the_link_to_the_review_is_copied_by_name(page, address):
     page.handle.get_by_role("button", name="Compare with footage").click()
     page.seek_frame(3)
-    link = copied(page, "Copy link to this review")
+    link = copied(page, "Share link to this review")
     assert link.startswith(f"{address}{SECRET}/?t=0.12")
     assert "can change marks" in page.handle.locator("v3-player .notice").inner_text()
     page.handle.goto(link)
@@ -280,7 +280,7 @@ def test_the_link_to_the_review_is_copied_by_name(page, address):
 
 
 def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address, browser):
-    link = copied(page, "Copy link to watch")
+    link = copied(page, "Share link to watch")
     assert link.startswith(f"{address}?t=0")
     assert "without the review" in page.handle.locator("v3-player .notice").inner_text()
     context = browser.new_context()

@@ -42,6 +42,39 @@ void test("the figure is large on a phone and on a wide screen", () => {
   }
 });
 
+/** As seen from under the ceiling, 3 m from the middle of the stage; everybody fills the image. */
+function ceiling(middle: Vector, degrees: number): Camera {
+  const [s, c] = [Math.sin((degrees * Math.PI) / 180), Math.cos((degrees * Math.PI) / 180)];
+  const rows: Vector[] = [[1, 0, 0], [0, -s, -c], [0, c, -s]];
+  const eye = [middle[0], middle[1] - 3 * c, middle[2] + 3 * s];
+  const worldToCamera = rows.map((row) => [...row, -(row[0] * eye[0] + row[1] * eye[1] + row[2] * eye[2])]);
+  return { width: 1600, height: 900, K: [[1000, 0, 800], [0, 1000, 450], [0, 0, 1]], worldToCamera: [...worldToCamera, [0, 0, 0, 1]] };
+}
+
+void test("everybody is seen from eye level at first, on any screen", () => {
+  const stage = { min: [-1.4, -0.8, 0] as Vector, max: [1.4, 0.8, 1.8] as Vector };
+  for (const degrees of [0, 35, 60]) {
+    const camera = new OrbitCamera();
+    camera.frame(stage, ceiling([0, 0, 0.9], degrees), UP);
+    assert.ok(Math.abs(camera.elevation) <= 10.001);
+    for (const [width, height] of [[390, 844], [844, 390], [820, 1180], [1440, 900]])
+      for (const x of [stage.min[0], stage.max[0]])
+        for (const y of [stage.min[1], stage.max[1]])
+          for (const z of [0, 1.8]) {
+            const [column, row] = pixel(camera.pinhole(width, height), [x, y, z]);
+            assert.ok(column >= 0 && column <= width && row >= 0 && row <= height, `${degrees}°: ${x}, ${y}, ${z} at ${width}x${height}`);
+          }
+  }
+});
+
+void test("the studio can choose where to begin", () => {
+  const camera = opened();
+  camera.begin({ azimuth: 40, elevation: 25 });
+  camera.orbit(30, 10);
+  camera.reset();
+  assert.deepEqual([camera.azimuth, camera.elevation], [40, 25]);
+});
+
 void test("links may leave out what stays as it is", () => {
   assert.deepEqual(parseView("30,10"), { azimuth: 30, elevation: 10 });
   assert.deepEqual(parseView("30,10,2.5"), { azimuth: 30, elevation: 10, distance: 2.5 });

@@ -19,7 +19,7 @@ import pytest
 import torch
 
 from pipelines.share import sharing
-from pipelines.share.page import PageText, first_files, read_intro
+from pipelines.share.page import PageText, first_files, read_intro, read_view
 from pipelines.share.sharing import Shared, share, share_size
 from pipelines.takes.take import TAKE_FORMAT
 from studio.cameras import Camera
@@ -288,6 +288,12 @@ def test_an_intro_must_be_a_camera_path(tmp_path):
         read_intro(tmp_path / "c.json")
 
 
+@pytest.mark.parametrize("text", ["", "30", "30,x", "nan,10", "30,10,0", "30,10,2,0,0", '30,10"><script>'])
+def test_a_view_must_be_one(text):
+    with refuses("share.view", value=text):
+        read_view(text)
+
+
 def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
     with refuses("stream.not_found", file=str(tmp_path / "none")):
         share(str(tmp_path / "none"), tmp_path / "site")
@@ -312,6 +318,7 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     done = here(
         *("share", stream, "--out", tmp_path / "site", "--title", "One", "--credits", "Two", "--license", "Three"),
         *("--description", "Four <walks>", "--intro", tmp_path / "path.json"),
+        "--view=-30,10",
     )
     assert done.returncode == 0, done.stderr
     total = sum(map(len, contents(tmp_path / "site").values()))
@@ -320,6 +327,7 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     (player,) = page.named("v3-player")
     assert (player["data-title"], player["data-credits"], player["data-license"]) == ("One", "Two", "Three")
     assert (player["data-description"], player["intro"]) == ("Four <walks>", "#v3-intro")
+    assert player["view"] == "-30,10"
     (intro,) = [json.loads(text) for attributes, text in page.texts if attributes.get("id") == "v3-intro"]
     assert [key["time"] for key in intro["keys"]] == [0.0, 1.5]
     assert intro["keys"][0]["camera"]["world_to_camera"] == camera().world_to_camera.tolist()

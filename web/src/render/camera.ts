@@ -46,12 +46,8 @@ const DEGREES = 180 / Math.PI;
 const MAX_ELEVATION = 89;
 /** Margin around the scene, as a factor. */
 const MARGIN = 1.12;
-/**
- * In a narrow window, the sides of the scene's box may be cut: so that the scene has at least this fraction of the height,
- * as long as at least this fraction of its width remains. A walker's box is mostly empty.
- */
-const LEAST_HEIGHT = 0.62;
-const LEAST_WIDTH = 0.7;
+/** Degrees above the horizon at which a view begins at most: a capture camera may hang under the ceiling. */
+const EYE_LEVEL = 10;
 /** As in studio.rasterizer: the projection is linearized at most this far off the axis (x / z, y / z), ... */
 const FIELD = 2;
 /** ... or outside the image by this fraction of half its size. */
@@ -119,7 +115,11 @@ export class OrbitCamera {
   private home: View = { azimuth: 0, elevation: 0, distance: 1, target: [0, 0, 0] };
   private radius = 1;
 
-  /** Sets the initial view: the suggested camera if there is one, else from in front of the box. */
+  /**
+   * Sets the initial view: from the direction of the suggested camera, at eye level; from in front of the box without one.
+   *
+   * @param box - of the whole stream: all of it is visible at any aspect ratio
+   */
   frame(box: { readonly min: Vector; readonly max: Vector }, camera: Camera | null, up: Vector | null): void {
     const middle = add(box.min, box.max).map((value) => value / 2) as Vec3;
     this.radius = Math.max(length(add(box.max, box.min, -1)) / 2, 1e-6);
@@ -130,20 +130,24 @@ export class OrbitCamera {
     this.ahead = unit(add(forward, this.up, -dot(forward, this.up)));
     if (length(this.ahead) < 0.5) this.ahead = unit(cross(this.up, [0.3, 0.5, 0.8]));
     this.side = cross(this.ahead, this.up);
+    // What a higher or lower camera shows looks at most this much larger from eye level.
+    let larger = 1;
     if (pinhole === null) {
       this.home = { azimuth: 0, elevation: 0, distance: 3 * this.radius, target: middle };
     } else {
       const center = centerOf(pinhole);
       // The point on the camera's axis that is nearest to the center of the scene.
       const distance = Math.max(dot(add(middle, center, -1), forward), 0.1 * this.radius);
-      const elevation = Math.asin(Math.max(-1, Math.min(1, -dot(forward, this.up)))) * DEGREES;
+      const suggested = Math.asin(Math.max(-1, Math.min(1, -dot(forward, this.up)))) * DEGREES;
+      const elevation = Math.max(-EYE_LEVEL, Math.min(EYE_LEVEL, suggested));
+      if (elevation !== suggested) larger = 1 / Math.max(Math.cos(suggested / DEGREES), 0.1);
       this.home = { azimuth: 0, elevation, distance, target: add(center, forward, distance) };
     }
     this.reset();
-    // The whole box should be visible, but no more than the suggested camera shows.
+    // The whole box should be visible, but no more than the suggested camera shows: a box may include a few stray splats.
     const [across, up_] = pinhole === null ? [1, 1] : [pinhole.width / 2 / pinhole.fx, pinhole.height / 2 / pinhole.fy];
     const [x, y] = this.extent(box);
-    this.tangents = [Math.min(across, MARGIN * x), Math.min(up_, MARGIN * y)];
+    this.tangents = [Math.min(larger * across, MARGIN * x), Math.min(larger * up_, MARGIN * y)];
   }
 
   /** Maximum |x / z| and |y / z| of the box's corners; infinite if one is behind the camera. */
@@ -173,6 +177,12 @@ export class OrbitCamera {
 
   reset(): void {
     this.view = this.home;
+  }
+
+  /** Begins with another view, to which `reset` leads back. */
+  begin(view: PartialView): void {
+    this.home = { ...this.home, ...view };
+    this.reset();
   }
 
   /** The view that is nearest to a camera's: upright, and what is at the scene's distance has the same size. */
@@ -255,8 +265,7 @@ export class OrbitCamera {
   /** Tangents of half the field of view for an aspect ratio, such that what is in `tangents` is visible. */
   private tangentsFor(aspect: number): [number, number] {
     const [across, up] = this.tangents;
-    const narrow = Math.min(across / aspect, Math.max(up / LEAST_HEIGHT, (LEAST_WIDTH * across) / aspect));
-    const vertical = Math.max(up, narrow);
+    const vertical = Math.max(up, across / aspect);
     return [vertical * aspect, vertical];
   }
 

@@ -1,6 +1,7 @@
 /** What the viewer can do with gestures, keys and buttons: one table, of which *Help* is made. docs/WEB.md lists the same. */
 
 import type { Controls } from "./controls.ts";
+import { moveRadio } from "./radios.ts";
 
 const kbd = (...keys: readonly string[]): string =>
   keys.map((key) => `<kbd>${key === " " ? "Space" : key.toUpperCase().replace("<", "&lt;")}</kbd>`).join(" ");
@@ -25,8 +26,8 @@ interface Action {
 
 /** In the order of *Help*. */
 const ACTIONS: readonly Action[] = [
-  { help: { what: "Orbit", touch: "drag with one finger", keys: `left button, ${kbd("←", "→", "↑", "↓")}` } },
-  { help: { what: "Pan", touch: "drag with two fingers", keys: `right button, <kbd>Shift</kbd> with the above` } },
+  { help: { what: "Turn", touch: "drag with one finger", keys: `left button, ${kbd("←", "→", "↑", "↓")}` } },
+  { help: { what: "Move", touch: "drag with two fingers", keys: `right button, <kbd>Shift</kbd> with the above` } },
   { help: { what: "Zoom", touch: "pinch", keys: `wheel, ${kbd("+", "−")}` } },
   { help: { what: "Reset view", touch: "double tap", keys: "double click" }, keys: ["r"], act: "reset", run: ({ motion }) => motion.reset() },
   { help: { what: "Controls", touch: "tap: show or hide" } },
@@ -38,19 +39,19 @@ const ACTIONS: readonly Action[] = [
   { help: { what: "Sound" }, keys: ["m"], act: "sound", run: (controls) => controls.toggleSound() },
   { help: { what: "Background" }, keys: ["b"], run: (controls) => controls.nextBackground() },
   { help: { what: "Full screen" }, keys: ["f"], act: "full", run: (controls) => void controls.toggleFull() },
-  { help: { what: "Statistics" }, keys: ["i"], act: "info", run: (controls) => controls.toggleInfo() },
-  { help: { what: "Copy link" }, keys: ["c"], act: "link", run: (controls) => controls.copyLink() },
-  { help: { what: "Help" }, keys: ["?"], act: "help", run: (controls) => controls.toggleHelp() },
-  { help: { what: "Gamepad", keys: "left stick orbits, right stick pans, triggers zoom; A plays, B resets the view" } },
-  { keys: ["Escape"], run: (controls) => controls.closeSheets() },
+  { help: { what: "Statistics" }, keys: ["i"], act: "info", run: ({ sheets }) => sheets.toggle("info") },
+  { help: { what: "Share" }, keys: ["c"], act: "link", run: (controls) => controls.share() },
+  { help: { what: "Help" }, keys: ["?"], act: "help", run: ({ sheets }) => sheets.toggle("help") },
+  { help: { what: "Gamepad", keys: "left stick turns, right stick moves, triggers zoom; A plays, B resets the view" } },
+  { keys: ["Escape"], run: ({ sheets }) => sheets.close() },
   { act: "start", run: ({ host }) => host.play() },
   { act: "again", run: ({ host }) => host.open() },
-  { act: "settings", run: (controls) => controls.toggleSettings() },
+  { act: "settings", run: ({ sheets }) => sheets.toggle("settings") },
   { act: "vr", run: (controls) => void controls.toggleImmersion("vr") },
   { act: "ar", run: (controls) => void controls.toggleImmersion("ar") },
-  { act: "link-watch", run: ({ links }) => void links.copyToWatch() },
-  { act: "link-review", run: ({ links }) => void links.copyToReview() },
-  { act: "copy-close", run: ({ links }) => links.hide() },
+  { act: "link-watch", run: ({ links }) => void links.toWatch() },
+  { act: "link-review", run: ({ links }) => void links.toReview() },
+  { act: "close", run: ({ sheets }) => sheets.close() },
 ];
 
 export const HELP: readonly HelpLine[] = ACTIONS.flatMap(({ help, keys = [] }) => {
@@ -79,13 +80,20 @@ export function listen(host: HTMLElement, root: ShadowRoot, controls: Controls, 
     const from = event.composedPath()[0] as Element;
     // The link to copy by hand is selected and copied with keys.
     if (from.tagName === "INPUT" && event.key !== "Escape") return;
+    if (moveRadio(from, event.key)) {
+      event.preventDefault();
+      return;
+    }
+    // Arrow keys scroll what is in a sheet.
+    if (event.key.startsWith("Arrow") && from.closest("[role=dialog]") !== null) return;
     // Anyone who has a keyboard may want to know its keys.
     host.classList.add("has-keys");
     // Letters also with Caps Lock.
     const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     // Space also presses a focused button.
     const onButton = from.tagName === "BUTTON";
-    const action = onButton && name === " " ? undefined : ACTIONS.find(({ keys }) => keys?.includes(name));
+    const isFor = host.hasAttribute("controls") && !(onButton && name === " ");
+    const action = !isFor ? undefined : ACTIONS.find(({ keys }) => keys?.includes(name));
     if (action !== undefined) action.run?.(controls, name);
     else if (onButton || !motion.key(event.key, true)) return;
     event.preventDefault();

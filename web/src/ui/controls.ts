@@ -6,6 +6,7 @@ import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
+import { backdropOf, isLight } from "./backdrop.ts";
 import { acceptDrops } from "./drop.ts";
 import { clock } from "./format.ts";
 import { Hint } from "./hint.ts";
@@ -13,6 +14,8 @@ import { ICONS } from "./icons.ts";
 import type { LinkSheet } from "./link_sheet.ts";
 import { Motion } from "./motion.ts";
 import { Panel } from "./panel.ts";
+import { checkRadio } from "./radios.ts";
+import { type SheetName, Sheets } from "./sheets.ts";
 import { Timeline } from "./timeline.ts";
 
 /** Milliseconds without user input until the controls hide. */
@@ -35,6 +38,7 @@ export interface ControlsHost extends HTMLElement {
 export class Controls {
   readonly motion: Motion;
   readonly timeline: Timeline;
+  readonly sheets: Sheets;
   /** The session in a headset or on the camera's image; null if there is none. */
   immersive: Immersive | null = null;
   /** Whether a link to a moment was opened: who opens it wants to see it, rather than a large button. */
@@ -60,6 +64,7 @@ export class Controls {
     this.timeline = new Timeline(this.part(".timeline"), player);
     this.panel = new Panel(this.part(".info"), player);
     this.hint = new Hint(this.part(".hint"));
+    this.sheets = new Sheets(root, (name) => this.showSheet(name));
     this.motion = new Motion(stage, player, {
       tap: (pointer, x, y) => this.tapped(pointer, x, y),
       touched: () => {
@@ -114,7 +119,7 @@ export class Controls {
       this.timeline.updateBuffered();
       this.showPlaying(player.playing);
       this.awake();
-      if (this.host.getAttribute("controls") !== "none") this.hint.show(this.motion.ownsWheel());
+      if (this.host.hasAttribute("controls")) this.hint.show(this.motion.ownsWheel());
     });
     player.on("play", () => {
       this.say("Playing");
@@ -194,8 +199,7 @@ export class Controls {
     this.host.classList.remove("idle");
     clearTimeout(this.idleTimer);
     this.idleTimer = setTimeout(() => {
-      const open = !this.part(".settings").hidden;
-      if (this.player.playing && !open && this.immersive === null) this.host.classList.add("idle");
+      if (this.player.playing && this.sheets.open !== "settings" && this.immersive === null) this.host.classList.add("idle");
     }, IDLE);
   }
 
@@ -253,10 +257,10 @@ export class Controls {
     this.notice(`Background: ${BACKGROUNDS[next].label}.`);
   }
 
-  copyLink(): void {
+  share(): void {
     if (!this.isPage || this.player.info === null) return;
-    this.toggleSettings(false);
-    void this.links.copy();
+    if (this.sheets.open === "settings") this.sheets.close();
+    void this.links.share();
   }
 
   async toggleFull(): Promise<void> {
@@ -274,7 +278,7 @@ export class Controls {
       return;
     }
     if (!this.host.state.ready) return;
-    this.toggleSettings(false);
+    this.sheets.close();
     try {
       this.immersive = await Immersive.start(kind, this.player, this.host, {
         hint: (text) => this.notice(text),
@@ -295,43 +299,16 @@ export class Controls {
     this.awake();
   }
 
-  toggleSettings(open = this.part(".settings").hidden): void {
-    this.part(".settings").hidden = !open;
-    this.part("[data-act='settings']").setAttribute("aria-expanded", String(open));
-  }
-
-  toggleHelp(open = this.part(".help").hidden): void {
-    const help = this.part(".help");
-    if (help.hidden === !open) return;
-    help.hidden = !open;
-    if (open) {
-      this.toggleSettings(false);
-      this.toggleInfo(false);
-      help.focus();
-    } else this.part(".stage").focus({ preventScroll: true });
-  }
-
-  toggleInfo(open = !this.panel.open): void {
-    if (open) {
-      this.toggleSettings(false);
-      this.toggleHelp(false);
-    }
-    this.panel.toggle(open);
-    this.part(".bar [data-act='info']").setAttribute("aria-pressed", String(open));
-  }
-
-  closeSheets(): void {
-    this.toggleSettings(false);
-    this.toggleHelp(false);
-    this.toggleInfo(false);
-    this.links.hide();
+  private showSheet(name: SheetName | null): void {
+    this.panel.toggle(name === "info");
+    this.part("[data-act='settings']").setAttribute("aria-expanded", String(name === "settings"));
+    this.part(".bar [data-act='info']").setAttribute("aria-pressed", String(name === "info"));
   }
 
   private tapped(pointer: string, x: number, y: number): void {
     this.part(".stage").focus({ preventScroll: true });
-    if (!this.part(".settings").hidden || !this.part(".help").hidden) {
-      this.toggleSettings(false);
-      this.toggleHelp(false);
+    if (this.sheets.open !== null && this.sheets.open !== "info") {
+      this.sheets.close(false);
       return;
     }
     const start = this.part(".start");
@@ -371,6 +348,7 @@ export class Controls {
     const color = name === "stream" ? suggested : BACKGROUNDS[name].color;
     this.player.background = color;
     this.host.style.backgroundColor = cssColor(color);
+    this.host.classList.toggle("light", isLight(color ?? backdropOf(this.host)));
     this.part(".swatch.stream").style.setProperty("--color", cssColor(suggested));
     for (const swatch of this.root.querySelectorAll<HTMLElement>(".swatch"))
       swatch.hidden = isSuggested(swatch.dataset["background"] as BackgroundName, suggested);
@@ -383,8 +361,7 @@ export class Controls {
   }
 
   private check(group: "speed" | "loop" | "background", value: string): void {
-    for (const element of this.root.querySelectorAll<HTMLElement>(`[data-${group}]`))
-      element.setAttribute("aria-checked", String(element.dataset[group] === value));
+    checkRadio(this.root.querySelectorAll<HTMLElement>(`[data-${group}]`), ({ dataset }) => dataset[group] === value);
   }
 
   /** Whether the player is the whole page. */

@@ -11,6 +11,7 @@ import { type HelpLine, listen } from "./actions.ts";
 import { type BackgroundName, isBackground, isDecoder } from "./choices.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
 import { Intro, loadPath } from "./intro.ts";
+import { parseView } from "./link.ts";
 import { LinkSheet } from "./link_sheet.ts";
 import css from "./style.css";
 import { helpRow, TEMPLATE } from "./template.ts";
@@ -27,10 +28,10 @@ function embeddedFiles(selector: string): EmbeddedFiles {
 const reducesMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 export class V3PlayerElement extends HTMLElement implements ControlsHost {
-  static readonly observedAttributes = ["src", "poster", "background", "loop", "controls", "data-description"];
+  static readonly observedAttributes = ["src", "poster", "background", "loop", "data-description"];
 
   private readonly root: ShadowRoot;
-  /** What *Copy link* does; not part of the stable interface. */
+  /** What *Share* does; not part of the stable interface. */
   readonly links: LinkSheet;
   private player: Player | null = null;
   private controls: Controls | null = null;
@@ -51,6 +52,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
       watching: () => this.getAttribute("data-link"),
       place: () => (this.player?.info ? this.player : null),
       notice: (message) => this.notice(message),
+      sheets: () => this.controls!.sheets,
     });
   }
 
@@ -68,6 +70,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     }
     this.controls = new Controls(this, this.root, this.player, this.links, this.lifetime.signal);
     listen(this, this.root, this.controls, this.lifetime.signal);
+    this.player.sound.muted = this.hasAttribute("muted");
     this.announce(this.player);
     const background = this.getAttribute("background");
     this.setBackground(isBackground(background) ? background : "stream");
@@ -256,7 +259,6 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     const address = this.getAttribute("poster");
     poster.hidden = address === null;
     if (address !== null) poster.src = address;
-    this.find(".bar").hidden = this.getAttribute("controls") === "none";
     this.find("#about").textContent = this.getAttribute("data-description") ?? "";
   }
 
@@ -265,6 +267,8 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     player.on("opened", (info) => {
       this.introWanted &&= this.startView === null && this.startAt === null;
       this.controls!.isMoment = this.startAt !== null;
+      const first = parseView(this.getAttribute("view"));
+      if (first !== null) player.camera.begin(first);
       if (this.startView !== null) player.view = this.startView;
       if (this.startAt !== null) player.seek(this.startAt);
       this.startView = this.startAt = null;

@@ -10,6 +10,7 @@ export const ICONS = {
   settings: icon('<path d="M4 7h9M17 7h3M4 17h3M11 17h9"/><circle cx="15" cy="7" r="2"/><circle cx="9" cy="17" r="2"/>'),
   info: icon('<path d="M4.5 19V11M10 19V5M15.5 19v-6M20.5 19V8"/>'),
   link: icon('<path d="M10 14a4 4 0 0 0 5.7 0l3.1-3.1a4 4 0 0 0-5.7-5.7L12 6.3"/><path d="M14 10a4 4 0 0 0-5.7 0l-3.1 3.1a4 4 0 0 0 5.7 5.7l1.1-1.1"/>'),
+  share: icon('<path d="M12 14.5V4M8.4 7.2 12 3.6l3.6 3.6"/><path d="M8 10.5H6v9h12v-9h-2"/>'),
   sound: icon('<path d="M4.5 9.8v4.4h3l4.3 3.6V6.2L7.5 9.8h-3Z"/><path d="M15.2 9.3a4 4 0 0 1 0 5.4M17.8 6.7a7.6 7.6 0 0 1 0 10.6"/>'),
   silent: icon('<path d="M4.5 9.8v4.4h3l4.3 3.6V6.2L7.5 9.8h-3Z"/><path d="m15.5 9.8 4.4 4.4M19.9 9.8l-4.4 4.4"/>'),
   full: icon('<path d="M4.5 9V4.5H9M15 4.5h4.5V9M19.5 15v4.5H15M9 19.5H4.5V15"/>'),

@@ -1,11 +1,13 @@
 /**
- * Copies links to the time and view on the screen. A page with a review asks which link: its own address would let
- * others change marks, so it is copied only when it is asked for by name.
+ * Shares links to the time and view on the screen. A page with a review asks which link: its own address would let
+ * others change marks, so it is shared only when it is asked for by name.
  */
 
 import type { View } from "../render/camera.ts";
 import { copyText } from "./copy.ts";
 import { linkTo } from "./link.ts";
+import { shareLink } from "./share.ts";
+import type { Sheets } from "./sheets.ts";
 
 export interface LinkHost {
   readonly root: ShadowRoot;
@@ -14,6 +16,7 @@ export interface LinkHost {
   /** Time in seconds and view on the screen; null before the stream is open. */
   readonly place: () => { readonly seconds: number; readonly view: View } | null;
   readonly notice: (message: string) => void;
+  readonly sheets: () => Sheets;
 }
 
 export class LinkSheet {
@@ -22,8 +25,8 @@ export class LinkSheet {
 
   constructor(private readonly host: LinkHost) {}
 
-  /** Copies the page's link, or asks which one. */
-  async copy(): Promise<void> {
+  /** Shares the page's link, or asks which one. */
+  async share(): Promise<void> {
     const watching = this.host.watching();
     if (watching === null) {
       const address = this.address(location.href);
@@ -35,25 +38,17 @@ export class LinkSheet {
       await this.give(address, "Link to this time and view copied.");
       return;
     }
-    this.show(null);
-    const open = this.part(".which").hidden;
-    this.part(".which").hidden = !open;
-    if (open) this.part(".which [data-act='link-watch']").focus({ preventScroll: true });
+    this.host.sheets().toggle("which");
   }
 
-  async copyToWatch(): Promise<void> {
+  async toWatch(): Promise<void> {
     const base = new URL(this.host.watching() ?? "", document.baseURI).href;
     await this.give(this.address(base), "Link to watch copied. It opens this moment without the review.");
   }
 
-  async copyToReview(): Promise<void> {
+  async toReview(): Promise<void> {
     const address = this.address(location.href, this.reviewParameters());
     await this.give(address, "Link to this review copied. Anyone who has it sees the footage and can change marks.");
-  }
-
-  hide(): void {
-    this.part(".which").hidden = true;
-    this.show(null);
   }
 
   private address(base: string, more: Readonly<Record<string, string>> = {}): string {
@@ -62,26 +57,18 @@ export class LinkSheet {
   }
 
   private async give(address: string, done: string): Promise<void> {
-    this.part(".which").hidden = true;
-    if (await copyText(address, this.host.root)) {
-      this.show(null);
+    const { root } = this.host;
+    this.host.sheets().close();
+    if (await shareLink(address, document.title)) return;
+    if (await copyText(address, root)) {
       this.host.notice(done);
-    } else this.show(address);
-  }
-
-  /** Shows a link to be copied by hand; null hides it. */
-  private show(address: string | null): void {
-    this.part(".copy").hidden = address === null;
-    if (address === null) return;
-    const field = this.part<HTMLInputElement>(".address");
+      return;
+    }
+    // To be copied by hand.
+    this.host.sheets().show("copy");
+    const field = root.querySelector<HTMLInputElement>(".address")!;
     field.value = address;
     field.focus({ preventScroll: true });
     field.select();
-  }
-
-  // The caller knows the element's type from the template.
-  // eslint-disable-next-line @typescript-eslint/no-unnecessary-type-parameters
-  private part<T extends HTMLElement = HTMLElement>(selector: string): T {
-    return this.host.root.querySelector<T>(selector)!;
   }
 }

@@ -12,6 +12,8 @@ const DOUBLE = 320;
 const NEAR = 32;
 const TAP = 250;
 const FLY = 420;
+/** Seconds of turning that a short press of a key is worth. */
+const PRESS = 0.04;
 
 export interface MotionEvents {
   /** Called on a tap or click without movement, with its place in the window. */
@@ -31,7 +33,8 @@ export class Motion {
   private readonly fingers = new Map<number, Finger>();
   private readonly stop = new AbortController();
   private readonly calm: MediaQueryList;
-  private began = { x: 0, y: 0, at: 0, moved: false };
+  /** `scrolls`: a finger that has not moved sideways yet may come to scroll the page. */
+  private began = { x: 0, y: 0, at: 0, moved: false, scrolls: false };
   private lastTap = { x: 0, y: 0, at: -Infinity };
   private velocity = { x: 0, y: 0, at: 0 };
   private readonly keys = new Set<string>();
@@ -93,9 +96,12 @@ export class Motion {
   /** Handles a key press or release; true if the key moves the camera. */
   key(name: string, down: boolean): boolean {
     if (!/^(Arrow(Left|Right|Up|Down)|\+|-|=)$/.test(name)) return false;
+    const pressed = down && !this.keys.has(name);
     if (down) this.keys.add(name);
     else this.keys.delete(name);
     this.flight = null;
+    // It may be released before the next image.
+    if (pressed) this.keysHeld(PRESS);
     this.run();
     return true;
   }
@@ -135,17 +141,23 @@ export class Motion {
     this.fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     this.velocity = { x: 0, y: 0, at: 0 };
     this.flight = null;
-    if (this.fingers.size === 1)
-      this.began = { x: event.clientX, y: event.clientY, at: event.timeStamp, moved: false };
-    else this.began.moved = true;
+    if (this.fingers.size === 1) {
+      const scrolls = event.pointerType === "touch" && getComputedStyle(this.surface).touchAction !== "none";
+      this.began = { x: event.clientX, y: event.clientY, at: event.timeStamp, moved: false, scrolls };
+    } else {
+      this.began.moved = true;
+      this.began.scrolls = false;
+    }
   }
 
   private move(event: PointerEvent): void {
     const finger = this.fingers.get(event.pointerId);
     if (finger === undefined) return;
     const [dx, dy] = [event.clientX - finger.x, event.clientY - finger.y];
-    if (Math.hypot(event.clientX - this.began.x, event.clientY - this.began.y) > 4) this.began.moved = true;
-    if (!this.began.moved) return;
+    const [across, down] = [event.clientX - this.began.x, event.clientY - this.began.y];
+    if (Math.hypot(across, down) > 4) this.began.moved = true;
+    if (Math.abs(across) > Math.abs(down)) this.began.scrolls = false;
+    if (!this.began.moved || this.began.scrolls) return;
     if (this.fingers.size === 2) {
       const other = [...this.fingers.values()].find((one) => one !== finger)!;
       const before = Math.hypot(finger.x - other.x, finger.y - other.y);
@@ -186,7 +198,8 @@ export class Motion {
       }
       return;
     }
-    const gliding = !this.calm.matches && event.timeStamp - this.velocity.at < 60;
+    // A touch that is not done has become the browser's own, which scrolls the page.
+    const gliding = done && !this.calm.matches && event.timeStamp - this.velocity.at < 60;
     if (gliding && Math.hypot(this.velocity.x, this.velocity.y) > 60) this.run();
     else this.velocity = { x: 0, y: 0, at: 0 };
   }

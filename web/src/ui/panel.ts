@@ -44,12 +44,8 @@ export class Panel {
 
   constructor(private readonly element: HTMLElement, private readonly player: Player) {}
 
-  get open(): boolean {
-    return !this.element.hidden;
-  }
-
+  /** Keeps the figures current while they are shown. */
   toggle(open: boolean): void {
-    this.element.hidden = !open;
     clearInterval(this.timer);
     if (!open) return;
     this.refresh();

@@ -3,6 +3,7 @@
 import { HELP, type HelpLine } from "./actions.ts";
 import { BACKGROUNDS, cssColor, SPEEDS } from "./choices.ts";
 import { ICONS } from "./icons.ts";
+import { canShare } from "./share.ts";
 
 const button = (act: string, label: string, icon: string, more = ""): string =>
   `<button type="button" data-act="${act}" aria-label="${label}" title="${label}" ${more}>${icon}</button>`;
@@ -19,12 +20,16 @@ export const helpRow = ({ what, touch, keys }: HelpLine): string => {
   return `<tr class="${only}"><th scope="row">${what}</th><td>${cells}</td></tr>`;
 };
 
+/** Of a sheet. */
+const heading = (title: string): string =>
+  `<h2>${title} <button type="button" class="close" data-act="close" aria-label="Close" title="Close">${ICONS.close}</button></h2>`;
+
 /** Shown where the device has them. */
 const immersions = (more: string): string =>
   button("vr", "Watch in VR", "VR", more) + button("ar", "Place in the room (AR)", "AR", more);
 
 export const TEMPLATE = `
-<p class="unseen" id="keys">Arrow keys orbit, Shift and arrow keys pan, plus and minus zoom, R resets the view, Space plays and pauses. Question mark: all keys.</p>
+<p class="unseen" id="keys">Arrow keys turn, Shift and arrow keys move, plus and minus zoom, R resets the view, Space plays and pauses. Question mark: all keys.</p>
 <p class="unseen" id="about"></p>
 <p class="unseen spoken" role="status" aria-live="polite"></p>
 <div class="stage" tabindex="0" role="application" aria-roledescription="3D video" aria-label="Volumetric video" aria-describedby="about keys">
@@ -46,48 +51,59 @@ export const TEMPLATE = `
     ${button("sound", "Turn sound off", ICONS.sound, "hidden")}
     <div class="gap"></div>
     ${button("reset", "Reset view", ICONS.reset)}
-    ${button("link", "Copy link to this view", ICONS.link, 'class="wide" hidden')}
+    ${button("link", "Share", canShare() ? ICONS.share : ICONS.link, "hidden")}
     ${immersions('class="wide" hidden')}
     ${button("info", "Statistics", ICONS.info, 'class="wide" aria-pressed="false"')}
     ${button("settings", "Settings", ICONS.settings, 'aria-expanded="false"')}
     ${button("full", "Full screen", ICONS.full)}
   </div>
 </div>
-<div class="sheet settings" role="dialog" aria-label="Settings" hidden>
-  <h3 id="speed">Speed</h3>
-  <div class="choices" role="radiogroup" aria-labelledby="speed">
-    ${SPEEDS.map((speed) => `<button type="button" role="radio" data-speed="${speed}">${speed}×</button>`).join("")}
-  </div>
-  <h3 id="loop">At the end</h3>
-  <div class="choices" role="radiogroup" aria-labelledby="loop">
-    <button type="button" role="radio" data-loop="true">Loop</button><button type="button" role="radio" data-loop="false">Stop</button>
-  </div>
-  <h3 id="background">Background</h3>
-  <div class="choices" role="radiogroup" aria-labelledby="background">${swatches}</div>
-  <h3>More</h3>
-  <div class="choices">
-    <button type="button" data-act="info">Statistics</button><button type="button" data-act="link" hidden>Copy link</button>
-    ${immersions("hidden")}
-    <button type="button" data-act="help">Help</button>
+<div class="sheet settings" role="dialog" aria-label="Settings" tabindex="-1" hidden>
+  ${heading("Settings")}
+  <div class="groups">
+    <div>
+      <h3 id="speed">Speed</h3>
+      <div class="choices" role="radiogroup" aria-labelledby="speed">
+        ${SPEEDS.map((speed) => `<button type="button" role="radio" data-speed="${speed}">${speed}×</button>`).join("")}
+      </div>
+    </div>
+    <div>
+      <h3 id="loop">At the end</h3>
+      <div class="choices" role="radiogroup" aria-labelledby="loop">
+        <button type="button" role="radio" data-loop="true">Loop</button><button type="button" role="radio" data-loop="false">Stop</button>
+      </div>
+    </div>
+    <div>
+      <h3 id="background">Background</h3>
+      <div class="choices" role="radiogroup" aria-labelledby="background">${swatches}</div>
+    </div>
+    <div>
+      <h3>More</h3>
+      <div class="choices">
+        <button type="button" data-act="info">Statistics</button>
+        ${immersions("hidden")}
+        <button type="button" data-act="help">Help</button>
+      </div>
+    </div>
   </div>
 </div>
 <div class="sheet help" role="dialog" aria-label="Help" tabindex="-1" hidden>
-  <h2>Help <button type="button" class="close" data-act="help" aria-label="Close help">${ICONS.close}</button></h2>
+  ${heading("Help")}
   <table><tbody>${HELP.map(helpRow).join("")}</tbody></table>
 </div>
-<section class="sheet info" aria-label="Statistics" hidden>
-  <h2>Statistics <button type="button" class="close" data-act="info" aria-label="Close statistics">${ICONS.close}</button></h2>
+<section class="sheet info" aria-label="Statistics" tabindex="-1" hidden>
+  ${heading("Statistics")}
   <table><tbody></tbody></table>
 </section>
-<div class="sheet copy" role="dialog" aria-label="Link" hidden>
-  <h2>Link to this time and view <button type="button" class="close" data-act="copy-close" aria-label="Close">${ICONS.close}</button></h2>
+<div class="sheet copy" role="dialog" aria-label="Link" tabindex="-1" hidden>
+  ${heading("Link to this time and view")}
   <input class="address" readonly aria-label="Link">
   <p>This browser does not let the page copy: copy the selected link yourself.</p>
 </div>
-<div class="sheet which" role="dialog" aria-label="Which link" hidden>
-  <h2>Link to this time and view <button type="button" class="close" data-act="copy-close" aria-label="Close">${ICONS.close}</button></h2>
-  <button type="button" class="offer" data-act="link-watch"><b>Copy link to watch</b><small>The player alone, without the review.</small></button>
-  <button type="button" class="offer" data-act="link-review"><b>Copy link to this review</b><small>Secret: anyone who has it sees the footage and can change marks.</small></button>
+<div class="sheet which" role="dialog" aria-label="Which link" tabindex="-1" hidden>
+  ${heading("Link to this time and view")}
+  <button type="button" class="offer" data-act="link-watch"><b>Share link to watch</b><small>The player alone, without the review.</small></button>
+  <button type="button" class="offer" data-act="link-review"><b>Share link to this review</b><small>Secret: anyone who has it sees the footage and can change marks.</small></button>
 </div>
 <div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">Try again</button></p></div></div>
 `;

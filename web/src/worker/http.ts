@@ -35,7 +35,7 @@ export class HttpSource implements Source {
     const out = new Uint8Array(bytes);
     let filled = 0;
     let tag: string | null = null;
-    return this.tryAgain(path, signal, async () => {
+    return this.tryAgain(signal, async () => {
       // Continues where an earlier attempt ended, if the file is still the same.
       const headers = filled > 0 && tag !== null ? { Range: `bytes=${filled}-`, "If-Range": tag } : {};
       await this.request(path, headers, signal, async (response) => {
@@ -60,7 +60,7 @@ export class HttpSource implements Source {
   }
 
   async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
-    return this.tryAgain(path, signal, async () => {
+    return this.tryAgain(signal, async () => {
       const parts: Uint8Array<ArrayBuffer>[] = [];
       let size = 0;
       await this.request(path, {}, signal, (response) =>
@@ -81,7 +81,7 @@ export class HttpSource implements Source {
     count: number,
     signal: AbortSignal,
   ): Promise<{ data: Uint8Array<ArrayBuffer>; size: number }> {
-    return this.tryAgain(path, signal, async () => {
+    return this.tryAgain(signal, async () => {
       const out = new Uint8Array(count);
       let filled = 0;
       let size = 0;
@@ -98,12 +98,12 @@ export class HttpSource implements Source {
           filled += chunk.length;
         });
       });
-      if (filled !== Math.min(count, size - start)) throw new StreamError(`${path}: the connection ended early`, true);
+      if (filled !== Math.min(count, size - start)) throw new StreamError("The connection ended early.", true);
       return { data: out.subarray(0, filled), size };
     });
   }
 
-  private async tryAgain<T>(path: string, signal: AbortSignal, attempt: () => Promise<T>): Promise<T> {
+  private async tryAgain<T>(signal: AbortSignal, attempt: () => Promise<T>): Promise<T> {
     for (let n = 1; ; n++) {
       try {
         return await attempt();
@@ -111,8 +111,8 @@ export class HttpSource implements Source {
         if (signal.aborted) throw error;
         const transient = error instanceof StreamError ? error.transient : true;
         if (!transient || n === ATTEMPTS)
-          throw error instanceof StreamError ? error : new StreamError(`${path} cannot be fetched: ${messageOf(error)}.`, true);
-        this.trouble(`The connection was interrupted (${messageOf(error)}); trying again.`);
+          throw error instanceof StreamError ? error : new StreamError(messageOf(error), true);
+        this.trouble("The connection was interrupted; trying again.");
         await new Promise((resolve) => setTimeout(resolve, Math.min(FIRST_WAIT * 2 ** (n - 1), LONGEST_WAIT)));
       }
     }
@@ -146,8 +146,10 @@ export class HttpSource implements Source {
         // If the browser's cache contained the first part, it would request other ranges.
         const cache = "Range" in headers ? "no-store" : HASHED.test(path) ? "default" : "no-cache";
         response = await fetch(url, { headers, signal: stop.signal, cache });
-      } catch (error) {
-        throw new StreamError(stop.signal.aborted ? "the server does not respond" : messageOf(error), true);
+      } catch {
+        // The browser's own words, such as "Failed to fetch", help nobody.
+        const why = stop.signal.aborted ? "The server does not respond" : "The server cannot be reached";
+        throw new StreamError(`${why}; check the connection.`, true);
       } finally {
         clearTimeout(waiting);
       }
@@ -171,7 +173,7 @@ async function consume(response: Response, take: (chunk: Uint8Array<ArrayBuffer>
     for (;;) {
       let timer: ReturnType<typeof setTimeout> | undefined;
       const stalled = new Promise<never>((_, reject) => {
-        timer = setTimeout(() => reject(new StreamError("the connection timed out", true)), STALL);
+        timer = setTimeout(() => reject(new StreamError("The connection timed out.", true)), STALL);
       });
       const { done, value } = await Promise.race([reader.read(), stalled]).finally(() => clearTimeout(timer));
       if (done) return;
@@ -179,6 +181,6 @@ async function consume(response: Response, take: (chunk: Uint8Array<ArrayBuffer>
     }
   } catch (error) {
     reader.cancel().catch(() => undefined);
-    throw error instanceof StreamError ? error : new StreamError(messageOf(error), true);
+    throw error instanceof StreamError ? error : new StreamError("The connection was interrupted.", true);
   }
 }

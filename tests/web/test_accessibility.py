@@ -1,0 +1,165 @@
+"""The page can be read, touched, and operated with keys alone: contrast, sizes, focus, and what screen readers find."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+pytestmark = pytest.mark.web
+
+PHONES = [(390, 844), (740, 360)]
+SMALL = """() => {
+  const root = document.querySelector('v3-player').shadowRoot;
+  const all = root.querySelectorAll('button, input, [role=slider], [role=radio]');
+  return [...all].filter(one => one.checkVisibility({visibilityProperty: true})).flatMap(one => {
+    const {width, height} = one.getBoundingClientRect();
+    const name = one.className || one.dataset.act || one.role;
+    return Math.min(width, height) < 44 ? [`${name}: ${width} x ${height}`] : [];
+  });
+}"""
+FOCUS = """() => {
+  const {activeElement: one} = document.querySelector('v3-player').shadowRoot;
+  return one === null ? null : one.dataset.act ?? one.className;
+}"""
+
+
+def luminance(pixels: np.ndarray) -> np.ndarray:
+    """Relative luminance of sRGB bytes (WCAG 2.2)."""
+    values = pixels / 255
+    linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+    found: np.ndarray = linear @ np.array([0.2126, 0.7152, 0.0722])
+    return found
+
+
+def contrast(page, part: str) -> float:
+    """Of the text of a part on the screen with the most frequent luminance around it."""
+    image = page.handle.locator(f"v3-player {part}").screenshot()
+    pixels = luminance(np.asarray(Image.open(io.BytesIO(image)).convert("RGB"), float)).reshape(-1)
+    counts, edges = np.histogram(pixels, 64, (0, 1))
+    ground = float(np.median(pixels[np.digitize(pixels, edges[1:-1]) == counts.argmax()]))
+    low, high = (pixels.min(), ground), (ground, pixels.max())
+    return max(float((bright + 0.05) / (dark + 0.05)) for dark, bright in (low, high))
+
+
+@pytest.mark.parametrize("background", ["black", "gray", "white", "green"])
+def test_text_has_contrast_on_every_background(page, background):
+    page.handle.set_viewport_size({"width": 390, "height": 844})
+    page.evaluate(
+        """() => {
+          const root = document.querySelector('v3-player').shadowRoot;
+          root.querySelector('.credits').textContent = 'Jane Doe Studio · CC BY 4.0';
+          root.querySelector('.hint small').textContent = 'pinch to zoom';
+          root.querySelector('.hint').classList.add('shown');
+        }"""
+    )
+    page.call("setBackground", background)
+    page.call("notice", "Not filmed from here.")
+    page.handle.wait_for_timeout(500)  # transitions; motion is reduced, but not the next image
+    for part in (".title", ".credits", ".now", ".hint small", ".notice"):
+        assert contrast(page, part) >= 4.5, part
+    page.click("settings")
+    for part in (".settings h2", ".settings h3 >> nth=0", ".settings [data-loop='true']"):
+        assert contrast(page, part) >= 4.5, part
+
+
+@pytest.mark.parametrize("size", PHONES)
+def test_everything_to_touch_has_44_pixels(page, size):
+    page.handle.set_viewport_size({"width": size[0], "height": size[1]})
+    assert page.evaluate(SMALL) == []
+    page.click("settings")
+    assert page.evaluate(SMALL) == []
+    reached = """all => all.filter(one => one.checkVisibility()).flatMap(one => {
+      one.scrollIntoView();
+      const {left, top, width, height} = one.getBoundingClientRect();
+      const {shadowRoot} = document.querySelector('v3-player');
+      const there = shadowRoot.elementFromPoint(left + width / 2, top + height / 2);
+      return one.contains(there) ? [] : [one.textContent || one.className];
+    })"""
+    assert page.handle.locator("v3-player .settings button").evaluate_all(reached) == []
+    page.handle.keyboard.press("Escape")
+    for key in ("?", "i"):
+        page.handle.locator("v3-player .stage").press(key)
+        assert page.evaluate(SMALL) == []
+        page.handle.keyboard.press("Escape")
+
+
+def test_radio_buttons_respond_to_arrow_keys(page):
+    page.click("settings")
+    chosen = page.handle.locator("v3-player [data-speed][aria-checked='true']")
+    chosen.focus()
+    page.handle.keyboard.press("ArrowRight")
+    assert page.state["speed"] == 1.5
+    assert chosen.inner_text() == "1.5×"
+    page.handle.keyboard.press("ArrowRight")
+    page.handle.keyboard.press("ArrowRight")
+    assert page.state["speed"] == 0.25, "around the end"
+    page.handle.keyboard.press("Tab")
+    focused = "() => document.querySelector('v3-player').shadowRoot.activeElement.dataset.loop"
+    assert page.evaluate(focused) == "true", "one stop for each group"
+
+
+def test_escape_returns_the_focus_to_what_opened_a_sheet(page):
+    for act in ("settings", "info"):
+        button = page.handle.locator(f"v3-player .bar [data-act='{act}']")
+        button.focus()
+        page.handle.keyboard.press("Enter")
+        page.handle.locator(f"v3-player .{act}").wait_for()
+        page.handle.keyboard.press("Tab")
+        page.handle.keyboard.press("Escape")
+        assert page.evaluate(FOCUS) == act
+    page.click("settings")
+    page.handle.locator("v3-player .settings [data-act='help']").click()
+    page.handle.keyboard.press("Escape")
+    assert page.evaluate(FOCUS) == "settings"
+
+
+def test_the_focus_passes_through(page):
+    """From the element before the player to the one after it, with Tab alone, also while a sheet is open."""
+    page.evaluate(
+        """() => {
+          for (const [where, id] of [['beforebegin', 'before'], ['afterend', 'after']])
+            document.querySelector('v3-player').insertAdjacentHTML(where, `<button id="${id}">x</button>`);
+        }"""
+    )
+    for key in ("Escape", "?"):
+        page.handle.locator("v3-player .stage").press(key)
+        page.handle.locator("#before").focus()
+        seen = []
+        while "after" not in seen and len(seen) < 60:
+            page.handle.keyboard.press("Tab")
+            seen.append(page.evaluate("() => document.activeElement.id"))
+        assert seen[-1] == "after"
+    page.evaluate("() => { for (const id of ['before', 'after']) document.getElementById(id).remove(); }")
+
+
+def test_a_short_press_of_a_key_turns_the_view(page):
+    turned = page.evaluate(
+        """() => {
+          const player = document.querySelector('v3-player');
+          const stage = player.shadowRoot.querySelector('.stage');
+          for (const kind of ['keydown', 'keyup'])
+            stage.dispatchEvent(new KeyboardEvent(kind, {key: 'ArrowRight', bubbles: true, composed: true}));
+          return player.state.view.azimuth;
+        }"""
+    )
+    assert turned < -0.5
+
+
+def test_loading_is_only_there_while_it_loads(page):
+    status = page.handle.get_by_role("status", name="Loading")
+    assert status.count() == 0
+    veil = page.handle.locator("v3-player .veil")
+    veil.evaluate("one => one.classList.add('busy')")
+    assert status.count() == 1
+    veil.evaluate("one => one.classList.remove('busy')")
+
+
+def test_help_hints_and_buttons_use_the_same_words(page):
+    page.handle.locator("v3-player .stage").press("?")
+    names = page.handle.locator("v3-player .help th").all_inner_texts()
+    assert "Turn" in names, "as in the hint: Drag to turn"
+    for act in ("reset", "link", "info"):
+        assert page.handle.locator(f"v3-player .bar [data-act='{act}']").get_attribute("aria-label") in names
