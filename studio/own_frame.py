@@ -4,6 +4,8 @@ not depend on where a surveyor put zero, or on the unit.
 Cameras whose distance from the origin and whose size are ordinary stay as they are. Others are moved by their middle,
 or scaled to the size of the sample capture, for which the defaults of the settings were measured. The frame follows
 from the cameras alone, so it need not be stored.
+
+Imported splats have no cameras, and are treated alike by their own middle and radius.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from studio.similarity import Similarity
 
 _LEAST, _MOST = 0.5, 32.0  # radius of a rig that is not scaled, in its units
 _USUAL = 3.3259015  # radius of one that is: that of the sample capture, in meters
+_SPLATS_LEAST, _SPLATS_MOST, _SPLATS_USUAL = 0.03, 300.0, 1.0  # the same for splats: a person, or a scene around one
 _FARTHEST = 64.0  # distance of the middle from the origin, in radii; float32 then has 18 bits for a radius
 
 
@@ -33,9 +36,17 @@ def own_frame(rig: Rig) -> Similarity:
     centers = rig.centers
     middle = centers.mean(axis=0)
     radius = float(np.linalg.norm(centers - middle, axis=1).max())
-    usual = _LEAST <= radius <= _MOST or radius == 0
-    scale = 1.0 if usual else _USUAL / radius
-    far = np.linalg.norm(middle) > _FARTHEST * (radius or _USUAL)
+    return _frame(middle, radius, _LEAST, _MOST, _USUAL)
+
+
+def splats_frame(middle: np.ndarray, radius: float) -> Similarity:
+    """As `own_frame`, from the (3,) middle of splats and the radius around it within which nearly all of them are."""
+    return _frame(middle, radius, _SPLATS_LEAST, _SPLATS_MOST, _SPLATS_USUAL)
+
+
+def _frame(middle: np.ndarray, radius: float, least: float, most: float, usual: float) -> Similarity:
+    scale = 1.0 if least <= radius <= most or radius == 0 else usual / radius
+    far = np.linalg.norm(middle) > _FARTHEST * (radius or usual)
     return Similarity(scale, translation=-scale * middle if far else np.zeros(3))
 
 
@@ -59,13 +70,18 @@ def undone(frame: Similarity, *, placed: bool) -> Similarity:
     return Similarity(1 / frame.scale) if placed else frame.inverse
 
 
-def frame_sentence(frame: Similarity) -> str | None:
-    """What the frame does, for logs and checks; None for the identity."""
+def frame_sentence(frame: Similarity, whose: str = "take", of: str = "cameras") -> str | None:
+    """What the frame does, for logs and checks; None for the identity.
+
+    Args:
+        whose: what has the frame, as a noun.
+        of: what is far away, as a noun in the plural.
+    """
     if frame.is_identity:
         return None
     x, y, z = frame.inverse.translation
-    moved = f"zero is at ({x:.6g}, {y:.6g}, {z:.6g}) of the cameras' world" if frame.translation.any() else ""
+    moved = f"zero is at ({x:.6g}, {y:.6g}, {z:.6g}) of the {of}' world" if frame.translation.any() else ""
     scaled = f"one unit of that world is {frame.scale:g} units" if frame.scale != 1 else ""
     what = ", and ".join(part for part in (moved, scaled) if part)
-    why = "the cameras are far from zero, very large or very small"
-    return f"The take has a frame of its own, because {why}: {what}. Exports undo it."
+    why = f"the {of} are far from zero, very large or very small"
+    return f"The {whose} has a frame of its own, because {why}: {what}. Exports undo it."

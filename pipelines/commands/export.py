@@ -147,13 +147,13 @@ def _place_note(video: SplatVideo, arguments: argparse.Namespace) -> str:
     """Which world the files have, if it is not that of the splats; "" otherwise."""
     if video.original.is_identity:
         return ""
-    scale = f"in the units of the cameras' file (1 of them is {1 / video.original.scale:g} of the take's)"
+    scale = f"in the original units (1 of them is {1 / video.original.scale:g} of the stream's)"
     if not video.original.translation.any():
         return scale
     if _for_viewers(arguments):
-        return f"{scale}, near zero; with --axes world, at the place of the cameras' file"
+        return f"{scale}, near zero; with --axes world, at the original place"
     doubles = ", with positions as doubles" if arguments.format == "ply" else ""
-    return f"{scale}, at the place of the cameras' file{doubles}"
+    return f"{scale}, at the original place{doubles}"
 
 
 def _for_viewers(arguments: argparse.Namespace) -> bool:

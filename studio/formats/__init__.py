@@ -130,7 +130,7 @@ def ignore(note: str) -> None:
 
 
 def read_rows(path: Path, note: Note = ignore) -> Gaussians:
-    """All rows of a file of one frame, or of a SOG's meta.json, as float32 on the CPU.
+    """All rows of a file of one frame, or of a SOG's meta.json, on the CPU; float64 if its positions are, else float32.
 
     Not all of them need be `usable` (see `studio.formats.checks`).
 
@@ -143,14 +143,16 @@ def read_rows(path: Path, note: Note = ignore) -> Gaussians:
 
 
 def read_splats(path: Path, note: Note = ignore) -> Gaussians:
-    """As `read_rows`, without the splats that cannot be rendered; their number is noted.
+    """As `read_rows`, as float32, and without the splats that cannot be rendered; their number is noted.
 
     Raises:
         StudioError: as `read_rows`, or no splat can be rendered.
     """
+    import torch
+
     from studio.formats.checks import check_some_usable, usable
 
-    rows = read_rows(path, note)
+    rows = read_rows(path, note).to(torch.float32)
     kept = usable(rows)
     check_some_usable(path, kept)
     if kept.all():

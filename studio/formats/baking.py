@@ -73,6 +73,7 @@ def bake_video(
         suggested_camera=video.view,
         background=video.background,
         up=None if up is None else (float(up[0]), float(up[1]), float(up[2])),
+        original=video.original,
     )
     with new_folder(folder) as temporary:
         entries = []

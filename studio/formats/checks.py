@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -134,15 +135,19 @@ def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
     return {**arrays, "quats": arrays["quats"] / norms}
 
 
-def from_arrays(arrays: Mapping[str, np.ndarray]) -> Gaussians:
+def from_arrays(arrays: Mapping[str, np.ndarray], dtype: type[np.floating[Any]] = np.float32) -> Gaussians:
     """Gaussians from float arrays named as in `Gaussians.ATTRIBUTES`. Infinite logits become +-`LOGIT_LIMIT`.
 
     All rows are kept, so that splats correspond from frame to frame; `usable` says which of them can be rendered.
+
+    Args:
+        arrays: the attributes.
+        dtype: float64 if the file has positions of that many digits.
     """
     with np.errstate(invalid="ignore", over="ignore"):  # what does not fit is not usable
-        values = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
+        values = {name: np.ascontiguousarray(array, dtype=dtype) for name, array in arrays.items()}
     logits = values["logit_opacities"]
-    values["logit_opacities"] = np.where(np.isinf(logits), np.sign(logits) * np.float32(LOGIT_LIMIT), logits)
+    values["logit_opacities"] = np.where(np.isinf(logits), np.sign(logits) * dtype(LOGIT_LIMIT), logits)
     return Gaussians.from_state_dict({name: torch.from_numpy(array) for name, array in values.items()})
 
 

@@ -119,14 +119,16 @@ def read(path: Path, note: Note) -> Gaussians:
     if FILTER in names:
         note(f"{FILTER} of Mip-Splatting is merged into scales and opacities")
         log_scales, opacities = _filtered(log_scales, opacities, np.asarray(data[FILTER], np.float64))
+    doubles = any(np.asarray(data[name]).dtype.itemsize > 4 for name in "xyz")
     return from_arrays(
         {
-            "means": stacked(["x", "y", "z"]),
+            "means": np.stack([np.asarray(data[name], np.float64) for name in "xyz"], axis=-1),
             "quats": stacked([f"rot_{index}" for index in range(4)]),
             "log_scales": log_scales,
             "logit_opacities": opacities,
             "sh": sh,
-        }
+        },
+        np.float64 if doubles else np.float32,
     )
 
 

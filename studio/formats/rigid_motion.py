@@ -12,6 +12,7 @@ import torch
 from studio.gaussians import Gaussians
 from studio.rasterizer.spherical_harmonics import sh_basis
 from studio.rotations import matrices_to_quats
+from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from studio.torch_rotations import quat_multiply
 
@@ -47,6 +48,12 @@ def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
     if factor == 1:
         return gaussians
     return replace(gaussians, means=gaussians.means * factor, log_scales=gaussians.log_scales + math.log(factor))
+
+
+def moved(gaussians: Gaussians, frame: Similarity) -> Gaussians:
+    """Splats in the new world of a frame without rotation, computed with 64 bits; float32."""
+    means = gaussians.means.double() * frame.scale + torch.from_numpy(frame.translation)
+    return replace(scaled(gaussians, frame.scale), means=means.to(gaussians.means.dtype)).to(torch.float32)
 
 
 def _sh_rotation(matrix: torch.Tensor, degree: int) -> torch.Tensor:

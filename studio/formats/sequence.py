@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from studio.formats import DEFAULT_FPS, FRAME_FILES, dropped, read_rows, splats_size, up_of, write_splats
+from studio.formats import DEFAULT_FPS, FRAME_FILES, dropped, read_rows, read_splats, splats_size, up_of, write_splats
 from studio.formats.checks import check_some_usable, usable
 from studio.formats.frame_files import check_one_format, find_frames, formats_in
 from studio.formats.outliers import Bulk, Spread
 from studio.formats.placing import new_file, new_folder
-from studio.formats.rigid_motion import scaled, turned, upright
+from studio.formats.rigid_motion import moved, scaled, turned, upright
 from studio.formats.videogs import is_videogs, open_videogs
 from studio.gaussians import Gaussians
+from studio.own_frame import frame_sentence, splats_frame
 from studio.progress import ProgressFn, no_progress
+from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 
 _FINE = 0.1  # largest step of positions, in sizes of splats
@@ -47,23 +49,29 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
     sizes = [splats_size(path) for path in paths]
     degree = max(degree for _, degree in sizes)
     notes: dict[str, None] = {}  # in order, each once
-    starts, kept, spreads = _scanned(paths, [count for count, _ in sizes], notes, progress)
+    first = Spread.of(read_splats(paths[0]))
+    frame = splats_frame(first.middle, first.radius)
+    starts, kept, spreads = _scanned(paths, [count for count, _ in sizes], frame, notes, progress)
     bulk = Bulk.of(spreads)
 
     def read(index: int) -> Gaussians:
-        return bulk.pulled_in(read_rows(paths[index])[kept[index]]).with_sh_degree(degree)
+        return bulk.pulled_in(moved(read_rows(paths[index]), frame)[kept[index]]).with_sh_degree(degree)
 
     missing = [int((~rows).sum()) for rows in kept]
     several = len({found for _, found in sizes}) > 1
     for note in (
         dropped(max(missing)) if any(missing) else None,
+        frame_sentence(frame, "stream", "splats"),
         bulk.note,
         _gaps([number for number, _ in frames]),
         f"SH degrees from {min(found for _, found in sizes)} to {degree}: all frames get {degree}" if several else None,
     ):
         if note is not None:
             notes[note] = None
-    return SplatVideo(str(place), fps, len(paths), starts, read, up=np.array(up_of(paths[0])), notes=tuple(notes))
+    return SplatVideo(
+        str(place), fps, len(paths), starts, read, up=np.array(up_of(paths[0])), notes=tuple(notes),
+        original=frame.inverse,
+    )  # fmt: skip
 
 
 def _gaps(numbers: list[int]) -> str | None:
@@ -76,15 +84,15 @@ def _gaps(numbers: list[int]) -> str | None:
 
 
 def _coarse(splats: Gaussians) -> str | None:
-    """A note on positions so far from zero that float32 has too few digits for them."""
-    step = float(np.spacing(np.float32(splats.means.abs().amax(dim=1).median())))
+    """A note on positions so far from zero that their file has too few digits for them."""
+    step = float(np.spacing(splats.means.abs().amax(dim=1).median().numpy()))
     if step < _FINE * float(splats.scales.median()):
         return None
     return f"positions are so far from zero that they have steps of {step:g} units: export them near zero for more"
 
 
 def _scanned(
-    paths: list[Path], counts: list[int], notes: dict[str, None], progress: ProgressFn
+    paths: list[Path], counts: list[int], frame: Similarity, notes: dict[str, None], progress: ProgressFn
 ) -> tuple[tuple[int, ...], list[np.ndarray], list[Spread]]:
     """First frames of the groups, which rows of each frame to keep, and where its splats are.
 
@@ -95,12 +103,12 @@ def _scanned(
 
     def rows() -> Iterable[np.ndarray]:
         for path in paths:
-            splats = read_rows(path, lambda note: notes.setdefault(note))
+            stored = read_rows(path, lambda note: notes.setdefault(note))
+            splats = moved(stored, frame)
             usable_rows.append(usable(splats))
             check_some_usable(path, usable_rows[-1])
-            shown = splats[usable_rows[-1]]
-            spreads.append(Spread.of(shown))
-            coarse = _coarse(shown)
+            spreads.append(Spread.of(splats[usable_rows[-1]]))
+            coarse = _coarse(stored[usable_rows[-1]])
             if coarse is not None:
                 notes.setdefault(coarse)
             yield splats.means.numpy()

@@ -38,7 +38,9 @@ from studio.formats.placing import new_folder
 from studio.formats.rigid_motion import scaled
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
+from studio.own_frame import frame_sentence, splats_frame
 from studio.progress import ProgressFn, no_progress
+from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from studio.stream.layout import component_frames, plane_side
 from studio.stream.morton import morton_order
@@ -248,12 +250,30 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
         raise StudioError(
             "videogs.mixed_degrees", "frames have different numbers of attributes", file=folder, fix=EXPORT_AGAIN
         )
+    place = _own_frame(frames)
+    for frame in frames:
+        frame.ranges[:POSITIONS] = place.scale * frame.ranges[:POSITIONS] + place.translation[:, None]
+        frame.ranges[-7:-4] *= place.scale
     decoder = _Decoder(folder, [frame_range for frame_range, _ in groups], frames)
     starts: list[int] = []
     for frame_range, _ in groups:  # a new group starts where the number of splats changes within a group
         first = frame_range.start
         starts += [index for index in frame_range if index == first or frames[index].count != frames[index - 1].count]
-    return SplatVideo(str(folder), fps, len(frames), tuple(starts), decoder.read, up=np.array([0.0, -1.0, 0.0]))
+    return SplatVideo(
+        str(folder),
+        fps,
+        len(frames),
+        tuple(starts),
+        decoder.read,
+        up=np.array([0.0, -1.0, 0.0]),
+        notes=tuple(filter(None, [frame_sentence(place, "stream", "splats")])),
+        original=place.inverse,
+    )
+
+
+def _own_frame(frames: list[_Frame]) -> Similarity:
+    boxes = np.stack([frame.ranges[:POSITIONS] for frame in frames])
+    return splats_frame(np.median(boxes.mean(axis=2), axis=0), float(np.median(np.ptp(boxes, axis=2).max(axis=1))) / 2)
 
 
 def _named(table: JsonObject, groups: list[tuple[range, int]]) -> bool:

@@ -81,7 +81,8 @@ class StreamMetadata:
         up: direction that points up in the world; None if not said.
         view_range: from where the splats can be looked at; None if not said: from everywhere.
         capture: where the stream lies in its take; None: it has the take's frames and world.
-        original: from the world of the stream to that of the cameras' file, if they differ; exports apply it.
+        original: from the world of the stream to that of the file with the cameras or the imported splats, if they
+            differ; exports apply it.
     """
 
     suggested_camera: Camera | None = None

@@ -2,21 +2,25 @@
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from plyfile import PlyData
+from scipy.spatial import cKDTree
 
+from pipelines.takes.videos import decoded_video
 from studio.cameras import Camera, Rig
-from studio.formats import read_splats
-from studio.formats.sequence import axes_of, export_sequence
+from studio.formats import read_splats, write_splats
+from studio.formats.baking import bake_video
+from studio.formats.sequence import axes_of, export_sequence, open_import
 from studio.formats.videogs import export_videogs
 from studio.gaussians import Gaussians
 from studio.own_frame import frame_sentence, in_own_frame, own_frame, undone
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
-from studio.stream import StreamMetadata
+from studio.stream import BakeSettings, StreamMetadata, StreamReader
 from tests.support.errors import refuses
 
 FAR = np.array([5.0e6, -1.2e6, 300.0])
@@ -111,6 +115,40 @@ def test_ply_and_glb_and_videogs_are_written_where_the_cameras_are(tmp_path, ori
     export_videogs(take, tmp_path / "videogs")
     info = json.loads((tmp_path / "videogs" / "viewer_min_max.json").read_text())["0"]["info"]
     np.testing.assert_allclose(np.reshape(info[:6], (3, 2)).T, [meant.min(axis=0), meant.max(axis=0)])
+
+
+@pytest.mark.parametrize("form", ["ply", "videogs"])
+def test_imports_far_away_get_their_own_frame_and_exports_undo_it(tmp_path, original, form):
+    take = video(original)
+    meant = original.points(take.read(0).means.numpy())
+    if form == "ply":
+        export_sequence(take, tmp_path / "far", ".ply")
+    else:
+        export_videogs(take, tmp_path / "far", qp=0)
+    found = open_import(tmp_path / "far")
+    splats = found.read(0)
+    assert splats.means.abs().max() < 8
+    assert any("far from zero" in note for note in found.notes)
+    assert not any("steps" in note for note in found.notes)
+    bake_video(found, tmp_path / "stream", BakeSettings(quality=0))
+    with StreamReader.open(tmp_path / "stream") as reader:
+        decoded = decoded_video(reader)
+        export_sequence(decoded, tmp_path / "back", ".ply")
+    rows = PlyData.read(str(tmp_path / "back" / "frame_0000.ply"))["vertex"]
+    back = np.stack([rows[name] for name in "xyz"], axis=1)
+    distances, nearest = cKDTree(back).query(meant)
+    assert distances.max() < 2e-4 * original.scale
+    sizes = np.stack([rows[f"scale_{axis}"] for axis in range(3)], axis=1)[nearest]
+    wanted = take.read(0).log_scales.numpy() + np.log(original.scale)
+    np.testing.assert_allclose(np.sort(sizes), np.sort(wanted), atol=0.05)  # baking may swap axes
+
+
+def test_float32_positions_far_away_have_lost_digits(tmp_path):
+    splats = video(Similarity()).read(0)
+    write_splats(tmp_path / "far.ply", replace(splats, means=splats.means + 5e6))
+    found = open_import(tmp_path / "far.ply")
+    assert any("steps of 0.5 units" in note for note in found.notes)
+    np.testing.assert_allclose(found.original.points(found.read(0).means.numpy()), splats.means + 5e6, atol=1e-3)
 
 
 def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path, original):
