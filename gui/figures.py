@@ -5,6 +5,7 @@ from __future__ import annotations
 from gui.models.evaluation import Evaluation, EvaluationFile
 from gui.models.playback.timeline_plots import PLOTTED, Waveform, plots_of
 from gui.shell import Shell
+from pipelines.takes.evaluation import measured_earlier_bake
 
 
 class QualityFigures:
@@ -29,7 +30,9 @@ class QualityFigures:
         window = self._window
         take, frames = window.workspace.take, window.player.transport.frame_count
         if self._file.changed(take, frames, self.camera, window.player.other):
-            window.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
+            window.evaluation = Evaluation()
+            if take is not None:
+                window.evaluation = Evaluation.read(take.evaluation, measured_earlier_bake(take))
             self._plot(frames)
         self._show_waveform()
 

@@ -18,11 +18,12 @@ class EvaluationFile:
         self._seen: object = None
 
     def changed(self, take: Take | None, frame_count: int, camera: str = "", other: object = None) -> bool:
-        """True on the first call, and if the file, the take, the number of frames, the camera or what it is compared
-        with has changed since the last."""
+        """True on the first call, and if the file, the take or its bake, the number of frames, the camera or what it is
+        compared with has changed since the last."""
         stamp = None
         if take is not None:
-            stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
+            files = (take.evaluation, take.record("bake"))
+            stamp = (take.root, *(path.stat().st_mtime_ns if path.is_file() else 0 for path in files))
         before, self._seen = self._seen, (stamp, frame_count, camera, other)
         return before != self._seen
 
@@ -53,15 +54,17 @@ class Evaluation:
         cameras: the evaluated cameras.
         held_out: whether they were held out; if not, they are training cameras.
         error: message if the file is damaged; "" otherwise.
+        stale: whether an earlier bake was evaluated, not the one that is there.
     """
 
     frames: Mapping[int, FrameQuality] = field(default_factory=dict)
     cameras: tuple[str, ...] = ()
     held_out: bool = True
     error: str = ""
+    stale: bool = False
 
     @classmethod
-    def read(cls, path: Path) -> Evaluation:
+    def read(cls, path: Path, stale: bool = False) -> Evaluation:
         """Read evaluation.json; empty if there is no such file."""
         if not path.is_file():
             return cls()
@@ -78,7 +81,7 @@ class Evaluation:
             )
             for row in found.frames
         }
-        return cls(frames, found.protocol.cameras, found.protocol.held_out)
+        return cls(frames, found.protocol.cameras, found.protocol.held_out, stale=stale)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
         """PSNR, SSIM and, if measured, LPIPS of a frame, and what they refer to, as in `whose`; ({}, "") if the frame
@@ -91,19 +94,21 @@ class Evaluation:
     def whose(self, camera: str = "") -> str:
         """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";
         "mean" if nothing was evaluated."""
+        earlier = ", earlier bake" if self.stale else ""
         if camera in self.cameras:
-            return f"camera {camera}"
+            return f"camera {camera}{earlier}"
         if not self.frames:
             return "mean"
-        return f"mean of {'held-out' if self.held_out else 'training'} cameras"
+        return f"mean of {'held-out' if self.held_out else 'training'} cameras{earlier}"
 
     def whose_briefly(self, camera: str = "") -> str:
         """The same in fewer words: "cam05" or "held-out mean"."""
+        earlier = ", earlier" if self.stale else ""
         if camera in self.cameras:
-            return camera
+            return f"{camera}{earlier}"
         if not self.frames:
             return "mean"
-        return f"{'held-out' if self.held_out else 'training'} mean"
+        return f"{'held-out' if self.held_out else 'training'} mean{earlier}"
 
     @property
     def explanation(self) -> str:

@@ -48,6 +48,7 @@ class InitializeView(OrbitView):
         super().__init__(workspace)
         self._read_mesh = read_mesh
         self._read_of: Hashable = None
+        self._rig_of: Hashable = None
         self._mesh: Mesh | None = None
         self._points = np.zeros((0, 3)), np.zeros((0, 3))
 
@@ -95,10 +96,11 @@ class InitializeView(OrbitView):
         stamp = (folder, _stamp(folder))
         if stamp == self._read_of:
             return
+        rig_of = (take.rig, take.rig.stat().st_mtime if take.rig.is_file() else 0.0)
         self._points = read_points(folder / "points.ply")
         self._mesh = self._read_mesh(folder / "mesh.ply")
-        if self.home is None:
-            self.home = _home(take, self._points[0])
+        if rig_of != self._rig_of:  # of another take, or calibrated again: where up is has changed
+            self.home, self._rig_of = _home(take, self._points[0]), rig_of
         self._read_of = stamp
 
     def close(self) -> bool:
@@ -109,16 +111,14 @@ class InitializeView(OrbitView):
 
 
 def _home(take: Take, points: np.ndarray) -> OrbitCamera:
-    """The initial view: from the first camera, looking at the points."""
+    """The initial view: of all points, from the first camera's place."""
     if not take.rig.is_file():
-        return OrbitCamera.around(points, np.array([0.0, 0.0, 1.0]))
+        return OrbitCamera.showing(points, np.array([0.0, 0.0, 1.0]), None)
     from studio.camera_files import read_rig
     from studio.own_frame import in_own_frame
 
     rig = in_own_frame(read_rig(take.rig))
-    home = OrbitCamera.around(points, rig.up)
-    first = next(iter(rig), None)
-    return home if first is None else OrbitCamera.looking_through(first, home.target, rig.up)
+    return OrbitCamera.showing(points, rig.up, next(iter(rig), None))
 
 
 def _stamp(folder: Path | None) -> tuple[float, ...]:

@@ -178,6 +178,10 @@ class OrbitView(StageView):
         """Return to the initial view."""
         self.orbit = None
 
+    def forget(self) -> None:
+        """See `StageView`. The view belongs to the previous take, too."""
+        self.orbit = None
+
 
 def shown_at(places: Sequence[tuple[str, np.ndarray]], x: float, y: float) -> str:
     """The name of what is at a pixel, the last one if there are several; "" if there is none.

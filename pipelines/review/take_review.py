@@ -11,9 +11,8 @@ import numpy as np
 
 from pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
 from pipelines.stages.footage import TakeFootage, performer_over
-from pipelines.takes.evaluation import Evaluation, read_evaluation
+from pipelines.takes.evaluation import Evaluation, measured_earlier_bake, read_evaluation
 from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
-from pipelines.takes.records import read_record, result_of
 from pipelines.takes.take import Take
 from pipelines.takes.videos import capture_place
 from studio.errors import StudioError
@@ -63,7 +62,7 @@ class TakeReview:
             missing = error.code == "take.file_not_found"
             problems.append("The take has not been measured." if missing else "evaluation.json cannot be read.")
         else:
-            if self._measured_another_stream():
+            if measured_earlier_bake(self.take):
                 problems.append(
                     "The stream has been baked again since it was measured; the figures are those of the earlier one."
                 )
@@ -137,10 +136,6 @@ class TakeReview:
             for frame, mark in sorted(marks.items())
             if 0 <= frame - first < self.frame_count
         )
-
-    def _measured_another_stream(self) -> bool:
-        record = read_record(self.take, "evaluate")
-        return record is not None and record.params.get("result of bake") != result_of(self.take, "bake")
 
     def _stream(self) -> tuple[int, CapturePlace]:
         from studio.stream import StreamReader

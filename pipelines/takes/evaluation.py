@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from pipelines.takes.atomic_files import Result, read_model
+from pipelines.takes.records import read_record, result_of
+from pipelines.takes.take import Take
 from studio.comparison.metrics import EVALUATED, Metric
 
 MEASURES = tuple(f"{metric.name}_{what}" for metric in EVALUATED for what in ("trained", "decoded"))
@@ -121,3 +123,9 @@ def read_evaluation(path: Path) -> Evaluation:
         StudioError: `take.file_not_found` or `take.damaged`.
     """
     return read_model(path, Evaluation)
+
+
+def measured_earlier_bake(take: Take) -> bool:
+    """Whether the stream has been baked again since it was measured."""
+    record = read_record(take, "evaluate")
+    return record is not None and record.params.get("result of bake") != result_of(take, "bake")

@@ -202,11 +202,8 @@ class PlayerPresenter(Viewpoint):
         self.home = OrbitCamera(up=self.opened.up)
         self._points = np.zeros((0, 3))
         if first is not None:
-            points = body_of(first)
-            self._points = np.concatenate([thinned(points), self.opened.reach])
-            self.home = OrbitCamera.around(points, self.opened.up)
-            if self.opened.view is not None:
-                self.home = OrbitCamera.looking_through(self.opened.view, self.home.target, self.opened.up)
+            self._points = np.concatenate([thinned(body_of(first)), self.opened.reach])
+            self.home = OrbitCamera.showing(self._points, self.opened.up, self.opened.view)
         self.orbit = self.home
 
     def _load_sound(self) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from studio.cameras import Camera
 
+_WIDEST = math.radians(75.0)  # field of view of a first view
 _MAX_PITCH = math.radians(89.0)
 _TURN = math.radians(0.4)  # per pixel dragged
 FILLED = 0.92
@@ -85,6 +86,24 @@ class OrbitCamera:
             fov=2.0 * math.atan(0.5 * camera.height / camera.fy),
         )
         return orbit._facing(camera.forward)
+
+    @classmethod
+    def showing(cls, points: np.ndarray, up: np.ndarray, camera: Camera | None) -> OrbitCamera:
+        """The first view of a take: from a camera's place, with everybody in the image, however narrow it is.
+
+        Args:
+            points: (N, 3) world coordinates of everybody; see `around`.
+            up: (3,) world up direction.
+            camera: gives the place, unless it is too near to show everybody; None: see `around`.
+        """
+        orbit = cls.around(points, up)
+        if camera is None:
+            return orbit
+        away = camera.center - orbit.target
+        apart = max(float(np.linalg.norm(away)), 1e-9)
+        radius = orbit.distance * math.sin(0.5 * orbit.fov)
+        half = min(math.asin(min(radius / apart, 1.0)), 0.5 * _WIDEST)
+        return cls.from_to(orbit.target + away * (radius / math.sin(half) / apart), orbit.target, up, 2.0 * half)
 
     @classmethod
     def from_to(cls, eye: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float) -> OrbitCamera:

@@ -125,7 +125,13 @@ class CalibrateView(OrbitView):
         take, config = self.workspace.take, self.workspace.config
         if take is None or config is None:
             return None
-        return (config.capture, config.run.paths, _time(_surface(take)))
+        return (config.capture, config.run.paths, _time(_surface(take)), self._initialized)
+
+    @property
+    def _initialized(self) -> bool:
+        """Whether the surface is of these cameras."""
+        status = self.workspace.assessment.stages.get("initialize")
+        return status is not None and status.state == "done"
 
     def _cover(self, take: Take) -> None:
         of = (self._read_of, self._covered_by())
@@ -139,7 +145,7 @@ class CalibrateView(OrbitView):
             names = context.footage.raw.train_cameras if context is not None else names
         self._coverage, self._coverage_of = None, of
         with suppress(StudioError):  # damaged points of the first group; Initialize shows the error
-            surface = read_surface(_surface(take)) if _surface(take).is_file() else None
+            surface = read_surface(_surface(take)) if self._initialized and _surface(take).is_file() else None
             self._coverage = RigCoverage.of(self._rig, names, self.home.target, surface)
 
     @property
@@ -382,8 +388,8 @@ def _overview(rig: Rig) -> OrbitCamera:
     return OrbitCamera(target=target, up=rig.up, distance=max(orbit.distance, 2.6 * radius), yaw=0.6, pitch=0.55)
 
 
-def _stamp(take: Take) -> tuple[float, ...]:
-    return tuple(map(_time, (take.rig, take.calibration_report, take.calibration_points)))
+def _stamp(take: Take) -> Hashable:
+    return (take.root, *map(_time, (take.rig, take.calibration_report, take.calibration_points)))
 
 
 def _surface(take: Take) -> Path:

@@ -70,11 +70,7 @@ def _made(place: str) -> np.ndarray | None:
 def _splats(opened: Opened) -> np.ndarray:
     assert opened.default is not None
     gaussians = first_whole(opened.default)
-    orbit = OrbitCamera.around(body_of(gaussians), opened.up)
-    if opened.view is not None:  # from the side that the first camera sees
-        away = opened.view.center - orbit.target
-        away *= orbit.distance / max(float(np.linalg.norm(away)), 1e-9)
-        orbit = OrbitCamera.from_to(orbit.target + away, orbit.target, opened.up, orbit.fov)
+    orbit = OrbitCamera.showing(body_of(gaussians), opened.up, opened.view)
     return draw(gaussians, orbit.camera(*SIZE), BACKGROUNDS["dark"])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -33,11 +34,12 @@ from pipelines.config.loading import all_names
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.take import Take
-from studio.camera_files import read_rig
-from studio.cameras import Camera
+from studio.camera_files import read_rig, write_rig
+from studio.cameras import Camera, Rig
 from studio.edits import EditList
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.similarity import Similarity
 from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
@@ -171,6 +173,7 @@ def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
 ) -> None:
     """Six cameras, 60 degrees apart; the one that is held out leaves a gap of 120 degrees."""
     opened(views, finished_project / "take")
+    wait_in_loop("assessed", lambda: views.workspace.assessed)
     views.select("calibrate")
     views.choose("coverage")
     picture = shown(views, lambda picture: has(picture, GOOD) > 0)
@@ -198,6 +201,34 @@ def test_coverage_is_of_the_take_that_is_open(views: StageViews, finished_projec
     assert not calibrate.blocks
 
 
+def test_coverage_leaves_out_the_surface_of_other_cameras(views: StageViews, take_copy: Path) -> None:
+    def rows() -> dict[str, str]:
+        calibrate.draw(SIZE, calibrate.state())
+        return dict(calibrate.blocks[0].rows)
+
+    opened(views, take_copy)
+    wait_in_loop("assessed", lambda: views.workspace.assessed)
+    calibrate = views.stage_views["calibrate"]
+    assert "surface seen by 0 or 1" in rows()
+    assert views.workspace.change_setting("initialize.tolerance", 0.2) is None
+    wait_in_loop("assessed again", lambda: views.workspace.assessment.stages["initialize"].state != "done")
+    assert "surface seen by 0 or 1" not in rows()
+
+
+def test_a_mesh_is_upright_in_the_take_that_is_open(views: StageViews, take_copy: Path, tmp_path: Path) -> None:
+    turned = tmp_path / "turned"
+    shutil.copytree(take_copy, turned)
+    rig, quarter = read_rig(Take.open(take_copy).rig), np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    other = Take.open(turned)
+    write_rig(Rig(tuple(Similarity(rotation=quarter).camera(camera) for camera in rig)), other.rig)
+    initialize = views.stage_views["initialize"]
+    for path, up in ((take_copy, [0, 0, 1]), (turned, quarter @ [0, 0, 1])):
+        opened(views, path)
+        views.forget()
+        initialize.draw(SIZE, initialize.state())
+        assert initialize.home.up == pytest.approx(up, abs=0.1)  # type: ignore[attr-defined]
+
+
 def test_cameras_are_shown_when_the_points_of_the_first_group_are_damaged(views: StageViews, take_copy: Path) -> None:
     take = Take.open(take_copy)
     (take.initialize_group(0) / "points.ply").write_bytes(b"ply")
@@ -207,7 +238,7 @@ def test_cameras_are_shown_when_the_points_of_the_first_group_are_damaged(views:
     for mode in ("cameras", "report", "coverage"):
         calibrate.mode = mode
         assert calibrate.draw(SIZE, calibrate.state()).std() > 0
-    assert [block.title for block in calibrate.blocks] == ["Camera file"]
+    assert [block.title for block in calibrate.blocks] == ["Coverage", "Camera file"]
 
 
 def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_project: Path) -> None:

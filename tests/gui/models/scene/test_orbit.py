@@ -76,6 +76,20 @@ def test_around_holds_the_points_whatever_strays() -> None:
     assert OrbitCamera.around(np.zeros((0, 3)), UP).distance > 0
 
 
+@pytest.mark.parametrize(("away", "size"), [(4.0, (640, 360)), (4.0, (360, 360)), (1.0, (640, 360)), (9.0, (900, 300))])
+def test_the_first_view_shows_everybody_from_the_place_of_a_camera(away: float, size: tuple[int, int]) -> None:
+    """The camera looks at the first of two people; the other is beside its image."""
+    body = np.random.default_rng(4).uniform([-0.3, -0.3, 0], [0.3, 0.3, 1.8], size=(500, 3))
+    points = np.concatenate([body, body + np.array([2.2, 0, 0])])
+    aimed = OrbitCamera.from_to(np.array([0.0, -away, 1.5]), np.array([0.0, 0.0, 1.0]), UP, 0.4)
+    orbit = OrbitCamera.showing(points, UP, aimed.camera(1920, 1080))
+    pixels, depth = orbit.camera(*size).project(points)
+    assert ((depth > 0) & (pixels >= 0).all(1) & (pixels < size).all(1)).mean() > 0.99
+    if away > 3:
+        assert orbit.eye == pytest.approx(aimed.eye), "where the camera is"
+    assert orbit.eye[1] < 0
+
+
 def test_looking_through_a_camera_gives_its_view() -> None:
     source = OrbitCamera(target=np.array([0.0, 0.0, 1.0]), distance=4.0, yaw=1.1, pitch=0.3, fov=0.6)
     camera = source.camera(800, 600)
