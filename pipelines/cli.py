@@ -2,8 +2,8 @@
 
 Exit codes: 0 success; 1 a failure; 2 wrong usage, including settings on the command line; both are reported as
 `error: ...` on stderr; 130 cancelled (Ctrl-C, SIGTERM).
-With `--json`, an error is also reported as the last line on stdout: the event `run_finished` with the outcome "failed"
-and the error's code and fields.
+With `--json`, a command prints events, one on a line. The last one is `Finished`, with the outcome, the result and, if
+it failed, the error's code and fields.
 """
 
 from __future__ import annotations
@@ -11,24 +11,33 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from typing import TextIO
 
 from pipelines.commands.board import add_board_command, add_sync_command
-from pipelines.commands.common.arguments import CommandParser, long_settings_as_set, overrides
+from pipelines.commands.common.arguments import (
+    CommandParser,
+    WordPairs,
+    WrongUsage,
+    long_settings_as_set,
+    overrides,
+)
+from pipelines.events import Finished, as_message
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.stages import STAGE_NAMES
-from studio.errors import Cancelled, StudioError
+from studio.errors import Cancelled, Message, StudioError
+from studio.json_types import JsonData
 from studio.process import as_utf8, claim_stdout, discard, passive_openmp
 
 GROUPS = {
-    "Make a stream from footage": ("init", "estimate", "run", "status", "cancel", "queue", "config"),
+    "Make a stream from footage": ("init", "estimate", "run", "status", "cancel", "queue", "config", "completion"),
     "Stages": STAGE_NAMES,
     "Prepare a capture": ("board", "sync", "colors"),
     "Use streams and takes": ("open", "play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
-    "Keep takes": ("edit", "check", "bakes"),
+    "Keep takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
     "Research": ("compare", "ablate"),
 }
 """Commands in the order of `v3studio --help`."""
@@ -64,33 +73,58 @@ def main() -> int:
 
 def execute(arguments: Sequence[str]) -> int:
     """Run a command in this process and return the exit code; wrong usage raises SystemExit(2)."""
+    started = time.monotonic()
+    try:
+        known = parse(arguments)
+    except WrongUsage as usage:
+        if "--json" in arguments:
+            _print_end(sys.stdout, 2, started, Message("command.usage", usage.problem), {})
+        raise
+    as_json = bool(getattr(known, "json", False))
+    known.result, known.reported = {}, False
+    with _json_output() if as_json else nullcontext(sys.stdout) as known.output:
+        try:
+            code, message = _run(known)
+        except Exception as error:
+            if as_json and not known.reported:
+                _print_end(known.output, 1, started, as_message(error), {})
+            raise
+        if as_json and not known.reported:
+            _print_end(known.output, code, started, message, known.result)
+    return code
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """The arguments of a command, whose function is `command`. Raises WrongUsage (a SystemExit)."""
     parser, commands = _parser()
-    # errors in the arguments of a command show the usage of that command
-    named = commands.get(arguments[0], parser) if arguments else parser
-    plain = long_settings_as_set(arguments, named)
-    known, unknown = parser.parse_known_args(plain)
+    pair = " ".join(arguments[:2])
+    if pair in commands:  # `bake list`, beside `bake TAKE`
+        named = parser = commands[pair]
+        arguments = arguments[2:]
+    else:  # errors in the arguments of a command show the usage of that command
+        named = commands.get(arguments[0], parser) if arguments else parser
+    known, unknown = parser.parse_known_args(long_settings_as_set(arguments, named))
     if unknown:
-        named.error(f"unrecognized arguments: {' '.join(unknown)}")
+        named.refuse(unknown)
+    return known
+
+
+def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
+    """The exit code of the command, and what went wrong."""
+    command: Callable[[argparse.Namespace], int] = known.command
     try:
         known.overrides = overrides(known)
-        command: Callable[[argparse.Namespace], int] = known.command
-        with _json_output() if getattr(known, "json", False) else nullcontext(sys.stdout) as known.output:
-            try:
-                code = command(known)
-            except StudioError as error:
-                if getattr(known, "json", False) and not getattr(known, "reported", False):
-                    _print_failure(error, known.output)
-                raise
-            known.output.flush()
-        return code
+        code = command(known)
+        known.output.flush()
     except StudioError as error:
         print(f"error: {error}", file=sys.stderr)
-        return _exit_code(error)
+        return _exit_code(error), error.message
     except (Cancelled, KeyboardInterrupt):
-        return EXIT_CANCELLED
+        return EXIT_CANCELLED, Message("run.cancelled", "the command was cancelled")
     except BrokenPipeError:  # `v3studio config | head`
         discard(sys.stdout)
-        return 1
+        return 1, None
+    return code, None
 
 
 def _exit_code(error: StudioError) -> int:
@@ -100,11 +134,16 @@ def _exit_code(error: StudioError) -> int:
     return 2 if error.code.startswith("command.") or error.file == COMMAND_LINE else 1
 
 
-def _print_failure(error: StudioError, output: TextIO) -> None:
+def _print_end(
+    output: TextIO, code: int, started: float, message: Message | None, result: Mapping[str, JsonData]
+) -> None:
     """Print the last event of a command with `--json`."""
-    from pipelines.events import RunFinished
-
-    event = RunFinished.of(error.message, outcome="failed", seconds=0.0)
+    seconds = round(time.monotonic() - started, 2)
+    outcome = {0: "done", EXIT_CANCELLED: "cancelled"}.get(code, "failed")
+    if message is None:
+        event = Finished(outcome=outcome, seconds=seconds, result=result)
+    else:
+        event = Finished.of(message, outcome=outcome, seconds=seconds, result=result)
     with suppress(BrokenPipeError):
         print(event.to_json(), file=output, flush=True)
 
@@ -122,7 +161,7 @@ def _json_output() -> Iterator[TextIO]:
                 output.flush()
 
 
-def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+def _parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     """The parser, and those of the commands by name."""
     from pipelines.commands import (
         ablate,
@@ -131,6 +170,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         check,
         colors,
         compare,
+        completion,
         config,
         edit,
         estimate,
@@ -156,7 +196,11 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     )
     parser.add_argument("--version", action="version", version=f"v3studio {program_version()}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=CommandParser)
-    parser.summaries = lambda: {action.dest: str(action.help) for action in commands._choices_actions}
+    pairs = WordPairs()
+    parser.summaries = lambda: {
+        **{action.dest: str(action.help) for action in commands._choices_actions},
+        **pairs.summaries,
+    }
     for module in (
         run,
         status,
@@ -166,7 +210,6 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         work,
         edit,
         check,
-        bakes,
         open_window,
         play,
         serve,
@@ -181,9 +224,11 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         init,
     ):
         module.register(commands)
+    bakes.register(pairs)
+    completion.register(commands, _parser)
     add_board_command(commands)
     add_sync_command(commands)
-    return parser, dict(commands.choices)
+    return parser, {**commands.choices, **pairs.parsers}
 
 
 class _MainParser(CommandParser):

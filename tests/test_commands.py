@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pipelines.cli import _parser
-from pipelines.commands.common.arguments import long_settings_as_set, overrides
+from pipelines.cli import parse
+from pipelines.commands.common.arguments import overrides
 from pipelines.config import load_config
 
 ROOT = Path(__file__).parents[1]
@@ -50,10 +50,8 @@ def test_documented_commands_parse(page: str, line: str) -> None:
     if "FORMAT" in line or "[-" in line:
         line = PLACEHOLDERS.sub("", line).replace("FORMAT", "ply")
     words = shlex.split(re.split(r" [>|] | && ", line)[0], comments=True)[1:]
-    parser, commands = _parser()
     try:
-        known = parser.parse_args(long_settings_as_set(words, commands.get(words[0], parser)))
-        load_config(None, overrides(known))
+        load_config(None, overrides(parse(words)))
     except SystemExit:
         pytest.fail(f"{page}: {line}")
 

@@ -26,7 +26,7 @@ __version__ = "0.3.0"
 
 _EXPORTS = {
     "pipelines.config": ("Config", "load_config"),
-    "pipelines.events": ("Event", "Metrics", "Progress", "RunFinished", "StageFinished", "Warned"),
+    "pipelines.events": ("Event", "Metrics", "Progress", "Finished", "StageFinished", "Warned"),
     "pipelines.runs.runner": ("run", "status"),
     "pipelines.runs.staleness": ("StageStatus",),
     "pipelines.share.page": ("PageText",),

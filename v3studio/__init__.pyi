@@ -1,5 +1,5 @@
 from pipelines.config import Config, load_config
-from pipelines.events import Event, Metrics, Progress, RunFinished, StageFinished, Warned
+from pipelines.events import Event, Finished, Metrics, Progress, StageFinished, Warned
 from pipelines.runs.runner import run, status
 from pipelines.runs.staleness import StageStatus
 from pipelines.share.page import PageText
@@ -52,6 +52,7 @@ __all__ = [
     "CaptureSettings",
     "Config",
     "Event",
+    "Finished",
     "Footage",
     "FootageView",
     "FunctionMaskSource",
@@ -67,7 +68,6 @@ __all__ = [
     "Published",
     "Render",
     "Rig",
-    "RunFinished",
     "Serving",
     "Shared",
     "SplatVideo",

@@ -31,7 +31,8 @@ def commands_page() -> str:
         if isinstance(group, argparse._SubParsersAction)
         for action in group._choices_actions
     }
-    rows = [(f"[`{name}`](#{name})", escaped(summaries.get(name, ""))) for name in commands]
+    summaries = {name: summaries.get(name, command.description or "") for name, command in commands.items()}
+    rows = [(f"[`{name}`](#{name.replace(' ', '-')})", escaped(text)) for name, text in summaries.items()]
     lines = [INTRODUCTION, *table(("Command", "What it does"), *rows), ""]
     for name, command in commands.items():
         lines += _command(name, command, summaries.get(name, ""))

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pipelines.batch.queue_file import QueuedTake, QueueFile, now
-from pipelines.events import Event, RunFinished, read_line
+from pipelines.events import Event, Finished, read_line
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.runs.launch import launch
 from pipelines.takes.take import Take
@@ -100,7 +100,7 @@ def _run(
                 last = text.strip() or last
                 if event is None:
                     continue
-                if isinstance(event, RunFinished):
+                if isinstance(event, Finished):
                     message = event.message
                 emit(event)
         except BaseException:  # Ctrl-C: the run ends in order and keeps its finished work

@@ -1,45 +1,65 @@
-"""`v3studio bakes`: bakes of a take that are kept under names."""
+"""`v3studio bake list`, `keep`, `choose` and `remove`: bakes of a take that are kept under names."""
 
 from __future__ import annotations
 
 import argparse
-import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.common.arguments import add_json
+
 if TYPE_CHECKING:
+    from pipelines.takes.kept_bakes import KeptBake
     from pipelines.takes.take import Take
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
-    command = commands.add_parser(
-        "bakes",
-        help="show the bakes that a take keeps, or keep the present one",
-        description="Show the bakes that a take keeps under names, with size and quality. A kept bake is the folder "
-        "TAKE/bakes/NAME, which can be played, exported, shared, and compared with `v3studio compare` like a take. "
-        "`v3studio bake TAKE --keep NAME` bakes and keeps.",
+    """Add the commands to the command line."""
+    listing = _command(commands, "list", "list the bakes that a take keeps, with size and quality", _list)
+    add_json(listing)
+    keep = _command(
+        commands,
+        "keep",
+        "keep the take's stream under a name",
+        _keep,
+        " It becomes the folder TAKE/bakes/NAME, which can be played, exported, shared, and compared like a take.",
     )
-    command.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
-    command.add_argument("--keep", metavar="NAME", help="keep the take's stream under this name, such as qp26")
-    command.add_argument("--json", action="store_true", help="print JSON")
-    command.set_defaults(command=_bakes)
+    keep.add_argument("name", metavar="NAME", help="name of the bake, such as qp26")
+    choose = _command(
+        commands, "choose", "make a kept bake the take's stream again, with its settings and evaluation", _choose
+    )
+    choose.add_argument("name", metavar="NAME", help="name of the bake")
+    remove = _command(commands, "remove", "delete kept bakes; the take's stream stays", _remove)
+    remove.add_argument("name", nargs="+", metavar="NAME", help="name of the bake")
 
 
-def _bakes(arguments: argparse.Namespace) -> int:
+def _command(
+    commands: Any, name: str, text: str, command: Callable[[argparse.Namespace], int], more: str = ""
+) -> argparse.ArgumentParser:
+    description = f"{text[0].upper()}{text[1:]}.{more}"
+    parser: argparse.ArgumentParser = commands.add_parser(f"bake {name}", help=text, description=description)
+    parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
+    parser.set_defaults(command=command)
+    return parser
+
+
+def _list(arguments: argparse.Namespace) -> int:
     from pipelines.takes.kept_bakes import kept_bakes
     from pipelines.takes.take import Take
 
-    take = Take.open(arguments.take)
-    if arguments.keep is not None:
-        _keep(take, arguments.keep)
-    found = kept_bakes(take)
+    found = kept_bakes(Take.open(arguments.take))
+    arguments.result = {"bakes": [kept.to_json() for kept in found]}
     if arguments.json:
-        print(json.dumps([kept.to_json() for kept in found], indent=1), file=arguments.output)
         return 0
     if not found:
-        print("No bakes are kept. `v3studio bakes TAKE --keep NAME` keeps the present one.")
+        print("No bakes are kept. `v3studio bake keep TAKE NAME` keeps the stream.")
         return 0
+    _print(found)
+    return 0
+
+
+def _print(found: list[KeptBake]) -> None:
     from pipelines.reports.tables import escaped, table_of
     from pipelines.reports.terminal import console
 
@@ -56,12 +76,37 @@ def _bakes(arguments: argparse.Namespace) -> int:
             ", ".join(words for words, holds in notes.items() if holds),
         )
     console().print(shown)
-    return 0
 
 
-def _keep(take: Take, name: str) -> None:
-    from pipelines.takes.atomic_files import disk_errors
+def _keep(arguments: argparse.Namespace) -> int:
     from pipelines.takes.kept_bakes import keep_bake
 
-    with take.locked("v3studio bakes --keep"), disk_errors(take.root):
-        keep_bake(take, name)
+    return _change(arguments.take, "keep", lambda take: keep_bake(take, arguments.name))
+
+
+def _choose(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.kept_bakes import choose_bake
+
+    return _change(arguments.take, "choose", lambda take: choose_bake(take, arguments.name))
+
+
+def _remove(arguments: argparse.Namespace) -> int:
+    from pipelines.takes.kept_bakes import kept_bake, remove_bake
+
+    def remove(take: Take) -> None:
+        for name in arguments.name:
+            kept_bake(take, name)
+        for name in arguments.name:
+            remove_bake(take, name)
+
+    return _change(arguments.take, "remove", remove)
+
+
+def _change(folder: Path, name: str, change: Callable[[Take], object]) -> int:
+    from pipelines.takes.atomic_files import disk_errors
+    from pipelines.takes.take import Take
+
+    take = Take.open(folder)
+    with take.locked(f"v3studio bake {name}"), disk_errors(take.root):
+        change(take)
+    return 0

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_json, invalid_option
 from pipelines.commands.common.source import add_source, read_settings
 
 
@@ -105,7 +105,7 @@ def add_sync_command(commands: Any) -> None:
         help="what to compare (default: auto, which is sound or else motion)",
     )
     sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
-    sync.add_argument("--json", action="store_true", help="print JSON")
+    add_json(sync)
     sync.set_defaults(command=_sync)
 
 
@@ -123,14 +123,9 @@ def _sync(arguments: argparse.Namespace) -> int:
     finally:
         footage.close()
     if arguments.json:
-        import json
-
         values = {"method": report.method, "offsets": report.offsets, "confidence": report.confidence}
         values |= {"timecodes": report.timecodes, "whole": report.whole, "unsure": list(report.unsure)}
-        print(
-            json.dumps(values, indent=1),
-            file=arguments.output,
-        )
+        arguments.result = values
         return 0
     for name, offset in report.offsets.items():
         if report.method == "timecode":

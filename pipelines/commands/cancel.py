@@ -18,7 +18,7 @@ def register(commands: Any) -> None:
         help="stop the run in progress on a take, on whichever machine it is",
         description="Stop the run in progress on a take, on whichever machine it is. Finished work is kept.",
     )
-    parser.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
+    parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
     parser.set_defaults(command=_cancel)
 
 

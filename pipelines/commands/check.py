@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_json, invalid_option
 from studio.counts import counted
 from studio.errors import StudioError, shown
 from studio.progress import ProgressFn
@@ -33,7 +32,7 @@ def register(commands: Any) -> None:
     command.add_argument(
         "--remove", action="store_true", help="delete damaged files of a take, so that the next run makes them"
     )
-    command.add_argument("--json", action="store_true", help="print JSON")
+    add_json(command)
     command.set_defaults(command=_check)
 
 
@@ -48,7 +47,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
-    from pipelines.commands.common.working import working
+    from pipelines.commands.common.working import json_output, working
     from pipelines.stages import STAGE_NAMES
     from pipelines.takes.integrity import check_take
     from pipelines.takes.take import Take
@@ -57,7 +56,7 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
     report: ProgressFn
     # what is deleted must not have been made again since it was checked
     with take.locked("v3studio check --remove") if arguments.remove else nullcontext():
-        with working("check", None) as report:
+        with working("check", json_output(arguments)) as report:
             found = check_take(take, STAGE_NAMES, report)
         for damage in found.damage if arguments.remove else ():
             path = take.root / damage.file
@@ -67,8 +66,8 @@ def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
             if damage.file and path.is_file() and path.resolve().is_relative_to(take.root.resolve()):
                 path.unlink()
             take.forget(damage.stage)
+    arguments.result = found.model_dump(mode="json")
     if arguments.json:
-        print(found.model_dump_json(indent=1), file=arguments.output)
         return 1 if found.damage else 0
     for damage in found.damage:
         detail = f" ({damage.detail})" if damage.detail else ""
@@ -114,7 +113,7 @@ def _assumed(take: Take) -> list[str]:
 
 
 def _check_stream(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.working import working
+    from pipelines.commands.common.working import json_output, working
     from pipelines.takes.videos import stream_place
     from studio.stream import StreamReader, check_stream
 
@@ -125,10 +124,10 @@ def _check_stream(arguments: argparse.Namespace) -> int:
             "Leave it out, or name the folder of the take.",
             arguments.place,
         )
-    with working("check", None) as report, StreamReader.open(stream_place(arguments.place)) as reader:
+    with working("check", json_output(arguments)) as report, StreamReader.open(stream_place(arguments.place)) as reader:
         found = check_stream(reader, report)
+    arguments.result = asdict(found)
     if arguments.json:
-        print(json.dumps(asdict(found), indent=1), file=arguments.output)
         return 1 if found.damage else 0
     for damage in found.damage:
         numbers = ", ".join(map(str, damage.groups))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_frames, add_json, invalid_option
 from studio.comparison.protocols import PROTOCOLS
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ def register(commands: Any) -> None:
         metavar="TAKE",
         help="take whose images and masks to compare with (default: the first)",
     )
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="measure every n-th frame, without flicker")
+    add_frames(parser, "measure only these frames; with a step, flicker is not measured")
     parser.add_argument("--lpips", choices=("alex", "vgg"), help="also compute LPIPS, as the setting evaluate.lpips")
     parser.add_argument(
         "--out",
@@ -53,43 +52,38 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--images", type=int, default=2, metavar="N", help="frames to show (default: %(default)s)")
     parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    add_json(parser)
     parser.set_defaults(command=_compare)
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.working import working
+    from pipelines.commands.common.working import json_output, working
     from pipelines.comparison.compare import compare
     from pipelines.stages.inputs import choose_device
 
-    for option, least in (("every", 1), ("images", 0)):
-        value = getattr(arguments, option)
-        if value < least:
-            raise invalid_option(
-                f"--{option}", f"--{option} {value} is below {least}", f"Example: --{option} {least or 2}.", value
-            )
+    if arguments.images < 0:
+        raise invalid_option("--images", f"--images {arguments.images} is below 0", "Example: --images 2.")
     device = choose_device(arguments.device)
     lpips = None
     if arguments.lpips:
         from studio.perceptual import Lpips
 
         lpips = Lpips(arguments.lpips, device)
-    with working("compare", None) as progress:
+    with working("compare", json_output(arguments)) as progress:
         result = compare(
             arguments.takes,
             arguments.out,
             PROTOCOLS[arguments.protocol],
             cameras=[name for name in arguments.cameras.split(",") if name],
             footage=arguments.footage,
-            every=arguments.every,
+            part=slice(*arguments.frames),
             images=arguments.images,
             lpips=lpips,
             device=device,
             progress=progress,
         )
-    if arguments.json:
-        print(json.dumps(result.to_json(), indent=1), file=arguments.output)
-    else:
+    arguments.result = result.to_json()
+    if not arguments.json:
         _print(result, arguments.out)
     return 0
 

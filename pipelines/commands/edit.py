@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_json, frame_range, invalid_option
 from studio.counts import counted
 from studio.errors import StudioError
 
@@ -23,7 +23,7 @@ trained is not changed. `v3studio run` then bakes what is affected again. Two ch
 `crop --training`.
 
 Examples:
-    v3studio edit trim takes/first 12 250
+    v3studio edit trim takes/first 12:251
     v3studio edit crop takes/first --min -0.8 -0.8 0 --max 0.8 0.8 2
     v3studio edit floaters takes/first --share 0.01
     v3studio edit detail takes/first --frame 0 --at 0 0.1 1.6 --radius 0.15
@@ -46,12 +46,13 @@ def register(commands: Any) -> None:
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     listing = _kind(kinds, "list", "show the edits", _list)
-    listing.add_argument("--json", action="store_true", help="print JSON")
+    add_json(listing)
     _kind(kinds, "count", "count the splats that the edits remove, by group", _count)
 
-    trim = _kind(kinds, "trim", "set the in and the out point", _trim)
-    trim.add_argument("first", type=int, metavar="IN", help="first frame to keep, counted from 0 in the take")
-    trim.add_argument("last", type=int, metavar="OUT", help="last frame to keep")
+    trim = _kind(kinds, "trim", "keep a range of frames", _trim)
+    trim.add_argument(
+        "frames", type=frame_range, metavar="A:B", help="keep the frames A to B - 1, counted from 0 in the take"
+    )
 
     crop = _kind(kinds, "crop", "remove what is outside of a box", _crop)
     _vector(crop, "--min", "min corner of the box, in the world that `v3studio edit world` has placed", required=True)
@@ -147,8 +148,8 @@ def _list(arguments: argparse.Namespace) -> int:
 
     take = _take(arguments)
     found = read_edits_file(take.edits)
+    arguments.result = found.edits.model_dump(mode="json")
     if arguments.json:
-        print(found.edits.model_dump_json(indent=1), file=arguments.output)
         return 0
     for name, words in describe(found.edits, frame_of(take)).items():
         print(f"{name:<12}{words}", file=arguments.output)
@@ -183,17 +184,20 @@ def _count(arguments: argparse.Namespace) -> int:
 
 
 def _trim(arguments: argparse.Namespace) -> int:
-    take = _take(arguments)
-    frames = _frame_count(take)
-    if frames is not None and arguments.last >= frames:
+    take, (start, stop, step) = _take(arguments), arguments.frames
+    count = _frame_count(take)
+    end = count if stop is None else stop
+    if step != 1 or end is None:
+        raise invalid_option("A:B", "the frames to keep have no step, and an end", "Example: 12:251.")
+    if count is not None and end > count:
         raise invalid_option(
-            "OUT",
-            f"the take has no frame {arguments.last}",
-            f"It has frames 0 to {frames - 1}.",
-            arguments.last,
-            expected=[0, frames - 1],
+            "A:B",
+            f"the take has no frame {end - 1}",
+            f"It has frames 0 to {count - 1}.",
+            end,
+            expected=[0, count],
         )
-    return _change(take, "trim", {"first": arguments.first, "last": arguments.last})
+    return _change(take, "trim", {"first": start, "last": end - 1})
 
 
 def _crop(arguments: argparse.Namespace) -> int:

@@ -6,9 +6,11 @@ import argparse
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
+from pipelines.commands.common.arguments import add_json
 from pipelines.commands.common.source import add_source, is_take, read_settings
+from pipelines.commands.common.working import json_output, working
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -34,7 +36,7 @@ def register(commands: Any) -> None:
         epilog=_NOTE,
     )
     add_source(parser)
-    parser.add_argument("--json", action="store_true", help="print JSON")
+    add_json(parser)
     parser.add_argument(
         "--presets", action="store_true", help="estimate the presets preview, standard and final too; about a minute"
     )
@@ -44,8 +46,6 @@ def register(commands: Any) -> None:
 def _estimate(arguments: argparse.Namespace) -> int:
     require_memory()  # both as a run does
     keep_freed_memory()
-    import json
-
     from pipelines.config.presets import PRESETS, with_values
     from pipelines.estimate.rehearsal import load
     from pipelines.reports.terminal import console, duration
@@ -55,24 +55,23 @@ def _estimate(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         inputs = _inputs(arguments, stack)
         now = load()
-        found = _rehearsed(inputs, "rehearsal")
+        output = json_output(arguments)
+        found = _rehearsed(inputs, "rehearsal", output)
         if arguments.presets:
             for name, values in PRESETS.items():
                 preset = Inputs(inputs.take, with_values(inputs.config, values))
-                presets[name] = _rehearsed(preset, f"rehearsal of the preset {name}")
-    if arguments.json:
-        more = {"presets": {name: one.to_json() for name, one in presets.items()}} if presets else {}
-        print(json.dumps({**found.to_json(), "load": now, **more}), file=arguments.output)
-    else:
+                presets[name] = _rehearsed(preset, f"rehearsal of the preset {name}", output)
+    more = {"presets": {name: one.to_json() for name, one in presets.items()}} if presets else {}
+    arguments.result = {**found.to_json(), "load": now, **more}
+    if not arguments.json:
         _print(found, inputs.threads, now)
         for name, one in presets.items():
             console().print(f"preset {name}: about {duration(one.seconds)}{_stream_words(one)}")
     return 0
 
 
-def _rehearsed(inputs: Inputs, title: str) -> Estimate:
+def _rehearsed(inputs: Inputs, title: str, output: TextIO | None) -> Estimate:
     """The estimate of a take whose cameras are known."""
-    from pipelines.commands.common.working import working
     from pipelines.estimate.estimate import estimate
     from pipelines.estimate.rehearsal import rehearse
     from pipelines.estimate.work import Work
@@ -81,7 +80,7 @@ def _rehearsed(inputs: Inputs, title: str) -> Estimate:
     known = bake.profile == "motion" and not bake.ladder and isinstance(bake.quality, int)
     qp = bake.qp if known else None
     work = Work.of(inputs)
-    with working(title, None) as progress:
+    with working(title, output) as progress:
         return estimate(work, rehearse(inputs, work, progress), qp)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import operator
 import re
 from contextlib import ExitStack
@@ -12,8 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import invalid_option, three_numbers
+from pipelines.commands.common.arguments import ALL_FRAMES, add_frames, add_json, invalid_option, three_numbers
 from pipelines.commands.common.output import add_overwrite, replacing
+from pipelines.commands.common.working import json_output, say_note, working
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS
@@ -46,7 +46,7 @@ def register(commands: Any) -> None:
     export.add_argument("--format", choices=list(EXPORTS), required=True, metavar="FORMAT", help=", ".join(EXPORTS))
     export.add_argument("--out", type=Path, required=True, metavar="PATH", help="file or folder")
     add_overwrite(export)
-    export.add_argument("--frames", metavar="A:B[:S]", help="frames A to B - 1 in steps of S, counted from 0")
+    add_frames(export, "export only these frames")
     export.add_argument(
         "--of",
         choices=("decoded", "trained"),
@@ -76,7 +76,7 @@ def register(commands: Any) -> None:
     export.add_argument("--path", type=Path, metavar="FILE", help="camera-path: camera keyframes, or a rig.json")
     export.add_argument("--turns", type=float, default=1.0, help="turntable: number of turns (default: 1)")
     export.add_argument("--elevation", type=float, default=10.0, help="turntable: elevation in degrees (default: 10)")
-    export.add_argument("--json", action="store_true", help="print progress as JSON lines")
+    add_json(export)
     export.set_defaults(command=_export)
 
 
@@ -96,7 +96,6 @@ def _export(arguments: argparse.Namespace) -> int:
             "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} does not take --path",
             "Add --path FILE." if needs else "Remove --path.",
         )
-    from pipelines.commands.common.working import working
     from pipelines.takes.videos import decoded_video, is_take, open_reader, trained_video
 
     if EXPORTS[arguments.format].holds == "stream":
@@ -113,10 +112,9 @@ def _export(arguments: argparse.Namespace) -> int:
         if EXPORTS[arguments.format].holds == "movie":
             video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
-        json_output = arguments.output if arguments.json else None
         stack.enter_context(replacing(arguments.out, arguments.overwrite, partial(_is_export, arguments.format)))
         notes: list[str] = []
-        progress = stack.enter_context(working(f"export {arguments.format}", json_output))
+        progress = stack.enter_context(working(f"export {arguments.format}", json_output(arguments)))
         if EXPORTS[arguments.format].holds == "movie":
             written = _movie(video, arguments, size, progress)
         else:
@@ -126,10 +124,8 @@ def _export(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(f"{arguments.out}: {written}")
     for note in filter(None, notes):
-        if arguments.json:
-            print(json.dumps({"kind": "note", "text": note}), file=arguments.output, flush=True)
-        else:
-            print(f"note: {note}")
+        say_note(arguments, note)
+    arguments.result = {"path": str(arguments.out), "format": arguments.format, "written": written}
     return 0
 
 
@@ -189,14 +185,13 @@ def _dilation_note(seen: set[float]) -> str:
 
 
 def _whole_stream(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.working import working
     from pipelines.takes.videos import open_reader
     from studio.formats.placing import new_file
     from studio.stream.sources.archive import SUFFIX
     from studio.stream.write_archive import write_archive
 
     for option in ("frames", "of", "sh_degree"):
-        if getattr(arguments, option) not in (None, "decoded"):
+        if getattr(arguments, option) not in (None, "decoded", ALL_FRAMES):
             name = f"--{option.replace('_', '-')}"
             raise invalid_option(
                 name,
@@ -215,11 +210,12 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
     _need_stream(arguments.source)
     replaced = replacing(arguments.out, arguments.overwrite, Path.is_file)
     with open_reader(arguments.source) as reader, replaced, new_file(arguments.out) as temporary:
-        with working("export v3", arguments.output if arguments.json else None) as progress:
+        with working("export v3", json_output(arguments)) as progress:
             size = write_archive(reader, temporary, progress)
         frames = reader.frame_count
     if not arguments.json:
         print(f"{arguments.out}: {counted(frames, 'frame')}, {size:,} bytes")
+    arguments.result = {"path": str(arguments.out), "format": "v3", "frames": frames, "bytes": size}
     return 0
 
 
@@ -261,15 +257,11 @@ def _sound(arguments: argparse.Namespace, stack: ExitStack, video: SplatVideo) -
     return None if early < 0 else part_of(sound, early / video.fps, video.duration)
 
 
-def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> SplatVideo:
+def _chosen(video: SplatVideo, frames: tuple[int, int | None, int], sh_degree: int | None) -> SplatVideo:
     if sh_degree is not None:
         read, degree = video.read, sh_degree
         video = replace(video, read=lambda index: read(index).with_sh_degree(degree))
-    if text is None:
-        return video
-    pattern, form = r"(\d*):(\d*)(?::(\d+))?", "A:B or A:B:S"
-    start, stop, step = _parts("--frames", text, pattern, form, "0:20 for frames 0 to 19")
-    return video.part(int(start or 0), int(stop) if stop else None, int(step or 1))
+    return video if frames == ALL_FRAMES else video.part(*frames)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import invalid_option, three_numbers
+from pipelines.commands.common.arguments import add_json, invalid_option, three_numbers
 from pipelines.commands.common.output import add_overwrite, replacing
+from pipelines.commands.common.working import json_output, say_note, working
 from studio.counts import counted
 
 
@@ -36,7 +37,7 @@ def register(commands: Any) -> None:
         help="up direction (default: what the file says; otherwise 0,1,0 for SPZ, 0,-1,0 for others)",
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    parser.add_argument("--json", action="store_true", help="print progress as JSON lines")
+    add_json(parser)
     parser.set_defaults(command=_import)
 
 
@@ -53,26 +54,30 @@ def _import(arguments: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from pipelines.commands.common.working import working
     from pipelines.config import load_config
     from studio.formats.baking import bake_video
     from studio.formats.sequence import open_import
 
     config = load_config(None, arguments.overrides)
-    json_output = arguments.output if arguments.json else None
-    with working("read", json_output) as progress:
+    output = json_output(arguments)
+    with working("read", output) as progress:
         video = open_import(arguments.source, arguments.fps, progress)
-    if not arguments.json:
-        for note in video.notes:
-            print(f"note: {note}")
-        if up is None and video.up is not None:
-            print(f"note: up is {','.join(f'{value:g}' for value in video.up)} (--up overrides it)")
+    for note in video.notes:
+        say_note(arguments, note)
+    if up is None and video.up is not None:
+        say_note(arguments, f"up is {','.join(f'{value:g}' for value in video.up)} (--up overrides it)")
     if up is not None:
         video = replace(video, up=np.array(up))
     replaced = replacing(arguments.out, arguments.overwrite, lambda out: (out / "manifest.json").is_file())
-    with replaced, working("bake", json_output) as progress:
+    with replaced, working("bake", output) as progress:
         size = config.train.group_size if arguments.group_size is None else arguments.group_size
         manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.threads)
+    arguments.result = {
+        "path": str(arguments.out),
+        "frames": manifest.frame_count,
+        "groups": len(manifest.frame_counts),
+        "bytes": manifest.total_bytes,
+    }
     if not arguments.json:
         frames, groups = counted(manifest.frame_count, "frame"), counted(len(manifest.frame_counts), "group")
         print(f"{arguments.out}: {frames} in {groups}, {manifest.total_bytes:,} bytes")

@@ -7,6 +7,7 @@ import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.common.arguments import add_frames, add_json, invalid_option
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ def register(commands: Any) -> None:
     play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
     play.add_argument("--render", action="store_true", help="also render each frame from the stream's suggested camera")
-    play.add_argument("--frames", type=int, metavar="N", help="stop after N frames")
-    play.add_argument("--json", action="store_true", help="print JSON")
+    add_frames(play, "play only these frames; the step must be 1")
+    add_json(play)
     play.set_defaults(command=_play)
 
 
@@ -44,14 +45,20 @@ def _play(arguments: argparse.Namespace) -> int:
     from studio.playback import play_headless
     from studio.stream import StreamReader
 
+    start, stop, step = arguments.frames
+    if step != 1:
+        raise invalid_option("--frames", f"the step of --frames is {step}", "A player shows every frame: leave it out.")
     with StreamReader.open(stream_place(arguments.stream)) as reader:
         render = _renderer(reader.manifest, arguments.stream) if arguments.render else None
-        report = play_headless(reader, realtime=arguments.realtime, frame_limit=arguments.frames, render=render)
-    if arguments.json:
-        import json
-
-        print(json.dumps(report.to_dict(), indent=1), file=arguments.output)
-    else:
+        report = play_headless(
+            reader,
+            realtime=arguments.realtime,
+            start_frame=start,
+            frame_limit=None if stop is None else stop - start,
+            render=render,
+        )
+    arguments.result = report.to_dict()
+    if not arguments.json:
         print_playback(report)
         print(f"To watch it: v3studio-gui {shlex.quote(arguments.stream)}")
     for group in report.skipped:

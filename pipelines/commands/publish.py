@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from typing import Any
 
+from pipelines.commands.common.arguments import add_json
+from pipelines.commands.common.working import json_output, working
 from pipelines.commands.share import add_page_options, page_text
 from studio.counts import counted
 
@@ -28,18 +31,18 @@ def register(commands: Any) -> None:
         help="also put index.html and the browser player there, with the options below",
     )
     add_page_options(command)
-    command.add_argument("--json", action="store_true", help="print progress as JSON lines")
+    add_json(command)
     command.set_defaults(command=_publish)
 
 
 def _publish(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
-    from pipelines.commands.common.working import working
     from pipelines.share.page import PAGE_NAME
     from pipelines.share.publishing import publish
 
-    with working("publish", arguments.output if arguments.json else None) as progress:
+    with working("publish", json_output(arguments)) as progress:
         done = publish(arguments.source, arguments.target, text, page=arguments.page, progress=progress)
+    arguments.result = {"target": arguments.target, **asdict(done)}
     if not arguments.json:
         copied = f"{counted(done.copied, 'file')} copied ({done.bytes:,} bytes)"
         print(f"{arguments.target}: {copied}, {done.present} there already")

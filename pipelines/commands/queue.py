@@ -7,6 +7,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.common.arguments import add_json
 from pipelines.commands.common.source import add_source, is_take, read_settings
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def register(commands: Any) -> None:
     add.set_defaults(command=_add)
 
     listing = _kind(kinds, "list", "show the takes and their states")
-    listing.add_argument("--json", action="store_true", help="print JSON")
+    add_json(listing)
     listing.set_defaults(command=_list)
 
     run = _kind(kinds, "run", "run all takes that wait, also those that are added meanwhile")
@@ -95,8 +96,8 @@ def _list(arguments: argparse.Namespace) -> int:
 
     queue = _file(arguments)
     found = queue.read()
+    arguments.result = found.model_dump(mode="json")
     if arguments.json:
-        print(found.model_dump_json(indent=1), file=arguments.output)
         return 0
     if not found.takes:
         print("The queue is empty.")

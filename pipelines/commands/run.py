@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_json, invalid_option
 from pipelines.commands.common.source import add_preset, add_source, is_footage, is_take, read_settings
 from pipelines.stages import STAGE_NAMES, STAGES
 from studio.errors import StudioError
@@ -39,7 +39,7 @@ def register(commands: Any) -> None:
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
         if name == "bake":
             _add_stream_options(stage)
-            stage.add_argument("--keep", metavar="NAME", help="keep the bake under this name too; see `v3studio bakes`")
+            stage.add_argument("--keep", metavar="NAME", help="keep the bake under this name, too")
         if name == "train":
             _add_live(stage)
         _add_detach(stage)
@@ -103,7 +103,7 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
     add_source(parser, nargs="?", note=" (default: the settings in the take)")
     parser.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created if needed")
     add_preset(parser)
-    parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
+    add_json(parser)
     return parser
 
 
@@ -200,9 +200,8 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
     words += ["--force"] if arguments.stage and arguments.force else []
     words += ["--keep", arguments.keep] if getattr(arguments, "keep", None) else []
     run = start_background(take, config, words)
+    arguments.result = {"take": str(take.root), "pid": run.pid, "host": run.host, "running": run.code is None}
     if arguments.json:
-        found = {"take": str(take.root), "pid": run.pid, "host": run.host, "running": run.code is None}
-        print(json.dumps(found), file=arguments.output)
         return 0
     if run.code is not None:
         print(f"Everything is up to date (process {run.pid} on {run.host} has ended).", file=arguments.output)

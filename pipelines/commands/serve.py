@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import logging
 import os
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_json, invalid_option
 from pipelines.commands.share import add_view_option
+from pipelines.events import Serving
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from pipelines.share.certificates import Certificate
     from pipelines.share.player_files import PlayerFiles
-    from pipelines.share.serving import Serving
+    from pipelines.share.serving import Serving as Prepared
 
 HTTP_NOTE = (
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
@@ -95,7 +95,7 @@ def register(commands: Any) -> None:
         metavar="ORIGIN",
         help="let pages from there play the stream, such as https://example.org, or '*' for all; may be repeated",
     )
-    serve.add_argument("--json", action="store_true", help="print addresses and fingerprint as a JSON line")
+    add_json(serve)
     serve.add_argument(
         "--end-with-stdin",
         action="store_true",
@@ -131,7 +131,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     server = serving.server
     with contextlib.closing(serving):
         if arguments.json:
-            _print_json(arguments.output, serving)
+            print(_event(serving).to_json(), file=arguments.output, flush=True)
         else:
             _print(serving, player is not None, arguments.qr)
         _bound_logs(server)
@@ -185,7 +185,7 @@ def _player() -> PlayerFiles | None:
         return None
 
 
-def _print(serving: Serving, player: bool, qr: bool | None) -> None:
+def _print(serving: Prepared, player: bool, qr: bool | None) -> None:
     """Addresses, and what phones need."""
     certificate = serving.certificate
     lines = [f"Serving {folder} at {address}" for address, folder in serving.streams.items()]
@@ -216,15 +216,13 @@ def _print(serving: Serving, player: bool, qr: bool | None) -> None:
         print(f"{qr_text(address)}\n{address}", flush=True)
 
 
-def _print_json(output: TextIO, serving: Serving) -> None:
-    """One line for programs: the first address of each stream, and all bases."""
-    event = {
-        "kind": "serving",
-        "streams": [{"folder": str(folder), "address": address} for address, folder in serving.streams.items()],
-        "reviews": [{"folder": str(folder), "address": address} for address, folder in serving.reviews.items()],
-        "bases": list(serving.bases),
-        "local": serving.is_local,
-        "https": serving.certificate is not None,
-        "fingerprint": serving.fingerprint,
-    }
-    print(json.dumps(event), file=output, flush=True)
+def _event(serving: Prepared) -> Serving:
+    """For programs: the first address of each stream, and all bases."""
+    return Serving(
+        streams=tuple({"folder": str(folder), "address": address} for address, folder in serving.streams.items()),
+        reviews=tuple({"folder": str(folder), "address": address} for address, folder in serving.reviews.items()),
+        bases=tuple(serving.bases),
+        local=serving.is_local,
+        https=serving.certificate is not None,
+        fingerprint=serving.fingerprint,
+    )

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_json, invalid_option
 from pipelines.commands.common.output import add_overwrite
+from pipelines.commands.common.working import json_output, working
 
 if TYPE_CHECKING:
     from pipelines.share.page import PageText
@@ -31,7 +31,7 @@ def register(commands: Any) -> None:
     )
     add_overwrite(share)
     add_page_options(share)
-    share.add_argument("--json", action="store_true", help="print progress and sizes as JSON lines")
+    add_json(share)
     share.set_defaults(command=_share)
 
 
@@ -91,13 +91,12 @@ def page_text(arguments: argparse.Namespace) -> PageText:
 
 def _share(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
-    from pipelines.commands.common.working import working
     from pipelines.share.sharing import share
 
-    with working("share", arguments.output if arguments.json else None) as progress:
+    with working("share", json_output(arguments)) as progress:
         shared = share(arguments.source, arguments.out, text, overwrite=arguments.overwrite, progress=progress)
+    arguments.result = shared.to_dict()
     if arguments.json:
-        print(json.dumps({"kind": "shared", **shared.to_dict()}), file=arguments.output, flush=True)
         return 0
     parts = f"stream {shared.stream_bytes:,}, player {shared.player_bytes:,}, poster {shared.poster_bytes:,}"
     print(f"{arguments.out}: {shared.files} file{'s' * (shared.files > 1)}, {shared.total_bytes:,} bytes ({parts})")

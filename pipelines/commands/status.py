@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.common.arguments import add_json
+
 
 def register(commands: Any) -> None:
     """Add the command to the command line."""
@@ -14,8 +16,9 @@ def register(commands: Any) -> None:
         help="show which stages of a take are up to date, and why others are not",
         description="Show which stages of a take are up to date, and why the others are not.",
     )
-    status.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
-    status.add_argument("--json", action="store_true", help="print JSON")
+    status.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
+    status.add_argument("--check", action="store_true", help="exit with 1 unless all stages are up to date")
+    add_json(status)
     status.set_defaults(command=_status)
 
 
@@ -26,10 +29,10 @@ def _status(arguments: argparse.Namespace) -> int:
     take = Take.open(arguments.take)
     config = load_config(take.config if take.config.is_file() else None, arguments.overrides)
 
-    from pipelines.runs.status import print_status, status_json
+    from pipelines.runs.status import print_status, status_values
 
-    if arguments.json:
-        print(status_json(take, config), file=arguments.output)
-    else:
+    arguments.result = status_values(take, config)
+    if not arguments.json:
         print_status(take, config)
-    return 0
+    done = all(stage["state"] == "done" for stage in arguments.result["stages"].values())
+    return 1 if arguments.check and not done else 0

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.common.arguments import add_json
 from pipelines.stages import CHAIN, GROUP_STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -48,7 +49,7 @@ def register(commands: Any) -> None:
         help="what --print-commands prints: one command a line, as GNU parallel and OpenCue's cuecmd take them, or as "
         "Deadline's CommandScript does, or a batch file for Slurm (default: plain)",
     )
-    parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
+    add_json(parser)
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.set_defaults(command=_work)
 

@@ -39,7 +39,7 @@ def compare(
     *,
     cameras: Sequence[str] = (),
     footage: Path | None = None,
-    every: int = 1,
+    part: slice = slice(None),
     images: int = 2,
     lpips: Lpips | None = None,
     device: str = "cpu",
@@ -57,7 +57,7 @@ def compare(
         protocol: which cameras, pixels and size.
         cameras: names instead of the protocol's.
         footage: folder of the take whose footage settings (images, masks) are compared with; None: the first.
-        every: measure every n-th frame; flicker needs 1.
+        part: of the frames that all takes have, which to measure; flicker needs all steps to be 1.
         images: frames to show, spread over the measured ones.
         lpips: the metric; None: not measured.
         device: torch device to render on.
@@ -70,7 +70,8 @@ def compare(
     """
     with ExitStack() as closing:
         takes, names = open_takes(folders, protocol, cameras, closing, footage)
-        frames = [frame for frame in takes[0].footage.frames if all(frame in one.frames for one in takes)][::every]
+        frames = [frame for frame in takes[0].footage.frames if all(frame in one.frames for one in takes)][part]
+        steady = part.step in (None, 1)
         if not frames:
             raise StudioError(
                 "compare.no_common_frame",
@@ -81,9 +82,9 @@ def compare(
         closing.enter_context(_writable(out))
         shown = {frames[at] for at in np.linspace(0, len(frames) - 1, min(images, len(frames))).round().astype(int)}
         described = _protocol(protocol, takes, names, frames, footage or folders[0], lpips)
-        key = _key(described, takes, images=sorted(map(int, shown)), flicker=every == 1, device=device)
+        key = _key(described, takes, images=sorted(map(int, shown)), flicker=steady, device=device)
         finished = FinishedFrames(out, key)
-        measurer = FrameMeasurer(takes, names, protocol, lpips, device, flicker=every == 1)
+        measurer = FrameMeasurer(takes, names, protocol, lpips, device, flicker=steady)
         compared: list[ComparedFrame] = []
         total = len(frames) * len(takes) * len(names)
         done = 0

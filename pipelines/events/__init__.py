@@ -1,4 +1,4 @@
-"""Typed events that a run emits, as JSON lines with `--json`; beside them, cancellation and a clock of work time.
+"""Typed events that commands emit, as JSON lines with `--json`; beside them, cancellation and a clock of work time.
 
 The command line shows them as progress bars; the window reads the lines. `parse_event` is the inverse of `to_json`.
 """
@@ -199,6 +199,28 @@ class Log(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Serving(Event):
+    """`v3studio serve` is ready.
+
+    Attributes:
+        streams: `folder` and `address` of each stream.
+        reviews: `folder` and `address` of each take that can be reviewed.
+        bases: addresses of the server, the first of which is in the others.
+        local: whether only this machine can reach it.
+        https: whether it encrypts.
+        fingerprint: SHA-256 of the certificate; None without one.
+    """
+
+    kind: ClassVar[str] = "serving"
+    streams: tuple[Mapping[str, str], ...]
+    reviews: tuple[Mapping[str, str], ...]
+    bases: tuple[str, ...]
+    local: bool
+    https: bool
+    fingerprint: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Warned(Notice):
     """A warning; the run continues."""
 
@@ -232,17 +254,20 @@ class StageFailed(Notice):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunFinished(Notice):
-    """The last event of a command.
+class Finished(Notice):
+    """The last event of every command, also of one that failed.
 
     Attributes:
-        outcome: "done", "failed" or "cancelled". If failed, the inherited attributes hold the error.
+        outcome: "done" (exit code 0), "failed" or "cancelled". If failed, the inherited attributes hold the error; a
+            check that found something has none.
         seconds: work time, without pauses.
+        result: what the command found or made; see the command.
     """
 
-    kind: ClassVar[str] = "run_finished"
+    kind: ClassVar[str] = "finished"
     outcome: str
     seconds: float
+    result: Mapping[str, JsonData] = field(default_factory=dict)
 
 
 AnyEvent: TypeAlias = (
@@ -253,18 +278,19 @@ AnyEvent: TypeAlias = (
     | GroupState
     | Preview
     | Log
+    | Serving
     | Warned
     | StageFinished
     | StageFailed
-    | RunFinished
+    | Finished
 )
 Emit: TypeAlias = Callable[[Event], None]
 
 _KINDS: dict[str, type[Event]] = {
     cls.kind: cls
     for cls in (
-        RunStarted, StageStarted, Progress, Metrics, GroupState, Preview, Log, Warned, StageFinished, StageFailed,
-        RunFinished,
+        RunStarted, StageStarted, Progress, Metrics, GroupState, Preview, Log, Serving, Warned, StageFinished,
+        StageFailed, Finished,
     )
 }  # fmt: skip
 
@@ -327,7 +353,7 @@ def _event_of(values: Any) -> Event:
         cls = _KINDS[values.pop("event")]
         known = {f.name for f in fields(cls)}
         kept: JsonObject = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known}
-        if issubclass(cls, Notice) and cls is not RunFinished:
+        if issubclass(cls, Notice) and cls is not Finished:
             kept["message"]  # required
         return cls(**kept)
     except (KeyError, TypeError, AttributeError) as error:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from typing import Any, TextIO
 
 from pipelines.events import (
     Event,
+    Finished,
     Log,
     Preview,
     Progress,
-    RunFinished,
     RunStarted,
     StageFailed,
     StageFinished,
@@ -22,6 +23,9 @@ from pipelines.reports.terminal import console, duration
 from studio.counts import counted
 from studio.process import NativeLines, discard
 
+MOST_ALIKE = 3
+"""Warnings of one kind that are printed for a stage."""
+
 
 class JsonLines:
     """Prints each event immediately as one line of JSON.
@@ -29,7 +33,7 @@ class JsonLines:
     If the reader exits (the window is closed), the run continues silently; its log is in the take.
 
     Attributes:
-        finished: `RunFinished` was printed.
+        finished: `Finished` was printed.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -39,7 +43,7 @@ class JsonLines:
 
     def __call__(self, event: Event) -> None:
         with self._lock:
-            self.finished = self.finished or isinstance(event, RunFinished)
+            self.finished = self.finished or isinstance(event, Finished)
             if self._stream is None:
                 return
             try:
@@ -81,6 +85,7 @@ class Bars:
         self._total: Any = None
         self._last_percent = -1
         self._native: NativeLines | None = None
+        self._warnings: Counter[str] = Counter()
 
     def __enter__(self) -> Bars:
         if self.console.is_terminal:
@@ -107,19 +112,34 @@ class Bars:
         elif isinstance(event, Progress):
             self._progress(event)
         elif isinstance(event, Warned):
-            self._say(f"[yellow]warning:[/yellow] {_plain(event.message)}")
+            self._warn(event)
         elif isinstance(event, StageFinished):
+            self._say_repeated()
             figures = summary_words(event.stage, event.summary)
             self._say(f"[bold]{event.stage}[/bold]: done in {duration(event.seconds)}. {_plain(figures)}")
             self._drop_stage_bar()
         elif isinstance(event, StageFailed):
             self._drop_stage_bar()  # the command line prints the error
-        elif isinstance(event, RunFinished):
+        elif isinstance(event, Finished):
+            self._say_repeated()
             self._stop()  # restores the cursor, even if the watchdog is about to end the process
             if event.outcome == "cancelled":
                 self._say(f"[yellow]cancelled:[/yellow] {_plain(event.message)}")
         elif isinstance(event, Log | Preview):
             pass  # only for logs and the window
+
+    def _warn(self, event: Warned) -> None:
+        """Print a warning, but of many of one kind only the first few."""
+        self._warnings[event.code] += 1
+        if self._warnings[event.code] <= MOST_ALIKE:
+            self._say(f"[yellow]warning:[/yellow] {_plain(event.message)}")
+
+    def _say_repeated(self) -> None:
+        """Print how many warnings were left out since the last time."""
+        for code, count in self._warnings.items():
+            if count > MOST_ALIKE:
+                self._say(f"[yellow]warning:[/yellow] {count - MOST_ALIKE} more like this ({code}), in the take's log")
+        self._warnings.clear()
 
     def _run_started(self, event: RunStarted) -> None:
         if event.done:

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
-from pipelines.events import Emit, RunFinished, as_message
+from pipelines.events import Emit, Finished, as_message
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from pipelines.events.work_clock import WorkClock, counting_pauses
 from studio.errors import Cancelled, Message
+from studio.json_types import JsonData
 
 _KEPT = "finished work is kept"
 
 
 @contextmanager
-def finishing(emit: Callable[[], Emit], cancellation: Cancellation, again: str) -> Iterator[WorkClock]:
-    """Emits `RunFinished` at the end of the block, which SIGINT and SIGTERM cancel.
+def finishing(
+    emit: Callable[[], Emit],
+    cancellation: Cancellation,
+    again: str,
+    result: Callable[[], Mapping[str, JsonData]] = dict,
+) -> Iterator[WorkClock]:
+    """Emits `Finished` at the end of the block, which SIGINT and SIGTERM cancel.
 
     Args:
         emit: returns the receiver of the event.
         cancellation: is set by the signals.
         again: how to resume, as a sentence.
+        result: returns the event's `result`.
 
     Yields:
         a clock of work time, in seconds.
@@ -29,9 +36,9 @@ def finishing(emit: Callable[[], Emit], cancellation: Cancellation, again: str) 
     def finish(outcome: str, message: Message | None = None) -> None:
         seconds = round(clock() - started, 2)
         if message is None:
-            emit()(RunFinished(outcome=outcome, seconds=seconds))
+            emit()(Finished(outcome=outcome, seconds=seconds, result=result()))
         else:
-            emit()(RunFinished.of(message, outcome=outcome, seconds=seconds))
+            emit()(Finished.of(message, outcome=outcome, seconds=seconds, result=result()))
 
     interrupted = Message("run.cancelled", f"the current step was interrupted; {_KEPT}", fix=again)
     with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", interrupted)):

@@ -35,11 +35,12 @@ from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.kept_bakes import free_name, keep_bake, note_evaluation
-from pipelines.takes.records import write_failure
+from pipelines.takes.records import read_record, write_failure
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.errors import Cancelled, Message, StudioError, reason_of
+from studio.json_types import JsonObject
 
 _CHECKED = ("calibrate", "initialize")
 """Stages whose results are compared with their record before use; frames and streams are checked as they are read."""
@@ -66,7 +67,7 @@ def run(
     Args:
         take: the take; locked during the run.
         config: all settings; written to the take's config.yaml.
-        emit: receives the events; the last is always `RunFinished`.
+        emit: receives the events; the last is always `Finished`.
         stages: a name or several. Stages that they depend on must be up to date or among them.
         force: run them from scratch even if they are up to date.
         cancellation: set it from another thread to cancel; SIGINT and SIGTERM set it too.
@@ -82,7 +83,7 @@ def run(
     cancellation = cancellation or Cancellation()
     report = emit
     with (
-        finishing(lambda: report, cancellation, "Run again to resume.") as clock,
+        finishing(lambda: report, cancellation, "Run again to resume.", lambda: result_of(take)) as clock,
         disk_errors(take.root),
         take.locked(command),
         cancelled_on_request(take, cancellation.cancel),
@@ -95,6 +96,15 @@ def run(
         if keep is not None:
             kept = keep_bake(take, keep)
             report(Log(stage="bake", message=f"kept as '{kept.name}'"))
+
+
+def result_of(take: Take) -> JsonObject:
+    """The result of a run for programs: the take, and the main figures of its finished stages."""
+    records = {name: read_record(take, name) for name in STAGE_NAMES}
+    return {
+        "take": str(take.root),
+        "stages": {name: record.summary for name, record in records.items() if record is not None},
+    }
 
 
 def _known(stages: str | Iterable[str]) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import socket
 from dataclasses import asdict, dataclass, replace
 
@@ -14,6 +13,7 @@ from pipelines.reports.terminal import console, duration
 from pipelines.runs.runner import status
 from pipelines.takes.take import Take
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 
 
 @dataclass(frozen=True)
@@ -127,12 +127,12 @@ def _running(now: Running) -> tuple[str, str, str]:
     return f"{progress.fraction:.0%}", left, escaped(progress.label or now.reason)
 
 
-def status_json(take: Take, config: Config) -> str:
-    """The same as JSON. `running` says which stage runs; its state in `stages` is "running"."""
+def status_values(take: Take, config: Config) -> JsonObject:
+    """The same for programs. `running` says which stage runs; its state in `stages` is "running"."""
     stages = {name: asdict(state) for name, state in status(take, config).items()}
     now = running(take)
     if now is None:
-        return json.dumps({"take": str(take.root), "running": None, "stages": stages}, indent=1)
+        return {"take": str(take.root), "running": None, "stages": stages}
     found: dict[str, object] = {
         "pid": now.pid,
         "host": now.host or socket.gethostname(),
@@ -149,4 +149,4 @@ def status_json(take: Take, config: Config) -> str:
         }
     if now.stage in stages:
         stages[now.stage] |= {"state": "running", "reason": now.reason}
-    return json.dumps({"take": str(take.root), "running": found, "stages": stages}, indent=1)
+    return {"take": str(take.root), "running": found, "stages": stages}

@@ -15,12 +15,12 @@ from pathlib import Path
 
 from pydantic import JsonValue
 
-from pipelines.takes.atomic_files import link_or_copy, write_text
+from pipelines.takes.atomic_files import link_or_copy, remove, write_text
 from pipelines.takes.edits import PREFIX, edit_params, read_edits
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.records import StageRecord, read_record, result_of
-from pipelines.takes.settings_file import changed_text
+from pipelines.takes.settings_file import changed_text, set_settings
 from pipelines.takes.take import Take
 from studio.atomic_files import PARTIAL, atomic_path
 from studio.errors import StudioError
@@ -83,7 +83,7 @@ class KeptBake:
         return str(self.settings.get("bake.quality", ""))
 
     def to_json(self) -> JsonObject:
-        """A row of `v3studio bakes --json`."""
+        """A row of `v3studio bake list --json`."""
         return {
             "name": self.name,
             "folder": str(self.take.root),
@@ -156,7 +156,7 @@ def free_name(take: Take, name: str) -> str:
             f"a bake is already kept as '{name}'",
             file=take.bakes / name,
             value=name,
-            fix="Choose another name, or delete that folder.",
+            fix="Choose another name, or remove that one: `v3studio bake remove`.",
         )
     return name
 
@@ -204,6 +204,65 @@ def _evaluation_of(take: Take, bake: StageRecord) -> list[StageRecord]:
     """The record of the take's evaluation, if it measured this stream."""
     record = read_record(take, "evaluate")
     return [record] if record is not None and record.params.get("result of bake") == bake.result else []
+
+
+def kept_bake(take: Take, name: str) -> KeptBake:
+    """The kept bake of that name.
+
+    Raises:
+        StudioError: there is none (`bakes.not_found`).
+    """
+    found = {kept.name: kept for kept in kept_bakes(take)}
+    name = unicodedata.normalize("NFC", name)
+    if name not in found:
+        raise StudioError(
+            "bakes.not_found",
+            f"no bake is kept as '{name}'",
+            file=take.root,
+            value=name,
+            fix=f"Kept are: {', '.join(found)}." if found else "`v3studio bake keep TAKE NAME` keeps the stream.",
+        )
+    return found[name]
+
+
+def choose_bake(take: Take, name: str) -> None:
+    """Make a kept bake the take's stream again, with its settings and evaluation. The caller holds the lock.
+
+    Players that read the stream meanwhile see the old one or the new one, as when it is baked.
+
+    Raises:
+        StudioError: `bakes.not_found`, or the kept bake is damaged (`take.damaged`).
+        OSError: a file cannot be written. Then the stage bake runs again.
+    """
+    kept = kept_bake(take, name)
+    records = [kept.record, *_evaluation_of(kept.take, kept.record)]
+    for record in records:
+        refuse_damage(kept.take, record.stage, f"Remove it: `v3studio bake remove TAKE {name}`.")
+    for stage in ("bake", "evaluate"):
+        take.forget(stage)
+    set_settings(take.config, kept.settings)
+    remove(take.work("bake"))
+    manifest = kept.take.stream / "manifest.json"
+    names = {name: None for record in records for name in record.files}
+    work = list(kept.take.work("bake").glob("group_*.json"))
+    for path in (*(kept.take.root / name for name in names), *work):
+        if path != manifest:
+            _link(path, take.root / path.relative_to(kept.take.root))
+    _link(manifest, take.stream / manifest.name)
+    for path in take.stream.rglob("*"):
+        if path.is_file() and path.relative_to(take.root).as_posix() not in names:
+            remove(path)
+    for record in records:
+        _link(kept.take.record(record.stage), take.record(record.stage))
+
+
+def remove_bake(take: Take, name: str) -> None:
+    """Delete a kept bake. The take's stream stays as it is. The caller holds the lock.
+
+    Raises:
+        StudioError: `bakes.not_found`.
+    """
+    remove(kept_bake(take, name).take.root)
 
 
 def note_evaluation(take: Take) -> None:

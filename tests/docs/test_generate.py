@@ -101,10 +101,10 @@ def test_every_command_is_on_the_page(generator: Load) -> None:
 
 
 def test_every_event_is_on_the_page(generator: Load) -> None:
-    from pipelines.events import Progress, RunFinished
+    from pipelines.events import Finished, Progress
 
     page = generator("events").events_page()
-    for event in (Progress, RunFinished):
+    for event in (Progress, Finished):
         assert f"## {event.kind} {{ #{event.kind} }}" in page
     assert "| `label` | `str` | the step in progress" in page
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import json
+import argparse
 import os
 import shutil
 import signal
@@ -8,9 +8,13 @@ import socket
 import subprocess
 import sys
 
+import pytest
+
 from pipelines.cli import _parser
-from pipelines.events import RunFinished, StageFailed, parse_event
+from pipelines.commands.common.arguments import frame_range
+from pipelines.events import Finished, StageFailed, parse_event
 from studio.stream import StreamReader
+from tests.support.events import result_of
 
 
 def test_help_imports_nothing_heavy():
@@ -28,7 +32,7 @@ def test_every_command_explains_itself(here):
     text = here("--help").stdout
     for name in _parser()[1]:
         assert f"\n    {name}" in text
-        assert here(name, "--help").returncode == 0
+        assert here(*name.split(), "--help").returncode == 0
 
 
 def test_config_prints_documented_settings_with_overrides_in_both_spellings(here, project):
@@ -75,7 +79,7 @@ def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
     assert len(done.stderr.splitlines()) == 1
     done = here("run", project / "ball.yaml", "--take", project / "take", "--json")
     events = [parse_event(line) for line in done.stdout.splitlines()]
-    assert isinstance(events[-1], RunFinished)
+    assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "failed"
     assert "cam3" in events[-1].message
     assert events[-1].code.startswith("footage.")
@@ -85,7 +89,7 @@ def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
 def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
     done = here("calibrate", project / "ball.yaml", "--take", project / "take")
     assert done.returncode == 0, done.stderr
-    states = json.loads(here("status", project / "take", "--json").stdout)["stages"]
+    states = result_of(here("status", project / "take", "--json").stdout)["stages"]
     assert {name: state["state"] for name, state in states.items()} == {
         "calibrate": "done", "initialize": "missing", "train": "missing", "bake": "missing", "evaluate": "missing"
     }  # fmt: skip
@@ -116,7 +120,7 @@ def test_status_says_what_a_baking_take_is_doing(cli, start, finished, tmp_path)
     process.stdout.readline()  # the event before it is in the log now
     os.kill(process.pid, signal.SIGSTOP)
     try:
-        found = json.loads(cli("status", take, "--json").stdout)
+        found = result_of(cli("status", take, "--json").stdout)
         assert found["running"]["pid"] == process.pid
         assert found["running"]["host"] == socket.gethostname()
         assert (found["running"]["stage"], found["running"]["reason"]) == ("bake", "forced")
@@ -127,14 +131,14 @@ def test_status_says_what_a_baking_take_is_doing(cli, start, finished, tmp_path)
     finally:
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
-    found = json.loads(cli("status", take, "--json").stdout)
+    found = result_of(cli("status", take, "--json").stdout)
     assert found["running"] is None
     assert found["stages"]["bake"]["reason"] != "never run"
 
 
 def test_play_prints_a_row_a_frame_for_a_take_and_for_a_stream(here, finished):
     for folder in (finished / "take", finished / "take" / "stream"):
-        report = json.loads(here("play", folder, "--json").stdout)
+        report = result_of(here("play", folder, "--json").stdout)
         assert [row["frame"] for row in report["frames"]] == [0, 1, 2, 3, 4]
         assert all(row["decode_ms"] > 0 for row in report["frames"])
     text = here("play", finished / "take").stdout
@@ -182,3 +186,52 @@ def test_bake_to_a_target(here, finished, tmp_path):
     small = baked("--bake.quality", f"{target:.3f} KB")
     for group in small:
         assert group.bytes <= 1000 * target * group.frame_count
+
+
+def test_typos_are_answered_with_what_is_similar(here):
+    for words, meant in (
+        (("statsu", "x"), "status"),
+        (("edit", "trimm", "x", "0:3"), "trim"),
+        (("bake", "x", "--kep", "fine"), "--keep"),
+        (("export", "x", "--out", "y", "--format", "plyy"), "ply"),
+        (("run", "x", "--preset", "previw"), "preview"),
+    ):
+        done = here(*words)
+        assert done.returncode == 2
+        assert f"did you mean {meant}?" in done.stderr
+    assert "did you mean" not in here("zzzzzz").stderr
+
+
+def test_frame_ranges_are_those_of_python():
+    for text, found in {
+        "2:5": [2, 3, 4],
+        ":3": [0, 1, 2],
+        "7:": [7, 8, 9],
+        "1:8:3": [1, 4, 7],
+        "::4": [0, 4, 8],
+    }.items():
+        assert list(range(10))[slice(*frame_range(text))] == found
+    for text in ("", "3", "5:5", "5:2", "a:b", "1:2:0", "-1:2", "1:2:3:4"):
+        with pytest.raises(argparse.ArgumentTypeError):
+            frame_range(text)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_shells_get_a_script_for_completion(shell, here):
+    done = here("completion", shell)
+    assert done.returncode == 0
+    for name in ("status", "--preset", "--overwrite"):
+        assert name in done.stdout
+
+
+def test_bash_completes_commands_options_and_choices(here, tmp_path):
+    script = tmp_path / "v3studio.bash"
+    script.write_text(here("completion", "bash").stdout)
+    code = (
+        f"source {script}; COMP_WORDS=(v3studio $1); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); "
+        "$(complete -p v3studio | sed 's/.*-F \\([^ ]*\\).*/\\1/'); echo ${COMPREPLY[*]}"
+    )
+    typing = {"ru": "run", "run --pre": "--preset", "edit tri": "trim", "run x --preset st": "standard"}
+    for typed, found in typing.items():
+        done = subprocess.run(["bash", "-c", code, "bash", typed], capture_output=True, text=True, timeout=60)
+        assert done.stdout.split() == [found], done.stderr

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.events import RunFinished, StageFinished, parse_event
+from pipelines.events import Finished, Log, Progress, StageFinished, parse_event
 from tests.support.warm_python import warm_python
 
 ROOT = Path(__file__).parents[2]
@@ -73,7 +72,7 @@ def test_a_run_whose_stage_prints_gives_events_only(take_of: Callable[[], Path])
     assert done.returncode == 0, done.stderr
     events = [parse_event(line) for line in done.stdout.decode().splitlines()]
     assert any(isinstance(event, StageFinished) for event in events)
-    assert isinstance(events[-1], RunFinished)
+    assert isinstance(events[-1], Finished)
     for words in WORDS:
         assert words in done.stderr.decode("utf-8", "replace"), "shown, not lost"
 
@@ -82,7 +81,7 @@ def test_a_failure_still_ends_in_its_sentence_and_its_event(take_of: Callable[[]
     done = noisy(NOISY_STAGE, "bake", take_of(), "--force", "--json", "--train.group_size", "2")
     assert done.returncode == 1
     events = [parse_event(line) for line in done.stdout.decode().splitlines()]
-    assert isinstance(events[-1], RunFinished)
+    assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "failed"
     assert events[-1].code == "stage.dependency"
     assert events[-1].fields["dependency"] == "train"
@@ -93,7 +92,7 @@ COMMANDS = {
     "status": ("status", "{take}", "--json"),
     "compare": ("compare", "{take}", "--out", "{out}", "--json"),
     "check": ("check", "{take}", "--json"),
-    "bakes": ("bakes", "{take}", "--json"),
+    "bake list": ("bake", "list", "{take}", "--json"),
     "play": ("play", "{take}", "--json"),
     "export": ("export", "{take}", "--format", "ply", "--of", "trained", "--out", "{out}", "--json"),
     "import": ("import", "{frame}", "--out", "{out}", "--json"),
@@ -114,12 +113,11 @@ def test_every_command_with_json_prints_json_only(
     places = {"take": take, "out": tmp_path / "out", "frame": frame, "long": long_footage}
     done = noisy(NOISY_COMMAND, *(word.format(**places) for word in COMMANDS[name]))
     assert done.returncode == 0, done.stderr
-    text = done.stdout.decode()
-    if name in ("export", "import", "publish", "share"):
-        lines = [json.loads(line) for line in text.splitlines()]
-        assert {line["kind"] for line in lines} - {"published", "shared"} == {"progress"}
-    else:
-        assert isinstance(json.loads(text), dict | list)
+    *events, last = [parse_event(line) for line in done.stdout.decode().splitlines()]
+    assert all(isinstance(event, Progress | Log) for event in events)
+    assert isinstance(last, Finished)
+    assert last.outcome == "done"
+    assert last.result
     for words in WORDS:
         assert words in done.stderr.decode("utf-8", "replace")
 
@@ -159,3 +157,39 @@ def take_of(finished: Path, tmp_path: Path) -> Callable[[], Path]:
     import shutil
 
     return lambda: Path(shutil.copytree(finished / "take", tmp_path / "take"))
+
+
+FAILURES = {
+    "no such take": (("status", "none", "--json"), 1, "take.not_found"),
+    "no such stream": (("export", "none", "--format", "ply", "--out", "x", "--json"), 1, "stream.not_found"),
+    "a bad value": (("export", "none", "--format", "ply", "--out", "x", "--size", "1", "--json"), 2, "command."),
+    "a bad setting": (("run", "none", "--take", "x", "--bake.quality", "99", "--json"), 1, "settings."),
+    "an unknown option": (("play", "none", "--jsn", "--json"), 2, "command.usage"),
+    "an unknown command": (("plya", "none", "--json"), 2, "command.usage"),
+}
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_a_command_that_fails_ends_with_its_result(name: str, here: Callable) -> None:
+    words, code, error = FAILURES[name]
+    done = here(*words)
+    assert done.returncode == code
+    (line,) = done.stdout.splitlines()
+    event = parse_event(line)
+    assert isinstance(event, Finished)
+    assert (event.outcome, event.result) == ("failed", {})
+    assert event.code.startswith(error)
+    assert event.message
+
+
+def test_a_check_that_finds_something_has_a_result(take_of: Callable[[], Path], here: Callable) -> None:
+    take = take_of()
+    (take / "calibrate" / "rig.json").unlink()
+    done = here("check", take, "--json")
+    assert done.returncode == 1
+    last = parse_event(done.stdout.splitlines()[-1])
+    assert isinstance(last, Finished)
+    assert (last.outcome, last.code) == ("failed", "")
+    assert last.result["damage"][0]["file"] == "calibrate/rig.json"
+    assert here("status", take, "--check").returncode == 1
+    assert here("status", take).returncode == 0

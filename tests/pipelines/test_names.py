@@ -12,8 +12,9 @@ from pathlib import Path
 import cv2
 import pytest
 
-from pipelines.events import RunFinished, RunStarted, parse_event
+from pipelines.events import Finished, RunStarted, parse_event
 from studio.yaml_text import dump_yaml, parse_yaml
+from tests.support.events import result_of
 from tests.support.warm_python import warm_python
 
 pytestmark = pytest.mark.long
@@ -68,14 +69,14 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory, run_in: Call
     events = [parse_event(line) for line in done.stdout.decode("utf-8").splitlines()]
     assert isinstance(events[0], RunStarted)
     assert events[0].take == str(folder / TAKE)
-    assert isinstance(events[-1], RunFinished)
+    assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "done"
     return folder
 
 
 def test_the_take_is_up_to_date_in_every_locale(place: Path, run_in: Callable) -> None:
     for locale in ("C", None):
-        status = json.loads(run_in(locale, "status", place / TAKE, "--json").stdout)
+        status = result_of(run_in(locale, "status", place / TAKE, "--json").stdout)
         assert status["take"] == str(place / TAKE)
         assert {stage["state"] for stage in status["stages"].values()} == {"done"}
         again = run_in(locale, "run", place / TAKE, "--json")
@@ -109,7 +110,7 @@ def test_exports_and_imports(place: Path, run_in: Callable, tmp_path: Path, kind
         stream = tmp_path / "importé 影"
         done = run_in("C", "import", out, "--out", stream, "--json")
         assert done.returncode == 0, done.stderr.decode()
-        report = json.loads(run_in("C", "play", stream, "--json").stdout)
+        report = result_of(run_in("C", "play", stream, "--json").stdout)
         assert len(report["frames"]) == 5
 
 

@@ -9,15 +9,16 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from gui.models.loop import Signal
 from gui.models.take.jobs import ChildProcess, v3studio_command
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS
+from pipelines.events import Finished, read_line
 from pipelines.reports.terminal import duration
 from pipelines.takes.atomic_files import remove, write_text
 from pipelines.takes.take import Take, program_version
-from studio.bounded_files import parse_json
 from studio.storage.cache import cache_folder
 
 Figures = Mapping[str, tuple[float, int | None]]
@@ -137,10 +138,12 @@ def _cache_file(take: Take, config: Config) -> Path:
 
 
 def _read(text: str) -> Figures:
-    """Figures of the command's output; empty if it is damaged."""
+    """Figures of the command's last line; empty if it is damaged."""
     found: dict[str, tuple[float, int | None]] = {}
+    last, _ = read_line(text.strip().rpartition("\n")[2])
+    result: Any = last.result if isinstance(last, Finished) else {}
     with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
-        for name, one in parse_json(text.encode())["presets"].items():
+        for name, one in result["presets"].items():
             stream = next((stage["bytes"] for stage in one["stages"] if stage["stage"] == "bake"), None)
             found[str(name)] = (float(one["seconds"]), None if stream is None else int(stream))
     return found

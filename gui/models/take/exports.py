@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.take.jobs import ChildProcess, v3studio_command
 from gui.models.take.shares import ShareRequest
 from gui.models.take.target import NamedTarget
+from pipelines.events import Finished, Log, Progress, read_line
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.reports.summary_words import size_words
 from pipelines.takes.atomic_files import remove
@@ -22,6 +22,7 @@ from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS
 from studio.formats.camera_path import Key
+from studio.json_types import JsonData
 
 if TYPE_CHECKING:
     from studio.stream import CapturePlace
@@ -214,14 +215,13 @@ class Exports:
         if process is None or request is None:
             return
         for line in process.take_lines():
-            with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
-                event = json.loads(line)
-                if event["kind"] == "progress":
-                    self.progress = f"{event['what']}: {event['done']} of {event['total']}"
-                elif event["kind"] == "shared":
-                    self._told += f"\n{size_words(event['total_bytes'])} in {counted(event['files'], 'file')}"
-                elif event["kind"] == "note":
-                    self._told += f"\n{event['text']}"
+            event, _ = read_line(line)
+            if isinstance(event, Progress):
+                self.progress = f"{event.label}: {event.figures.get('done')} of {event.figures.get('total')}"
+            elif isinstance(event, Log):
+                self._told += f"\n{event.message}"
+            elif isinstance(event, Finished):
+                self._told += _size_of(event.result)
         status = process.status
         if status is None:
             self.changed.emit()
@@ -244,6 +244,14 @@ class Exports:
         if self._process is not None:
             self._stopping = True
             self._process.cancel()
+
+
+def _size_of(result: Mapping[str, JsonData]) -> str:
+    """What a share takes, as a line; "" for exports."""
+    size, files = result.get("total_bytes"), result.get("files")
+    if not isinstance(size, int) or not isinstance(files, int):
+        return ""
+    return f"\n{size_words(size)} in {counted(files, 'file')}"
 
 
 def _place_of(request: ExportRequest) -> tuple[CapturePlace, int]:

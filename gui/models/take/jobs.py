@@ -20,7 +20,7 @@ import psutil
 
 import pipelines
 from gui.models.loop import LOOP, Signal
-from pipelines.events import Event, Log, RunFinished, read_line
+from pipelines.events import Event, Finished, Log, read_line
 from pipelines.takes.take import Take
 
 STDERR_NAME = "window_job.log"
@@ -153,7 +153,7 @@ class Job(ChildProcess):
                 events.append(Log(message=text))
             if event is not None:
                 events.append(event)
-        self._reported_end |= any(isinstance(event, RunFinished) for event in events)
+        self._reported_end |= any(isinstance(event, Finished) for event in events)
         return events
 
     def crash(self) -> tuple[str, str] | None:

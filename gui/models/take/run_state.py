@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from gui.models.take.log_words import metrics_words, stage_name
 from pipelines.events import (
     Event,
+    Finished,
     GroupState,
     Log,
     Metrics,
     Notice,
     Preview,
     Progress,
-    RunFinished,
     RunStarted,
     StageFailed,
     StageFinished,
@@ -149,7 +149,7 @@ class RunState:
             self._say(f"{stage_name(event.stage)}: {event.message}", "error", event)
             for line in event.traceback.splitlines():
                 self._say(line, "error")
-        elif isinstance(event, RunFinished):
+        elif isinstance(event, Finished):
             self.outcome, self.message, self.stage, self.progress = event.outcome, event.message, "", None
             self.results += 1
             repeated = event.message in self.failed.values()

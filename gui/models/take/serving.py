@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gui.models.loop import Signal
 from gui.models.take.jobs import ChildProcess, v3studio_command
+from pipelines.events import Serving as ServingEvent
+from pipelines.events import read_line
 from pipelines.takes.atomic_files import remove
 
 
@@ -67,11 +67,10 @@ class Serving:
             return
         before = self.address
         for line in process.take_lines():
-            with contextlib.suppress(ValueError, KeyError, TypeError, IndexError, RecursionError):
-                event = json.loads(line)
-                if event["kind"] == "serving":
-                    self.address = str(event["streams"][0]["address"])
-                    self.fingerprint = event["fingerprint"] or ""
+            event, _ = read_line(line)
+            if isinstance(event, ServingEvent) and event.streams:
+                self.address = event.streams[0]["address"]
+                self.fingerprint = event.fingerprint or ""
         if process.status is not None:
             why = f"Serving has ended: {process.last_line().removeprefix('error: ')}"
             self._forget()

@@ -23,7 +23,7 @@ from gui.models.take.run_state import RunState
 from gui.models.worker import Done, LatestWorker
 from pipelines.config import Config, load_config
 from pipelines.config.loading import COMMAND_LINE
-from pipelines.events import RunFinished
+from pipelines.events import Finished
 from pipelines.events.log_follower import LogFollower
 from pipelines.reports.terminal import duration
 from pipelines.takes.atomic_files import disk_errors
@@ -149,7 +149,7 @@ class Workspace:
         ended = ""
         for event in job.take_events():
             self.run.apply(event)
-            if isinstance(event, RunFinished) and event.outcome == "done":
+            if isinstance(event, Finished) and event.outcome == "done":
                 took = f"The run has finished after {duration(event.seconds)}."
                 ended = took if self.run.planned else "There was nothing to run: everything is up to date."
         if not job.running:

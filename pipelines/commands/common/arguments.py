@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import math
-from collections.abc import Sequence
-from typing import Any
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn
 
 from studio.errors import StudioError
 
@@ -15,14 +18,85 @@ SETTINGS_NOTE = """settings:
 """
 
 
+ALL_FRAMES = (0, None, 1)
+"""What `frame_range` returns for ":"."""
+
+
+class WrongUsage(SystemExit):
+    """Arguments that a parser does not take; it has said so on standard error.
+
+    Attributes:
+        problem: what is wrong, as a sentence without the name of the program.
+    """
+
+    def __init__(self, problem: str) -> None:
+        super().__init__(2)
+        self.problem = problem
+
+
 class CommandParser(argparse.ArgumentParser):
-    """Gives clear errors for numbers, takes no abbreviated options, and shows an epilog as it is written."""
+    """Gives clear errors for numbers and typos, takes no abbreviated options, and shows an epilog as it is written.
+
+    Attributes:
+        arguments: what was added to it.
+    """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         as_written = argparse.RawDescriptionHelpFormatter if options.get("epilog") else argparse.HelpFormatter
+        self.arguments: list[argparse.Action] = []
         super().__init__(*arguments, **{"allow_abbrev": False, "formatter_class": as_written, **options})
         self.register("type", int, _integer)
         self.register("type", float, _number)
+
+    def add_argument(self, *names: Any, **options: Any) -> argparse.Action:
+        """Called by argparse and by commands."""
+        action = super().add_argument(*names, **options)
+        self.arguments.append(action)
+        return action
+
+    def error(self, message: str) -> NoReturn:
+        """Called by argparse. Raises WrongUsage."""
+        self.print_usage(sys.stderr)
+        print(f"{self.prog}: error: {message}", file=sys.stderr)
+        raise WrongUsage(message)
+
+    def refuse(self, words: Sequence[str]) -> NoReturn:
+        """Say that arguments are not known. Raises WrongUsage."""
+        options = [option for action in self.arguments for option in action.option_strings]
+        near = [nearest(word.partition("=")[0], options) for word in words if word.startswith("-")]
+        self.error(f"unrecognized arguments: {' '.join(words)}{''.join(near)}")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Called by argparse for arguments with choices."""
+        choices = [] if action.choices is None else [str(choice) for choice in action.choices]
+        if choices and str(value) not in choices:
+            near = nearest(str(value), choices) or f" (choose from {', '.join(choices)})"
+            raise argparse.ArgumentError(action, f"invalid choice: '{value}'{near}")
+
+
+class WordPairs:
+    """Commands of two words, the first of which is a command of its own that takes arguments, as `bake`.
+
+    Attributes:
+        parsers: by both words.
+        summaries: a line about each.
+    """
+
+    def __init__(self) -> None:
+        self.parsers: dict[str, CommandParser] = {}
+        self.summaries: dict[str, str] = {}
+
+    def add_parser(self, words: str, help: str, **options: Any) -> CommandParser:
+        """As argparse's subparsers."""
+        self.summaries[words] = help
+        parser = self.parsers[words] = CommandParser(prog=f"v3studio {words}", **options)
+        return parser
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """ "; did you mean NAME?" for a typo; "" if nothing is similar."""
+    found = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {found[0]}?" if found else ""
 
 
 def _integer(text: str) -> int:
@@ -42,7 +116,7 @@ def _number(text: str) -> float:
     return value
 
 
-def long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentParser) -> list[str]:
+def long_settings_as_set(arguments: Sequence[str], parser: CommandParser) -> list[str]:
     """Rewrite `--section.name VALUE` and `--section.name=VALUE` as `--set section.name=VALUE`."""
     plain: list[str] = []
     words = iter(arguments)
@@ -58,6 +132,35 @@ def long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentPars
             value = following
         plain.append(f"--set={name}={value}")
     return plain
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option `--json`."""
+    parser.add_argument("--json", action="store_true", help="print events as JSON lines; the last one has the result")
+
+
+def frame_range(text: str) -> tuple[int, int | None, int]:
+    """The type of frame ranges: "A:B", "A:B:S" or parts of it, frames A to B - 1 in steps of S, as in Python.
+
+    Returns:
+        first frame, frame to stop before (None: the end), and step.
+    """
+    found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text)
+    start, stop, step = (int(part) if part else None for part in found.groups()) if found else (None, None, 0)
+    if step == 0 or (stop is not None and stop <= (start or 0)):
+        raise argparse.ArgumentTypeError(f"'{text}' is not of the form A:B or A:B:S; example: 0:20 for frames 0 to 19")
+    return start or 0, stop, step or 1
+
+
+def add_frames(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add the option `--frames`, a `frame_range`."""
+    parser.add_argument(
+        "--frames",
+        type=frame_range,
+        default=ALL_FRAMES,
+        metavar="A:B[:S]",
+        help=f"{text}: A to B - 1 in steps of S, counted from 0",
+    )
 
 
 def invalid_option(option: str, problem: str, fix: str, value: Any = None, **fields: Any) -> StudioError:

@@ -29,7 +29,7 @@ def add_source(parser: argparse.ArgumentParser, nargs: str | None = None, note: 
         type=source_path,
         metavar="SOURCE",
         help=f"folder of footage, YAML file of settings, or folder of a take{note}",
-        **({} if nargs is None else {"nargs": nargs}),
+        nargs=nargs,
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.epilog = f"{parser.epilog}\n{SETTINGS_NOTE}" if parser.epilog else SETTINGS_NOTE

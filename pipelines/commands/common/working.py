@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-import json
+import argparse
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO
 
+from pipelines.events import Log, Progress
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from studio.progress import ProgressFn
 
 _JSON_SECONDS = 0.2  # between lines
+
+
+def json_output(arguments: argparse.Namespace) -> TextIO | None:
+    """Where a command prints its events; None without `--json`."""
+    output: TextIO | None = arguments.output if arguments.json else None
+    return output
+
+
+def say_note(arguments: argparse.Namespace, text: str) -> None:
+    """Print what a command's user should know: a line, or with `--json` the event `Log`."""
+    if arguments.json:
+        print(Log(message=text).to_json(), file=arguments.output, flush=True)
+    else:
+        print(f"note: {text}")
 
 
 @contextmanager
@@ -20,19 +35,19 @@ def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
 
     Args:
         what: label of the bar.
-        json_output: print `{"kind": "progress", "what", "done", "total"}` lines to this stream instead.
+        json_output: print the event `Progress` to this stream instead; its figures are `done` and `total`.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich import progress as rich
 
     from pipelines.reports.terminal import console
 
     cancellation = Cancellation()
     screen = console()
-    bars = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=28),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
+    bars = rich.Progress(
+        rich.TextColumn("{task.description}", markup=False),
+        rich.BarColumn(bar_width=28),
+        rich.MofNCompleteColumn(),
+        rich.TimeRemainingColumn(),
         console=screen,
         transient=True,
         disable=json_output is not None or not screen.is_terminal,
@@ -45,8 +60,10 @@ def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
         bars.update(task, completed=done, total=total)
         if json_output is not None and (done >= total or time.monotonic() - printed > _JSON_SECONDS):
             printed = time.monotonic()
-            line = json.dumps({"kind": "progress", "what": what, "done": done, "total": total})
-            print(line, file=json_output, flush=True)
+            event = Progress(
+                fraction=done / total if total else 0.0, label=what, figures={"done": done, "total": total}
+            )
+            print(event.to_json(), file=json_output, flush=True)
 
     with stop_on_signals(cancellation, screen.file.flush), bars:
         task = bars.add_task(what, total=None)

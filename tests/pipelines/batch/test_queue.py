@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shutil
 import signal
@@ -24,6 +23,7 @@ from pipelines.events.cancellation import EXIT_CANCELLED, Cancellation
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
+from tests.support.events import result_of
 from tests.support.tiny_capture import ROOT
 from tests.support.warm_python import WarmProcess
 
@@ -278,6 +278,6 @@ def test_the_commands(finished: Path, tmp_path: Path, cli: Callable[..., Any]) -
     assert "queue run` starts it" in cli("queue", "list", *option).stdout
     done = cli("queue", "run", *option)
     assert (done.returncode, "1 done, 1 failed" in done.stdout) == (1, True), done.stdout + done.stderr
-    takes = json.loads(cli("queue", "list", "--json", *option).stdout)["takes"]
+    takes = result_of(cli("queue", "list", "--json", *option).stdout)["takes"]
     assert [entry["state"] for entry in takes] == ["failed", "done"]
     assert "nothing" in takes[0]["message"]

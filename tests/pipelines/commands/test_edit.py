@@ -18,6 +18,7 @@ from studio.camera_files import read_rig
 from studio.edits import moved
 from studio.rasterizer import rasterize
 from studio.stream import StreamMetadata, StreamReader
+from tests.support.events import result_of
 from tests.support.streams import contents
 
 
@@ -33,7 +34,7 @@ def done(result):
 
 
 def states(here, take) -> dict[str, dict[str, str]]:
-    return json.loads(done(here("status", take, "--json")).stdout)["stages"]
+    return result_of(done(here("status", take, "--json")).stdout)["stages"]
 
 
 def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(here, take) -> None:
@@ -41,7 +42,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     measured = json.loads((take / "evaluation.json").read_text())
     rows = {row["index"]: row for row in measured["frames"]}
 
-    done(here("edit", "trim", take, 1, 3))
+    done(here("edit", "trim", take, "1:4"))
     done(here("edit", "world", take, "--up", 0, 0, 1, "--origin", 0, 0, "-0.5", "--scale", 100))
     # above the origin there is less than half of the ball
     done(here("edit", "crop", take, "--min", -100, 50, -100, "--max", 100, 200, 100))
@@ -154,8 +155,8 @@ def read_points_of(take: Path) -> np.ndarray:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("trim", 3, 1), "the last frame, 1, is before the first, 3"),
-        (("trim", 0, 5), "the take has no frame 5. It has frames 0 to 4."),
+        (("trim", "0:6"), "the take has no frame 5. It has frames 0 to 4."),
+        (("trim", "0:4:2"), "no step"),
         (("crop", "--min", 1, 0, 0, "--max", 0, 1, 1), "crop.size.0"),
         (("floaters",), "opacity, splats or share must be set"),
         (("floaters", "--share", 2), "floaters.share"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import signal
 from dataclasses import replace
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 
+from pipelines.events import Finished, Log, Progress
 from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
@@ -24,6 +24,7 @@ from studio.formats import read_splats
 from studio.formats.camera_path import Key, look_at, write_path_keys
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from tests.support.events import events_in
 
 CENTER = np.array([0.2, 0.1, 0.3])
 
@@ -109,7 +110,7 @@ def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dila
         assert [words in line for line in done.stdout.splitlines()] == ([False, True] if told else [not words])
     assert read_splats(tmp_path / "ply" / "frame_0001.ply").dilation == 0.3
     done = here("export", tmp_path / "s", "--format", "ply", "--out", tmp_path / "again", "--json")
-    notes = [line["text"] for line in map(json.loads, done.stdout.splitlines()) if line["kind"] == "note"]
+    notes = [event.message for event in events_in(done.stdout) if isinstance(event, Log)]
     assert [words in note for note in notes] == ([True] if words else [])
 
 
@@ -178,8 +179,11 @@ def test_movies(here, take, tmp_path):
         "--json",
     )
     assert done.returncode == 0, done.stderr
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
-    assert lines[-1] == {"kind": "progress", "what": "export turntable", "done": 5, "total": 5}
+    *_, last, end = events_in(done.stdout)
+    assert isinstance(last, Progress)
+    assert (last.label, last.figures) == ("export turntable", {"done": 5, "total": 5})
+    assert isinstance(end, Finished)
+    assert end.result["path"] == str(turn)
     with av.open(str(turn)) as file:
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
     assert len(frames) == 5
@@ -206,7 +210,6 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     cases = [
         ([take, "--format", "ply", "--out", tmp_path], "already exists"),
         ([take, "--format", "ply", "--out", out, "--frames", "0:9"], "Choose a range within 0:5"),
-        ([take, "--format", "ply", "--out", out, "--frames", "all"], "--frames 'all' is not of the form"),
         ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames cannot be written to one file"),
         ([take / "stream", "--of", "trained", "--format", "ply", "--out", out], "--of trained needs a take"),
         ([take, "--format", "camera-path", "--out", tmp_path / "a.mp4"], "needs --path"),
@@ -230,6 +233,8 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
         assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
     assert here("export", take, "--format", "obj", "--out", out).returncode == 2
+    every = here("export", take, "--format", "ply", "--out", out, "--frames", "all")
+    assert (every.returncode, "'all' is not of the form A:B" in every.stderr) == (2, True)
     done = here("import", take, "--out", out)
     assert done.returncode == 1
     assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
@@ -271,6 +276,6 @@ def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_pat
     while '"done": 0' in process.stdout.readline():
         pass
     process.send_signal(signal.SIGINT)
-    process.wait(30)
-    assert process.returncode == 130
+    _, errors = process.communicate(30)
+    assert process.returncode == 130, errors
     assert list(tmp_path.iterdir()) == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from pipelines.config import load_config, presets
 from pipelines.config.presets import preset_of
 from studio.yaml_text import parse_yaml
+from tests.support.events import result_of
 
 SMALL = ("--train.keyframe_iterations", "20", "--initialize.points", "300")
 
@@ -105,10 +105,10 @@ def test_status_of_a_take_whose_keyframe_is_begun(here: Callable, project: Path)
     take = project / "take"
     assert here("initialize", project / "ball.yaml", "--take", take).returncode in (0, 1)
     assert here("run", take, "--until", "initialize").returncode == 0
-    before = json.loads(here("status", take, "--json").stdout)["stages"]["train"]
+    before = result_of(here("status", take, "--json").stdout)["stages"]["train"]
     assert (before["state"], before["reason"]) == ("missing", "never run")
     (take / "train" / "group_000").mkdir(parents=True)
     (take / "train" / "group_000" / "keyframe.checkpoint").write_bytes(b"begun")
-    after = json.loads(here("status", take, "--json").stdout)["stages"]["train"]
+    after = result_of(here("status", take, "--json").stdout)["stages"]["train"]
     assert after["state"] == "partial"
     assert "resumes" in after["reason"]

@@ -27,6 +27,7 @@ from pipelines.takes.take import TAKE_FORMAT
 from studio.playback import play_headless
 from studio.stream import BakeSettings
 from tests.support.errors import refuses
+from tests.support.events import result_of
 from tests.support.streams import bake_numbered, best_of, edit_manifest, group_files
 from tests.support.web_servers import PLAYER, ask, running
 
@@ -86,9 +87,9 @@ def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_p
         assert urllib.parse.urlsplit(address).geturl() == address.encode("ascii").decode()
         with urllib.request.urlopen(address) as answer:
             assert answer.read() == (stream / "manifest.json").read_bytes()
-    report = json.loads(here("play", addresses[str(tmp_path / names[1])], "--frames", "2", "--json").stdout)
+    report = result_of(here("play", addresses[str(tmp_path / names[1])], "--frames", ":2", "--json").stdout)
     assert len(report["frames"]) == 2
-    as_typed = here("play", f"{host}/{names[0]}", "--frames", "2")
+    as_typed = here("play", f"{host}/{names[0]}", "--frames", ":2")
     assert as_typed.returncode == 0, as_typed.stderr
     process.send_signal(signal.SIGINT)
 
@@ -290,7 +291,7 @@ def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
 def test_addresses_and_fingerprint_as_json_over_https(start, stream):
     process = start("serve", stream, "--port", "0", "--https", "--json")
     told = json.loads(process.stdout.readline())
-    assert told["kind"] == "serving"
+    assert told["event"] == "serving"
     assert told["https"]
     assert told["local"]
     (one,) = told["streams"]
@@ -401,7 +402,7 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     edit_manifest(folder, lambda values: best_of(values["groups"][0])["components"][0]["planes"][0].update(missing))
     _, address = served(start, folder)
     done = here("play", "--json", address)
-    report = json.loads(done.stdout)
+    report = result_of(done.stdout)
     assert [row["frame"] for row in report["frames"]] == [*range(5, 40)]
     assert all(row["fetch_ms"] > 0 for row in report["frames"])
     assert report["skipped"][0]["frame_count"] == 5

@@ -21,6 +21,7 @@ from pipelines.takes.evaluation import MEASURES, Quality, read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison import METRICS, PROTOCOLS, measure
 from tests.support.errors import refuses
+from tests.support.events import result_of
 from tests.support.streams import contents
 from tests.support.tiny_capture import environment
 from tests.support.warm_python import warm_python
@@ -70,12 +71,12 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
 
 def test_an_earlier_comparison_is_replaced_and_other_images_stay(two, here, tmp_path):
     earlier = {"protocol": {"cameras": ["cam2", "left/cam4"], "frames": [1]}}
-    values = json.loads(here("compare", two[0], "--every", "4", "--images", "1", "--json", "--out", tmp_path).stdout)
+    values = result_of(here("compare", two[0], "--frames", "::4", "--images", "1", "--json", "--out", tmp_path).stdout)
     values["protocol"].update(earlier["protocol"])
     (tmp_path / "comparison.json").write_text(json.dumps(values))
     for name in ("cam2_000001.png", "left_cam4_000001.png", "poster.png", "cam9_000001.png"):
         (tmp_path / name).write_bytes(b"")
-    here("compare", two[0], "--every", "4", "--images", "1", "--out", tmp_path)
+    here("compare", two[0], "--frames", "::4", "--images", "1", "--out", tmp_path)
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["cam4_000000.png", "cam9_000001.png", "comparison.json", "poster.png"]
 
@@ -160,10 +161,10 @@ def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tm
 def test_full_frames_over_white_of_another_camera(two, here, tmp_path):
     """Camera 2 was trained on, which is said."""
     done = here(
-        "compare", two[0], "--protocol", "hifi4g", "--cameras", "2", "--every", "2", "--json", "--out", tmp_path
+        "compare", two[0], "--protocol", "hifi4g", "--cameras", "2", "--frames", "::2", "--json", "--out", tmp_path
     )
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = result_of(done.stdout)
     assert found["protocol"]["resolution"] == {"cam2": [32, 24]}
     assert found["protocol"]["background"] == [1.0, 1.0, 1.0]
     assert found["protocol"]["frames"] == [0, 2, 4]
@@ -182,8 +183,8 @@ def test_mistakes_are_one_sentence(two, here, tmp_path):
     done = here("compare", two[0], two[0], "--out", tmp_path / "out")
     assert done.returncode == 1
     assert "the same take is named twice" in done.stderr
-    done = here("compare", two[0], "--every", "0", "--out", tmp_path / "out")
-    assert "--every 0 is below 1" in done.stderr
+    done = here("compare", two[0], "--frames", "::0", "--out", tmp_path / "out")
+    assert "'::0' is not of the form A:B" in done.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from pipelines import cli
 from pipelines.config import presets
 from pipelines.estimate import Measured, Work, estimate, rehearsal
 from studio.training import TrainSettings, keyframe_steps
+from tests.support.events import result_of
 
 pytestmark = pytest.mark.long
 
@@ -89,7 +89,7 @@ def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys
     monkeypatch.setattr(presets, "PRESETS", small)
     before = sorted(project.rglob("*"))
     assert cli.execute(["estimate", str(project / "ball.yaml"), "--json", "--presets"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = result_of(capsys.readouterr().out)
     assert [stage["stage"] for stage in found["stages"]] == ["initialize", "train", "bake", "evaluate"]
     assert all(stage["seconds"] > 0 for stage in found["stages"])
     assert found["seconds_low"] < found["seconds"] < found["seconds_high"]

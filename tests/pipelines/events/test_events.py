@@ -19,10 +19,18 @@ EXAMPLES = [
     events.GroupState(stage="train", group=3, state="running", node="node1", frames=20, psnr=27.5),
     events.Preview(stage="train", path="/t/x.png", caption="frame 3", camera="cam05", iteration=500),
     events.Log(stage="train", message="hello"),
+    events.Serving(
+        streams=({"folder": "/t", "address": "http://x/"},),
+        reviews=(),
+        bases=("http://x",),
+        local=True,
+        https=False,
+        fingerprint=None,
+    ),
     events.Warned(stage="train", message="grün", code="training.slow", fields={"setting": "capture.scale"}),
     events.StageFailed(stage="bake", message="no", code="a.b", file="/x", value=3, fix="Do.", traceback="..."),
     events.StageFinished(stage="train", seconds=1.5, summary={"frames": 3}),
-    events.RunFinished(outcome="done", seconds=9.0),
+    events.Finished(outcome="done", seconds=9.0, result={"take": "/t"}),
 ]
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
-from pipelines.events import Metrics, RunFinished
+from pipelines.events import Finished, Metrics
 from pipelines.runs.launch import Launched
-from tests.support.events import events_in
+from tests.support.events import events_in, result_of
 
 pytestmark = pytest.mark.long
 
@@ -29,7 +27,7 @@ def test_a_detached_run_is_shown_and_cancelled_and_continues(project, cli, here)
     stopped = here("cancel", take)
     assert stopped.returncode == 0, stopped.stderr
     last = events_in((take / ".v3studio" / "events.jsonl").read_text())[-1]
-    assert isinstance(last, RunFinished)
+    assert isinstance(last, Finished)
     assert last.outcome == "cancelled"
     assert "run in progress" not in here("status", take).stdout
     none = here("cancel", take)
@@ -53,4 +51,4 @@ def test_with_json_a_detached_run_prints_one_object(project, here, monkeypatch):
     monkeypatch.setattr("pipelines.runs.background.start_background", lambda *_: found)
     done = here("run", project / "ball.yaml", "--take", project / "take", "--detach", "--json")
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout) == {"take": str(project / "take"), "pid": 7, "host": "node1", "running": True}
+    assert result_of(done.stdout) == {"take": str(project / "take"), "pid": 7, "host": "node1", "running": True}

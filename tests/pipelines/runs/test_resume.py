@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import signal
 
-from pipelines.events import Event, Log, Metrics, RunFinished, StageStarted
+from pipelines.events import Event, Finished, Log, Metrics, StageStarted
 from pipelines.stages import train_group
 from studio.errors import Cancelled
 from tests.support.events import events_in
@@ -42,7 +42,7 @@ def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(fini
     stopped = start(*arguments)
     events = stop_when(stopped, is_trained_frame, signal.SIGTERM)
     assert stopped.returncode == 130
-    assert isinstance(events[-1], RunFinished)
+    assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "cancelled"
     done = frames_of(events)
     assert done[0] == 0

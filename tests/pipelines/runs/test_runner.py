@@ -14,10 +14,10 @@ from PIL import Image
 from pipelines.config import load_config, parse_override
 from pipelines.events import (
     Event,
+    Finished,
     Metrics,
     Preview,
     Progress,
-    RunFinished,
     RunStarted,
     StageFinished,
     StageStarted,
@@ -49,7 +49,7 @@ class Project:
         try:
             run(self.take, config, events.append, **options)
         finally:
-            assert isinstance(events[-1], RunFinished)
+            assert isinstance(events[-1], Finished)
             self.events = events
         return events
 
@@ -392,7 +392,7 @@ def test_cancelled_from_another_thread(project):
 
     with pytest.raises(Cancelled):
         run(project.take, config, emit, cancellation=flag)
-    assert isinstance(events[-1], RunFinished)
+    assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "cancelled"
     assert trained(events) == [0]
     assert not any(isinstance(event, StageFinished) and event.stage == "train" for event in events)

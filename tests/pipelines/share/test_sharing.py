@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 import torch
 
+from pipelines.events import Progress
 from pipelines.share import sharing
 from pipelines.share.page import PageText, first_files, read_intro, read_view
 from pipelines.share.sharing import Shared, share, share_size
@@ -29,6 +30,7 @@ from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
+from tests.support.events import events_in, result_of
 from tests.support.streams import bake_numbered, contents
 
 TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
@@ -332,11 +334,10 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     assert [key["time"] for key in intro["keys"]] == [0.0, 1.5]
     assert intro["keys"][0]["camera"]["world_to_camera"] == camera().world_to_camera.tolist()
     done = here("share", stream, "--out", tmp_path / "take.html", "--json")
-    last = json.loads(done.stdout.splitlines()[-1])
-    assert last["kind"] == "shared"
+    last = result_of(done.stdout)
     assert last["form"] == "single-file"
     assert last["total_bytes"] == (tmp_path / "take.html").stat().st_size
-    assert json.loads(done.stdout.splitlines()[0])["kind"] == "progress"
+    assert all(isinstance(event, Progress) for event in events_in(done.stdout)[:-1])
     done = here("share", stream, "--out", tmp_path / "site2", "--address", 'https://example.org/"walk"/')
     assert '<iframe src="https://example.org/&quot;walk&quot;/"' in done.stdout
     for address in ("example.org", "ftp://example.org/", "https://example.org/?a=1"):

@@ -6,6 +6,7 @@ import shutil
 import pytest
 
 from studio.stream import StreamReader
+from tests.support.events import result_of
 from tests.support.sounds import click_times, clicks, write_wav
 
 
@@ -50,7 +51,7 @@ def test_only_the_sound_is_baked_again(here, take):
     events = [json.loads(line) for line in result.stdout.splitlines()]
     warned = [event for event in events if event.get("code") == "bake.short_sound"]
     assert not warned  # 0.04 s of silence are not worth a warning
-    stages = json.loads(done(here("status", take, "--json")).stdout)["stages"]
+    stages = result_of(done(here("status", take, "--json")).stdout)["stages"]
     assert {stages[name]["state"] for name in ("calibrate", "initialize", "train", "bake")} == {"done"}
 
     assert "up to date" in done(here("bake", take)).stdout.lower()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import cv2
 import numpy as np
 import pytest
 
 from tests.studio.capture.test_timecode import film
+from tests.support.events import result_of
 
 
 @pytest.mark.parametrize(
@@ -76,6 +75,6 @@ def test_sync_by_timecode_prints_the_offsets_to_set(here, tmp_path):
         "right: -3 frames (timecode 00:00:00:02)",
     ]
     assert done.stdout.splitlines()[-1] == "capture: {offsets: {right: -3}}"
-    found = json.loads(here("sync", tmp_path / "two.yaml", "--method", "timecode", "--json").stdout)
+    found = result_of(here("sync", tmp_path / "two.yaml", "--method", "timecode", "--json").stdout)
     assert found["timecodes"] == {"left": "23:59:59:24", "right": "00:00:00:02"}
     assert found["whole"] == {"right": -3}

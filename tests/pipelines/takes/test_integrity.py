@@ -22,6 +22,7 @@ from studio.edits.edit_list import EditList, Trim
 from studio.formats.camera_path import Key, write_path_keys
 from tests.support import streams
 from tests.support.errors import refuses
+from tests.support.events import result_of
 
 FRAME = "train/group_000/frame_000001.safetensors"
 
@@ -87,7 +88,7 @@ def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path,
     done = here("check", take.root, "--json")
     assert done.returncode == 1
     name = video.relative_to(take.root).as_posix()
-    assert json.loads(done.stdout)["damage"] == [{"file": name, "stage": "bake", "problem": "changed", "detail": ""}]
+    assert result_of(done.stdout)["damage"] == [{"file": name, "stage": "bake", "problem": "changed", "detail": ""}]
     done = here("check", take.root, "--remove")
     assert done.returncode == 1
     assert name in done.stdout

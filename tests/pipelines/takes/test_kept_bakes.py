@@ -14,16 +14,17 @@ from pipelines.config import load_config
 from pipelines.stages import STAGE_NAMES
 from pipelines.takes.edits import change_edits
 from pipelines.takes.integrity import check_take
-from pipelines.takes.kept_bakes import keep_bake, kept_bakes
+from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bakes
 from pipelines.takes.take import Take
 from studio.edits.edit_list import EditList, Trim
 from studio.stream import StreamReader
 from tests.support.errors import refuses
+from tests.support.events import result_of
 from tests.support.streams import contents
 
 
 def states(here: Callable, root: Path) -> dict[str, str]:
-    stages = json.loads(here("status", root, "--json").stdout)["stages"]
+    stages = result_of(here("status", root, "--json").stdout)["stages"]
     return {stage: found["state"] for stage, found in stages.items()}
 
 
@@ -40,7 +41,7 @@ def replace_file(path: Path, data: bytes) -> None:
 
 def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Callable, tmp_path: Path) -> None:
     first = contents(take.stream)
-    assert here("bakes", take.root, "--keep", "fine").returncode == 0
+    assert here("bake", "keep", take.root, "fine").returncode == 0
     links = [os.stat(path).st_nlink for path in (take.bakes / "fine" / "stream").rglob("*") if path.is_file()]
     assert set(links) == {2}, "hard links take no space"
     baked = here("bake", take.root, "--bake.quality", "40", "--keep", "coarse")
@@ -48,7 +49,7 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     second = contents(take.stream)
     assert second != first
     assert contents(take.bakes / "fine" / "stream") == first, "baking again leaves what is kept"
-    listed = {row["name"]: row for row in json.loads(here("bakes", take.root, "--json").stdout)}
+    listed = {row["name"]: row for row in result_of(here("bake", "list", take.root, "--json").stdout)["bakes"]}
     assert {name: (row["settings"]["bake.quality"], row["is_stream"]) for name, row in listed.items()} == {
         "fine": (20, False),
         "coarse": (40, True),
@@ -60,9 +61,9 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     assert (listed["fine"]["psnr_decoded"], listed["coarse"]["psnr_decoded"]) == (measured, None)
     kept = [take.bakes / name for name in ("fine", "coarse")]
     assert [load_config(folder / "config.yaml").bake.quality for folder in kept] == [20, 40]
-    compared = here("compare", *kept, "--every", 5, "--images", 0, "--out", tmp_path / "compared", "--json")
+    compared = here("compare", *kept, "--frames", "::5", "--images", 0, "--out", tmp_path / "compared", "--json")
     assert compared.returncode == 0, compared.stderr
-    fine, coarse = json.loads(compared.stdout)["takes"]
+    fine, coarse = result_of(compared.stdout)["takes"]
     assert fine["psnr"] > coarse["psnr"]
 
     assert check_take(take, STAGE_NAMES).damage == ()
@@ -70,7 +71,7 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     later = kept_bakes(take)[-1].psnr
     assert later is not None
     assert later < measured, "what is measured later belongs to the kept bake too"
-    assert "coarse" in here("bakes", take.root).stdout
+    assert "coarse" in here("bake", "list", take.root).stdout
 
 
 @pytest.mark.parametrize(
@@ -105,7 +106,7 @@ def test_a_stream_that_is_not_the_recorded_one_is_not_kept(take: Take) -> None:
 def test_other_edits_are_reported(take: Take, here: Callable) -> None:
     keep_bake(take, "whole")
     change_edits(take.edits, EditList(trim=Trim(first=1, last=3)), "trim")
-    assert "other edits" in here("bakes", take.root).stdout
+    assert "other edits" in here("bake", "list", take.root).stdout
     take.edits.write_text("{")
     assert [kept.same_edits for kept in kept_bakes(take)] == [False]
 
@@ -127,3 +128,32 @@ def test_check_names_damage_of_a_kept_bake(take: Take, here: Callable) -> None:
     done = here("check", take.root)
     assert done.returncode == 1
     assert f"damaged: {record.relative_to(take.root)} (" in done.stdout
+
+
+def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
+    first, evaluation = contents(take.stream), take.evaluation.read_bytes()
+    assert here("bake", "keep", take.root, "fine").returncode == 0
+    assert here("run", take.root, "--bake.quality", "40").returncode == 0
+    assert contents(take.stream) != first
+    assert here("bake", "choose", take.root, "fin").returncode == 1
+    assert here("bake", "choose", take.root, "fine").returncode == 0
+    assert contents(take.stream) == first
+    assert take.evaluation.read_bytes() == evaluation
+    assert load_config(take.config).bake.quality == 20
+    assert set(states(here, take.root).values()) == {"done"}, "nothing runs again"
+    assert check_take(take, STAGE_NAMES).damage == ()
+    assert here("bake", "remove", take.root, "fine", "other").returncode == 1
+    assert [kept.name for kept in kept_bakes(take)] == ["fine"]
+    assert here("bake", "remove", take.root, "fine").returncode == 0
+    assert kept_bakes(take) == []
+    assert contents(take.stream) == first
+
+
+def test_a_damaged_bake_is_not_chosen(take: Take, here: Callable) -> None:
+    assert here("bake", "keep", take.root, "fine").returncode == 0
+    assert here("bake", take.root, "--bake.quality", "40").returncode == 0
+    now = contents(take.stream)
+    replace_file(next((take.bakes / "fine" / "stream" / "files").iterdir()), b"x")
+    with refuses("take.damaged"):
+        choose_bake(take, "fine")
+    assert contents(take.stream) == now

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
@@ -11,15 +10,15 @@ import pytest
 from gui.models.take.estimates import Estimates
 from pipelines.config import load_config
 from pipelines.config.presets import with_values
+from pipelines.events import Finished
 from pipelines.takes.take import Take
 from tests.support.looping import wait_in_loop
 
-PRINTED = {
-    "presets": {
-        "preview": {"seconds": 90.0, "stages": [{"stage": "train", "bytes": 5}, {"stage": "bake", "bytes": 1_250_000}]},
-        "final": {"seconds": 7200.0, "stages": [{"stage": "bake", "bytes": None}]},
-    }
+PRESETS = {
+    "preview": {"seconds": 90.0, "stages": [{"stage": "train", "bytes": 5}, {"stage": "bake", "bytes": 1_250_000}]},
+    "final": {"seconds": 7200.0, "stages": [{"stage": "bake", "bytes": None}]},
 }
+PRINTED = Finished(outcome="done", seconds=1.0, result={"presets": PRESETS}).to_json()
 
 
 def program(*lines: str) -> list[str]:
@@ -34,7 +33,7 @@ def test_figures_are_measured_once_and_kept(
     config = load_config(take.config)
     runs = tmp_path / "runs"
     counting = f"import sys; open({str(runs)!r}, 'a').write(' '.join(sys.argv[1:]) + chr(10))"
-    estimates = Estimates(lambda: program(counting, f"print({json.dumps(PRINTED)!r})"))
+    estimates = Estimates(lambda: program(counting, f"print({PRINTED!r})"))
     estimates.show(take, config)
     assert estimates.words("preview") == "preview"
     estimates.start(take)

@@ -11,6 +11,7 @@ import pytest
 from gui.models.camera_path import fitted
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.exports import ExportRequest, Exports
+from pipelines.events import Log
 from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
@@ -50,8 +51,8 @@ def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, t
 def test_notes_of_an_export_are_told_with_its_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where other programs will draw the splats differently."""
     notes = ["trained with dilation 0.1; viewers assume 0.3", "another"]
-    lines = [{"kind": "note", "text": note} for note in notes] + [{"kind": "note"}, {"kind": "progress", "what": "x"}]
-    program = f"import json\nfor line in {lines!r}: print(json.dumps(line))"
+    lines = [*(Log(message=note).to_json() for note in notes), '{"event": "log"}', '{"kind": "note"}']
+    program = f"for line in {lines!r}: print(line)"
     monkeypatch.setattr("gui.models.take.exports.v3studio_command", lambda: [sys.executable, "-c", program])
     exports = Exports()
     for _ in range(2):

@@ -25,6 +25,7 @@ OF_THE_FOOTAGE = {"footage.camera_ends_early", "footage.frames_missing", "mask.e
 """Problems that stop a stage, and that Capture lists; not warnings."""
 OTHERS = {
     "bakes.evaluation_not_noted",
+    "command.usage",
     "edits.no_take",
     "hull.warning",
     "mask.no_source",

@@ -17,11 +17,11 @@ from gui.models.take.jobs import Job, is_paused
 from gui.models.take.run_state import CURVE_POINTS, Curve, RunState
 from gui.models.take.workspace import Workspace
 from pipelines.events import (
+    Finished,
     GroupState,
     Log,
     Metrics,
     Progress,
-    RunFinished,
     RunStarted,
     StageFailed,
     StageFinished,
@@ -54,7 +54,7 @@ def test_a_run_told_by_its_events() -> None:
     assert run.results == before + 2
     assert (run.stage, run.finished) == ("", ["train"])
     run.apply(StageFailed(stage="bake", message="The disk is full.", traceback=""))
-    run.apply(RunFinished(outcome="failed", seconds=3.0, message="The disk is full."))
+    run.apply(Finished(outcome="failed", seconds=3.0, message="The disk is full."))
     assert (run.outcome, run.failed) == ("failed", {"bake": "The disk is full."})
     assert [kind for kind, _ in run.lines].count("error") == 2
     assert sum("disk is full" in text for _, text in run.lines) == 1, "reported once"
@@ -95,7 +95,7 @@ def finish(job: Job, seconds: float = 60.0) -> list[object]:
 
 def test_a_job_shows_its_events_and_other_output_as_log_lines(tmp_path: Path) -> None:
     hello = Log(stage="train", message="hello")
-    last = RunFinished(outcome="done", seconds=1.0)
+    last = Finished(outcome="done", seconds=1.0)
     printed = [
         b"some library speaks\n",
         hello.to_json().encode() + b"\n",
