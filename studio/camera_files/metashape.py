@@ -5,7 +5,8 @@ with OpenCV axes; the `transform` of the component (in older files, of the chunk
 scale from chunk to world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f; the center of the upper left
 pixel is (0.5, 0.5), as in `studio.cameras`. x' and y' follow Brown's model, with p1 and p2 swapped relative to OpenCV.
 Cameras without a transform are either slaves of a master, or were not aligned and are left out. A slave's sensor has
-`rotation` (slave to master) and `location` (in the master's axes, in the units of the chunk). OpenCV has no k4 r^8
+`rotation` (slave to master) and `location` (in the master's axes; taken to be in the units of the chunk, as
+Metashape's API says nothing else and chunks may have no scale). OpenCV has no k4 r^8
 term: if a camera uses it, OpenCV's rational model is fitted.
 """
 
@@ -20,6 +21,7 @@ import numpy as np
 from studio.camera_files.common import camera_names, naming, rigid_inverse, wrong_shape
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig, focal_length_error
+from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.validation import array, check_finite, missing_key
 
@@ -81,7 +83,10 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
                 )
             world = worlds.get(entry.get("component_id"))
             cameras.append(_camera(name, pose, sensor, world if world is not None else own))
-        return Rig(tuple(cameras), left_out=tuple(left_out))
+        slaves = [name for name, entry in zip(names, by_id.values(), strict=True) if entry.find("transform") is None]
+        placed = [name for name in slaves if name not in left_out]
+        notes = (f"Placed from their masters, with offsets in units of the chunk: {cameras_listed(placed)}.",)
+        return Rig(tuple(cameras), notes if placed else (), tuple(left_out))
 
 
 def _in_chunk(
@@ -104,14 +109,22 @@ def _in_chunk(
     master, sensor = by_id.get(entry.get("master_id")), sensors.get(entry.get("sensor_id"))
     if master is None or master is entry or master.find("transform") is None or sensor is None:
         return None
+    placed = _in_chunk(master, by_id, sensors)
+    assert placed is not None
+    # the master of cameras need not be that of sensors
+    own = sensors.get(master.get("sensor_id"))
+    before = np.eye(4) if own is None else rigid_inverse(_offset(own, name))
+    return placed @ before @ _offset(sensor, name)
+
+
+def _offset(sensor: Element, name: str) -> np.ndarray:
+    """(4, 4) from a slave's sensor to that of its master."""
     offset = np.eye(4)
     if _has_text(sensor, "rotation"):
         offset[:3, :3] = _numbers(sensor, "rotation", 9, name).reshape(3, 3)
     if _has_text(sensor, "location"):
         offset[:3, 3] = _numbers(sensor, "location", 3, name)
-    placed = _in_chunk(master, by_id, sensors)
-    assert placed is not None
-    return placed @ offset
+    return offset
 
 
 def _has_text(element: Element, tag: str) -> bool:

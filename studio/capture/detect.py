@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 
 from studio.bounded_files import parse_json, read_bounded
-from studio.capture.inference import Layout, groups_of, infer_layouts, looks_like_camera
+from studio.capture.inference import Layout, groups_of, infer_layouts, looks_like_camera, shared_start
 from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, find_files, walk
 from studio.counts import counted
 from studio.errors import StudioError
@@ -52,6 +52,7 @@ _LAYOUTS = (
 _VIDEOS_ONLY = frozenset({"{camera}/video.*", "{camera}/{camera}.*", "image/{camera}.*", "{camera}.*"})
 _DEPTH = 4  # folders below the capture's
 _MOST_SUGGESTED = 4
+_PARTS = ", whose files are parts of one recording"
 
 
 def detect_images(root: Path) -> tuple[str, list[Match]]:
@@ -219,6 +220,14 @@ def _folders_with(listing: Sequence[str], extensions: frozenset[str]) -> list[st
     return sorted(folder for folder, count in folders.items() if count > 1 and folder != ".")
 
 
+def parts_pattern(paths: Sequence[str]) -> str | None:
+    """The pattern that joins videos named CAMERA and a number, such as cam0_001.mp4, to one recording per camera."""
+    best = next((layout for layout in infer_layouts(paths) if layout.is_grid), None)
+    if best is None or not all(map(looks_like_camera, best.cameras)):
+        return None
+    return best.pattern.replace("{frame}", "{chapter}")
+
+
 def _grids(paths: Sequence[str]) -> list[str]:
     """Patterns of images that give several cameras with several frames each; of the same files, the likeliest."""
     found: list[Layout] = []
@@ -260,11 +269,20 @@ def _video_layouts(paths: Sequence[str]) -> list[str]:
         if all(_are_chapters(names) for names in folders.values()):
             return [f"{shape}/G{{chapter}}????{extension}"]
         common = set.intersection(*(set(names) for names in folders.values()))
-        if common:
-            several = [f"{shape}/{name}" for name in sorted(common)], _each(folders, extension)
-            first = all(any(map(looks_like_camera, folder.split("/"))) for folder in folders)
-            return [*several[not first], *several[first]]
+        several = [f"{shape}/{name}" for name in sorted(common)], _each(folders, extension)
+        if min(map(len, folders.values())) > 1:
+            parts = _numbered([name for names in folders.values() for name in names])
+            several[0].insert(1, f"{shape}/{parts}{extension}")
+        first = all(any(map(looks_like_camera, folder.split("/"))) for folder in folders)
+        return [*several[not first], *several[first]]
     return _each(folders, extension)
+
+
+def _numbered(names: Sequence[str]) -> str:
+    """The pattern of files without their extensions that are parts of recordings."""
+    stems = [Path(name).stem for name in names]
+    head, tail = shared_start(stems), shared_start([stem[::-1] for stem in stems])[::-1]
+    return f"{head}{{chapter}}{tail}"
 
 
 def _each(folders: Mapping[str, Sequence[str]], extension: str) -> list[str]:
@@ -296,7 +314,11 @@ def _ambiguous(root: Path, patterns: Sequence[str]) -> StudioError:
     for pattern in patterns[:_MOST_SUGGESTED]:
         with contextlib.suppress(StudioError):
             found[pattern] = len({match.camera for match in find_files(root, pattern)})
-    named = " and ".join(f"'{pattern}' ({counted(cameras, 'camera')})" for pattern, cameras in found.items() if cameras)
+    named = " and ".join(
+        f"'{pattern}' ({counted(cameras, 'camera')}{_PARTS if '{chapter}' in pattern else ''})"
+        for pattern, cameras in found.items()
+        if cameras
+    )
     best = max(found, key=lambda pattern: found[pattern])
     return StudioError(
         "footage.ambiguous_layout",

@@ -122,7 +122,7 @@ def _forms(names: Sequence[str]) -> Iterator[_Form]:
         if names[0].isdecimal():
             yield _Form("{frame}", {names[0]: ("", int(names[0]))}, 1.5)
         return
-    head, tail = _shared(names), _shared([name[::-1] for name in names])[::-1]
+    head, tail = shared_start(names), shared_start([name[::-1] for name in names])[::-1]
     middles = [name[len(head) : len(name) - len(tail)] for name in names]
     if all(middle.isdecimal() for middle in middles) and not _AFTER_CAMERA_WORD.fullmatch(head):
         fields: dict[str, tuple[str, int | None]] = {
@@ -146,12 +146,12 @@ def _both(names: Sequence[str], expression: re.Pattern[str], camera: int) -> Ite
     cameras = {name: groups[camera] for name, groups in found.items()}
     before = ""
     if camera == 0:  # a word that all of them end with describes the images
-        shared = _shared([name[::-1] for name in cameras.values()])[::-1]
+        shared = shared_start([name[::-1] for name in cameras.values()])[::-1]
         word = re.search(rf"{_JOIN}[a-z]+$", shared, re.I)
         if word is not None:
             cameras = {name: text.removesuffix(word.group()) for name, text in cameras.items()}
             parts[1] = word.group() + parts[1]
-        take = re.match(rf".*{_JOIN}", _shared(list(cameras.values())))
+        take = re.match(rf".*{_JOIN}", shared_start(list(cameras.values())))
         if take is not None and all(looks_like_camera(text[take.end() :]) for text in cameras.values()):
             cameras = {name: text[take.end() :] for name, text in cameras.items()}
             before = take.group()
@@ -173,7 +173,7 @@ def _frame_score(before: str, numbers: Sequence[str]) -> float:
     return score + 0.5 * (max(values) - min(values) + 1 == len(values))
 
 
-def _shared(names: Sequence[str]) -> str:
+def shared_start(names: Sequence[str]) -> str:
     """What all names begin with, up to digits."""
     first, last = min(names), max(names)
     length = next((index for index, char in enumerate(first) if index >= len(last) or last[index] != char), len(first))

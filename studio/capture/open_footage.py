@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from studio.cameras import Camera, Rig
-from studio.capture.detect import detect_images
+from studio.capture.detect import detect_images, parts_pattern
 from studio.capture.footage import Footage
 from studio.capture.frame_sources import DecoderPool, FrameSource, ImageSource, decoder_limit, make_sources
 from studio.capture.patterns import Match, find_files, natural_key, number_ranges, without_extension
@@ -337,6 +337,11 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
         found += " Each image is a camera of its own; if they are frames, set capture.images."
     elif stills and len(sources) == 1 and max(counts) > 1:
         found += " All images are frames of one camera; if they are of several, set capture.images."
+    elif spec.images == "auto" and len(sources) > 1 and not stills:
+        files = [source.files()[0].relative_to(spec.root).as_posix() for source in sources.values()]
+        parts = parts_pattern(files)
+        if parts is not None:
+            found += f" Each video is a camera; if they are parts of recordings, set capture.images to '{parts}'."
     return found
 
 

@@ -14,6 +14,7 @@ from studio.capture import CaptureSettings, open_footage
 from studio.capture.detect import MASK_FOLDERS, detect_beside, detect_images
 from studio.capture.inference import infer_layouts
 from studio.capture.patterns import find_files
+from studio.errors import StudioError
 from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 
@@ -202,6 +203,7 @@ def test_chapters_must_fit(tmp_path: Path, make: SimpleNamespace) -> None:
         ["day1/a.mp4", "day1/b.mp4", "day2/a.mp4", "day2/b.mp4"],
         ["cam0/GX010031.MP4", "cam0/GX010032.MP4", "cam1/GX010031.MP4", "cam1/GX010032.MP4"],
         ["cam0/C0001.MP4", "cam0/C0002.MP4", "cam1/C0001.MP4", "cam1/C0002.MP4"],
+        ["cam0/C0001.MP4", "cam0/C0002.MP4", "cam1/C0013.MP4", "cam1/C0014.MP4"],
         [f"{take}/{camera}/{frame:04d}.png" for take in ("walk", "run") for camera in CAMERAS for frame in range(9)],
     ],
 )
@@ -244,3 +246,28 @@ def test_a_numbered_recording_opens_as_chapters(tmp_path: Path, make: SimpleName
     assert "{chapter}" in str(caught.value)
     footage = open_footage(CaptureSettings(root=tmp_path, masks="none", images="{camera}/clip_{chapter}.mp4"))
     assert [make.number_of(footage.image("a", frame)) for frame in footage.frames] == [0, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        [f"{camera}/clip_{part:03d}.mp4" for camera in CAMERAS for part in (1, 2)],
+        [f"{camera}/C{10 * index + part:04d}.mp4" for index, camera in enumerate(CAMERAS) for part in (1, 2)],
+        [f"{camera}/DJI_20230101120{index}{part}0_000{part}_D.mp4" for index, camera in enumerate(CAMERAS)
+         for part in (1, 2)],
+        [f"videos/{camera}_{part:03d}.mp4" for camera in CAMERAS for part in (1, 2)],
+    ],
+)  # fmt: skip
+def test_numbered_videos_may_be_joined_as_suggested(tmp_path: Path, make: SimpleNamespace, files: list[str]) -> None:
+    """They may also be separate takes, or cameras."""
+    for file in files:
+        make.video(tmp_path / file, [make.numbered(int(file[-5]) if "_D" not in file else int(file[-7]))] * 2)
+    try:
+        said = open_footage(CaptureSettings(root=tmp_path, masks="none")).description
+    except StudioError as error:
+        said = str(error)
+    pasted = next(word for word in said.split("'") if "{chapter}" in word)
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none", images=pasted))
+    assert footage.camera_names == CAMERAS
+    numbers = [make.number_of(footage.image(CAMERAS[1], frame)) for frame in footage.frames]
+    assert numbers == [numbers[0], numbers[0], numbers[0] + 1, numbers[0] + 1]
