@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -26,7 +24,7 @@ def test_it_passes_and_reports_a_missing_package_and_library(tmp_path: Path) -> 
     script = tmp_path / "scripts" / "self_test.py"
 
     (tmp_path / "pyproject.toml").write_text(declared)
-    passed = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    passed = warm_python().run((script,), text=True)
     assert passed.returncode == 0, passed.stderr
     assert "checks passed" in passed.stdout
 
