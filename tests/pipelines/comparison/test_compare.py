@@ -178,7 +178,7 @@ def test_full_frames_over_white_of_another_camera(two, here, tmp_path):
 def test_mistakes_are_one_sentence(two, here, tmp_path):
     done = here("compare", two[0], "--protocol", "hifi4g", "--out", tmp_path / "out")
     assert done.returncode == 1
-    assert "no camera '48', which protocol hifi4g measures" in done.stderr
+    assert "no camera '48'" in done.stderr
     assert "--cameras" in done.stderr
     done = here("compare", two[0], two[0], "--out", tmp_path / "out")
     assert done.returncode == 1

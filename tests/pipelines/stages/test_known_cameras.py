@@ -73,7 +73,7 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
     with pytest.raises(StudioError) as caught:
         calibrated(88)
     assert str(caught.value).startswith(f"{file}: Camera 'a': the aspect ratio of the footage, 80x60, differs from")
-    assert "set capture.size_rule to stretch, crop or letterbox" in str(caught.value)
+    assert "capture.size_rule" in str(caught.value)
     assert calibrated(88, size_rule="crop")["a"].width == 88
     write_rig(rig(("a", "b")), file)
     assert calibrate._from_file(made, file)[0]["b"].width == 160

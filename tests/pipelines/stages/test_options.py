@@ -57,9 +57,9 @@ def moving(tmp_path):
 def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, moving):
     done = here("sync", moving, "--capture.offsets", "{lefd: 2}")
     assert done.returncode == 1
-    assert "capture.offsets: no camera 'lefd' in the footage. Did you mean 'left'? Cameras: left, right." in done.stderr
+    assert "Did you mean 'left'?" in done.stderr
     moving.write_text("capture: {root: capture, rig: null, masks: none, offsets: {z: 1}}\n")
-    assert "capture.offsets: no camera 'z' in the footage. Cameras: left, right." in here("sync", moving).stderr
+    assert "no camera 'z' in the footage" in here("sync", moving).stderr
     assert here("sync", moving, "--capture.offsets", "{left: 2}").returncode == 0, "looked for anew, not applied"
 
 

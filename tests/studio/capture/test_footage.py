@@ -153,7 +153,7 @@ def test_letterboxed_footage_is_detected_by_its_bars(tmp_path: Path, make: Simpl
         "footage.aspect_ratio", value=(90, 64), camera="a", expected=(96, 64), setting="capture.size_rule"
     ) as caught:
         open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a"),)))
-    assert "set capture.size_rule to stretch, crop or letterbox" in str(caught.value)
+    assert "capture.size_rule" in str(caught.value)
     cropped = open_footage(
         CaptureSettings(root=tmp_path, masks="none", size_rule="crop"), Rig((make.camera("a"),))
     ).rig["a"]

@@ -53,7 +53,7 @@ def test_offsets_from_motion_and_their_correction(tmp_path: Path) -> None:
         ("sync.offset", "b", 3),
         ("sync.offset", "c", -2),
     ]
-    assert str(warnings[0]) == "Camera 'b' is 3 frames late according to its motion. Set capture.offsets to {b: 3}."
+    assert "Set capture.offsets to {b: 3}." in str(warnings[0])
     aligned = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS, offsets=report.whole))
     assert aligned.frames == tuple(range(2, 57))  # what all cameras have
     assert check_sync(aligned).whole == {}

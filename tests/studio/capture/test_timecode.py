@@ -125,7 +125,7 @@ def test_a_camera_without_one_is_named(tmp_path: Path) -> None:
     spec = capture(tmp_path, a=("01:00:00:05", 0), b=("01:00:00:02", 3), c=(None, 0))
     report = check_sync(open_footage(spec), method="timecode")
     assert report.unsure == ("c",)
-    assert str(report.warnings()[-1]) == "Camera 'c': it has no timecode, so its offset is unknown."
+    assert "'c'" in str(report.warnings()[-1])
     assert set(report.offsets) == {"a", "b"}
     with refuses("sync.no_timecode", value=1):
         check_sync(open_footage(spec.replace(cameras=("a", "c"))), method="timecode")

@@ -114,7 +114,7 @@ def test_a_click_marks_a_detail_and_a_drag_sizes_it(view: EditView) -> None:
     view.press("detail")
     drawn(view)
     view.click(2, 2)
-    assert view.refused == "There are no splats under the pointer. Click on the performer."
+    assert "no splats" in view.refused
     camera = view.orbit.camera(*SIZE)
     x, y = camera.project(np.zeros((1, 3)))[0][0]
     view.refused = ""
