@@ -35,7 +35,7 @@ def test_what_is_no_number_is_wrong_usage(here, tmp_path, option, value, said):
 )
 def test_a_boards_sizes_are_answered_in_millimeters(here, tmp_path, options, said):
     done = here("board", tmp_path / "b.pdf", *options)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert said in done.stderr
     assert not (tmp_path / "b.pdf").exists()
 
