@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pipelines.takes.atomic_files import Result
-from studio.calibration.report import CalibrationReport, Quality
+from pipelines.takes.atomic_files import Result, write_text
+from pipelines.takes.checked_cameras import NOT_CHECKED, CheckedCameras, checked_cameras
+from pipelines.takes.take import Take
+from studio.calibration.report import CalibrationReport
 from studio.errors import Message
 
-_BANDS = {
-    "excellent": "under 0.5 px",
-    "acceptable": "0.5 to 1 px",
-    "review": "over 1 px",
-}
 _SPARSE = 0.4
 """Smallest fraction of the image with observations; elsewhere lens distortion is extrapolated."""
 _UNSURE = 0.02
@@ -43,13 +40,26 @@ def intrinsics_sentences(report: CalibrationReport) -> list[str]:
     return found
 
 
+def write_calibration_page(take: Take) -> None:
+    """Write calibrate/report.html again, after cameras were calibrated, checked or refined; nothing for a camera file.
+
+    Raises:
+        StudioError: the report, the verdict or the refinement cannot be read (`take.damaged`).
+    """
+    from studio.camera_files import read_rig
+
+    checked = checked_cameras(take)
+    if isinstance(checked.report, CalibrationReport):
+        page = render_calibration(checked.report, read_rig(take.rig).names, checked)
+        write_text(take.calibration_report.with_suffix(".html"), page)
+
+
 class CalibrationFigures(Result):
     """Figures for an event: over all cameras, and the mean reprojection error of each; pixels."""
 
     reprojection_mean: float
     reprojection_median: float
     reprojection_p95: float
-    quality: Quality
     points: int
 
     cameras: dict[str, float]
@@ -67,7 +77,6 @@ def calibration_figures(report: CalibrationReport) -> CalibrationFigures:
         reprojection_mean=report.reprojection.mean,
         reprojection_median=report.reprojection.median,
         reprojection_p95=report.reprojection.p95,
-        quality=report.quality,
         points=report.points,
         cameras={name: camera.mean for name, camera in report.cameras.items()},
         unregistered=report.unregistered,
@@ -220,12 +229,13 @@ def tie_warnings(report: CalibrationReport) -> list[Message]:
     return found
 
 
-def render_calibration(report: CalibrationReport, names: Sequence[str]) -> str:
+def render_calibration(report: CalibrationReport, names: Sequence[str], checked: CheckedCameras) -> str:
     """Render the HTML page.
 
     Args:
         report: the calibration's report.
         names: cameras in the order to show.
+        checked: how they were checked.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -239,7 +249,9 @@ def render_calibration(report: CalibrationReport, names: Sequence[str]) -> str:
     return environment.get_template("calibration.html.j2").render(
         report=report,
         names=[name for name in names if name in report.cameras],
-        bands=_BANDS,
+        verdict=checked.verdict,
+        not_checked=NOT_CHECKED,
+        refinement=checked.refinement,
         warnings=calibration_warnings(report),
         intrinsics=intrinsics_sentences(report),
         most=max(most, 1),

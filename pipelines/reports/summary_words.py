@@ -35,11 +35,11 @@ def size_words(count: float) -> str:
 def _calibrate(rest: dict[str, JsonData]) -> list[str]:
     cameras, source = rest.pop("cameras", None), rest.pop("source", None)
     error, ratio = rest.pop("mean_error_px", None), rest.pop("match_inlier_ratio", None)
-    quality = rest.pop("quality", None)
+    grade = rest.pop("grade", None)
     origin = "" if source is None else f" from {'a camera file' if source == 'file' else f'the {source}'}"
     return [
         "" if cameras is None else f"{_count(cameras, 'camera')}{origin}",
-        "" if quality is None else f"quality {quality}",
+        "" if grade is None else f"checked: {grade}",
         "" if not isinstance(error, int | float) else f"mean reprojection error {error:.2f} px",
         "" if not isinstance(ratio, int | float) else f"{ratio:.0%} of the matches agree",
     ]

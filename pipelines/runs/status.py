@@ -11,6 +11,7 @@ from pipelines.events import Event, Progress, RunStarted, StageStarted, parse_ev
 from pipelines.reports.tables import escaped, table_of
 from pipelines.reports.terminal import console, duration
 from pipelines.runs.runner import status
+from pipelines.takes.checked_cameras import checked_cameras
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.json_types import JsonObject
@@ -99,7 +100,7 @@ _COLORS = {
 
 
 def print_status(take: Take, config: Config) -> None:
-    """Print one row per stage, and the run in progress."""
+    """Print one row per stage, whether the cameras are right, and the run in progress."""
     screen = console()
     table = table_of("stage", "status", "progress", "time", "reason", left=(0, 1, 4))
     now = running(take)
@@ -111,6 +112,8 @@ def print_status(take: Take, config: Config) -> None:
         took = duration(state.seconds) if state.seconds is not None and state.state == "done" else ""
         table.add_row(name, f"[{_COLORS[state.state]}]{state.state}[/]", units, took, escaped(state.reason))
     screen.print(table)
+    for sentence in checked_cameras(take).sentences:
+        screen.print(sentence, markup=False)
     if now is not None:
         total = None if now.progress is None else now.progress.total_seconds_left
         left = "" if total is None else f", about {duration(total)} left"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +14,7 @@ from pipelines.reports.calibration import (
     calibration_figures,
     calibration_warnings,
     intrinsics_sentences,
-    render_calibration,
+    write_calibration_page,
 )
 from pipelines.stages import Executor, stage_named
 from pipelines.stages.camera_file import camera_file, files_of
@@ -28,15 +30,18 @@ from pipelines.stages.known_cameras import (
 )
 from pipelines.stages.params import Params, settings_affecting
 from pipelines.stages.reporter import StageReporter
+from pipelines.stages.rig_check import judge_by_images
 from pipelines.stages.summaries import CalibrateSummary
 from pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
-from pipelines.takes.atomic_files import atomic_path, digest_of_file, remove, write_model, write_text
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, remove, write_model
 from pipelines.takes.point_files import write_points
 from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
 from studio.calibration.report import CalibrationReport
+from studio.counts import counted
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
+    from studio.calibration import CalibrationResult
     from studio.calibration.report import IntrinsicsReport
     from studio.cameras import Camera, Rig
     from studio.capture import Footage
@@ -62,7 +67,7 @@ def params(inputs: Inputs) -> Params:
     masked = config.calibrate.look_at != "everything"
     return {
         "footage": inputs.footage.digest,
-        "frames": calibrated_frames(inputs),
+        "frames": frames_to_try(inputs),
         **settings_affecting(config, "cameras_from_images", *(("calibration_masks",) if masked else ())),
         **_intrinsics_files(inputs),
     }
@@ -93,13 +98,13 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
         rig, report = _from_tie_points(inputs, reporter)
     else:
         rig, report = _from_footage(inputs, reporter)
-    for path in (inputs.take.camera_refinement, inputs.take.refined_rig):
-        remove(path)  # refined from other cameras
+    for path in (inputs.take.rig_verdict, inputs.take.camera_refinement, inputs.take.refined_rig):
+        remove(path)  # of other cameras
     with atomic_path(inputs.take.rig) as temporary:
         write_rig(rig, temporary)
     write_model(inputs.take.calibration_report, report)
     if isinstance(report, CalibrationReport):
-        write_text(inputs.take.calibration_report.with_suffix(".html"), render_calibration(report, rig.names))
+        write_calibration_page(inputs.take)
         reporter.metrics(calibration_figures(report).to_json())
         for sentence in intrinsics_sentences(report):
             reporter.log(sentence)
@@ -112,7 +117,9 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
     reporter.progress(1.0, "done")
     summary = CalibrateSummary(cameras=len(rig), source=report.source or "")
     if isinstance(report, CalibrationReport):
-        figures = {"quality": report.quality, "mean_error_px": report.reprojection.mean}
+        figures: dict[str, str | float] = {"mean_error_px": report.reprojection.mean}
+        if report.verdict is not None:
+            figures["grade"] = report.verdict.grade
         if report.match_inlier_ratio is not None:
             figures["match_inlier_ratio"] = report.match_inlier_ratio
         summary = summary.model_copy(update=figures)
@@ -136,16 +143,21 @@ def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
     return rig, CamerasFromFile(source="file", file=str(path), notes=notes)
 
 
-def calibrated_frames(inputs: Inputs) -> list[int]:
+_MORE_FRAMES = (1, 3, 6, 12, 24)
+"""Numbers of frames that are tried until they are enough."""
+_ENOUGH_POINTS = 300
+"""Observations that each camera needs. With 30 to 170, 31 real cameras were folded; with 400, they were off by 2 cm."""
+
+
+def frames_to_try(inputs: Inputs) -> list[list[int]]:
+    """The frames that cameras are calibrated from; several lists if the first may not be enough."""
     frames = inputs.footage.raw.frames
     section = inputs.config.calibrate
     if section.frame is None:
-        # centers of equal parts: at the ends of a take there is often nobody in view
-        count = min(section.frames, len(frames))
-        if count == 1:
-            return [int(frames[0])]
-        return [int(frames[int((part + 0.5) * len(frames) / count)]) for part in range(count)]
-    if section.frames > 1:
+        counts = _MORE_FRAMES if section.frames is None else (section.frames,)
+        fewer = sorted({min(count, len(frames)) for count in counts})
+        return [_spread(frames, count) for count in fewer]
+    if (section.frames or 1) > 1:
         raise StudioError(
             "settings.conflict",
             f"calibrate.frame = {section.frame} selects one frame, but calibrate.frames = {section.frames} "
@@ -165,7 +177,14 @@ def calibrated_frames(inputs: Inputs) -> list[int]:
             first=int(frames[0]),
             last=int(frames[-1]),
         )
-    return [section.frame]
+    return [[section.frame]]
+
+
+def _spread(frames: Sequence[int], count: int) -> list[int]:
+    """The centers of equal parts: at the ends of a take there is often nobody in view. One frame: the first."""
+    if count == 1:
+        return [int(frames[0])]
+    return [int(frames[int((part + 0.5) * len(frames) / count)]) for part in range(count)]
 
 
 def _from_target(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
@@ -175,21 +194,18 @@ def _from_target(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibrat
 
 
 def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
-    from studio.calibration import calibrate_from_images, floor_world
+    from studio.calibration import floor_world
 
     footage, section = inputs.footage.raw, inputs.config.calibrate
-    frames = calibrated_frames(inputs)
+    attempts = frames_to_try(inputs)
     names = footage.camera_names
-    distance = known_distance(section, names)
-    images = {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names}
-    masks = None
-    if section.frames > len(frames):
+    if section.frames is not None and section.frames > len(attempts[-1]):
         reporter.warn(
             Message(
                 "footage.few_frames",
-                f"calibrate.frames = {section.frames}, but the footage has only {len(frames)} used frames",
+                f"calibrate.frames = {section.frames}, but the footage has only {len(attempts[-1])} used frames",
                 value=section.frames,
-                fields={"setting": "calibrate.frames", "frames": len(frames)},
+                fields={"setting": "calibrate.frames", "frames": len(attempts[-1])},
             )
         )
     if section.look_at != "everything" and inputs.config.capture.masks == "none":
@@ -201,30 +217,33 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
             setting="calibrate.look_at",
             other="capture.masks",
         )
-    if section.look_at != "everything":
-        room = section.look_at == "room"
-        masks = {
-            camera: [partial(_where_to_look, footage, camera, frame, room) for frame in frames] for camera in names
-        }
-    work = inputs.take.work(STAGE.name)
-    work.mkdir(parents=True, exist_ok=True)
-    known, before, reports = _known_intrinsics(inputs, reporter)
-    result = calibrate_from_images(
-        images,
-        masks,
-        workdir=work,
-        known=known,
-        poses=None if section.known_poses == "unused" else before,
-        focal_lengths={} if known else focal_lengths(footage, frames[0]),
-        settings=section,
-        threads=inputs.config.run.threads,
-        seed=inputs.config.run.seed,
-        distance=distance,
-        progress=reporter.part("structure from motion", 0.2 if section.intrinsics_images else 0.0, 1.0),
-    )
+    known = _known_intrinsics(inputs, reporter)
+    for number, frames in enumerate(attempts):
+        last = number == len(attempts) - 1
+        try:
+            result = _solved(inputs, reporter, frames, known)
+        except StudioError as error:
+            if last or error.code not in ("calibration.unregistered", "calibration.no_solution"):
+                raise
+            reporter.log(f"{counted(len(frames), 'frame')}: {error.problem}. More frames are tried.")
+            continue
+        lacking = "" if last else _lacking(result.report)
+        if not lacking:
+            checking = reporter.part("checking the cameras", 0.95, 1.0)
+            verdict = judge_by_images(inputs.footage.opened(result.rig), frames[0], progress=checking)
+            lacking = verdict.reason if verdict.grade == "wrong" else ""
+        if last or not lacking:
+            break
+        reporter.log(f"{counted(len(frames), 'frame')}: {lacking} More frames are tried.")
     rig, points = result.rig, result.points
     report = result.report.model_copy(
-        update={"source": "footage", "frame": frames[0], "frames": frames, **_of_target(reports)}
+        update={
+            "source": "footage",
+            "frame": frames[0],
+            "frames": frames,
+            "verdict": verdict,
+            **_of_target(known.reports),
+        }
     )
     if section.floor:
         world, found = floor_world(rig, points)
@@ -232,6 +251,44 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
         report = report.model_copy(update={"floor": found})
     _keep_points(inputs, points, result.colors)
     return rig.subset(names), report
+
+
+def _solved(
+    inputs: Inputs, reporter: StageReporter, frames: Sequence[int], known: _KnownIntrinsics
+) -> CalibrationResult:
+    """Structure from motion on some frames."""
+    from studio.calibration import calibrate_from_images
+
+    footage, section = inputs.footage.raw, inputs.config.calibrate
+    names = footage.camera_names
+    masks = None
+    if section.look_at != "everything":
+        room = section.look_at == "room"
+        masks = {
+            camera: [partial(_where_to_look, footage, camera, frame, room) for frame in frames] for camera in names
+        }
+    work = inputs.take.work(STAGE.name)
+    work.mkdir(parents=True, exist_ok=True)
+    words = f"structure from motion, {counted(len(frames), 'frame')}"
+    return calibrate_from_images(
+        {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names},
+        masks,
+        workdir=work,
+        known=known.cameras,
+        poses=None if section.known_poses == "unused" else known.before,
+        focal_lengths={} if known.cameras else focal_lengths(footage, frames[0]),
+        settings=section,
+        threads=inputs.config.run.threads,
+        seed=inputs.config.run.seed,
+        distance=known_distance(section, names),
+        progress=reporter.part(words, 0.2 if section.intrinsics_images else 0.0, 0.95),
+    )
+
+
+def _lacking(report: CalibrationReport) -> str:
+    """What more frames may improve, as a clause; "" if it is enough."""
+    few = [name for name, one in report.cameras.items() if one.observations < _ENOUGH_POINTS]
+    return f"{counted(len(few), 'camera')} with fewer than {_ENOUGH_POINTS} points." if few else ""
 
 
 def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
@@ -251,19 +308,19 @@ def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Cali
             camera=strange[0],
             found=list(names),
         )
-    known, _, reports = _known_intrinsics(inputs, reporter)
+    known = _known_intrinsics(inputs, reporter)
     result = calibrate_from_tie_points(
         points,
         {name: footage.raw_size(name) for name in names},
-        known=known,
-        focal_lengths={} if known else focal_lengths(footage, footage.frames[0]),
+        known=known.cameras,
+        focal_lengths={} if known.cameras else focal_lengths(footage, footage.frames[0]),
         distance=known_distance(section, names),
         settings=section,
         seed=inputs.config.run.seed,
         progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),
     )
     _keep_points(inputs, result.points, result.colors)
-    about = {"source": "tie points", "file": str(tie_file(inputs)), **_of_target(reports)}
+    about = {"source": "tie points", "file": str(tie_file(inputs)), **_of_target(known.reports)}
     return result.rig, result.report.model_copy(update=about)
 
 
@@ -308,11 +365,22 @@ def _keep_points(inputs: Inputs, points: np.ndarray, colors: np.ndarray) -> None
         write_points(temporary, points, None, colors)
 
 
-def _known_intrinsics(
-    inputs: Inputs, reporter: StageReporter
-) -> tuple[dict[str, Camera], Rig | None, dict[str, IntrinsicsReport]]:
-    """Cameras with known intrinsics at the footage's size, the cameras of calibrate.known_cameras, and reports on the
-    intrinsics from images of the target."""
+@dataclass(frozen=True)
+class _KnownIntrinsics:
+    """What is known about the cameras before they are calibrated.
+
+    Attributes:
+        cameras: those with known intrinsics, at the footage's size.
+        before: the cameras of calibrate.known_cameras.
+        reports: on the intrinsics from images of the target.
+    """
+
+    cameras: dict[str, Camera]
+    before: Rig | None
+    reports: dict[str, IntrinsicsReport]
+
+
+def _known_intrinsics(inputs: Inputs, reporter: StageReporter) -> _KnownIntrinsics:
     known: dict[str, Camera] = {}
     reports: dict[str, IntrinsicsReport] = {}
     if inputs.config.calibrate.intrinsics_images:
@@ -321,7 +389,7 @@ def _known_intrinsics(
     before = known_cameras(inputs)
     if before is not None:
         known = {camera.name: camera for camera in before} | known
-    return known, before, reports
+    return _KnownIntrinsics(known, before, reports)
 
 
 def _of_target(reports: dict[str, IntrinsicsReport]) -> dict[str, dict[str, IntrinsicsReport]]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipelines.events.cancellation import Cancellation
+from pipelines.reports.calibration import write_calibration_page
 from pipelines.stages.calibrate import has_camera_file
 from pipelines.stages.group_scheduler import run_groups, threads_of_groups
 from pipelines.stages.inputs import Inputs
@@ -152,6 +153,7 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         cameras=_changes(inputs, rig, names),
     )
     write_model(inputs.take.camera_refinement, report)
+    write_calibration_page(inputs.take)
     reporter.log(report.sentence)
 
 

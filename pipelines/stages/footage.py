@@ -69,7 +69,7 @@ class TakeFootage:
         Raises:
             StudioError: it cannot be opened.
         """
-        return self._open(None)
+        return self.opened(None)
 
     @cached_property
     def calibrated(self) -> Footage:
@@ -81,7 +81,7 @@ class TakeFootage:
         from studio.camera_files import read_rig
         from studio.own_frame import in_own_frame
 
-        return self._open(in_own_frame(read_rig(self.take.rig)))
+        return self.opened(in_own_frame(read_rig(self.take.rig)))
 
     @cached_property
     def trained(self) -> Footage:
@@ -98,7 +98,7 @@ class TakeFootage:
         if not self.take.refined_rig.is_file():
             return self.calibrated
         frame = own_frame(read_rig(self.take.rig))
-        return self._open(Rig(tuple(frame.camera(camera) for camera in read_rig(self.take.refined_rig))))
+        return self.opened(Rig(tuple(frame.camera(camera) for camera in read_rig(self.take.refined_rig))))
 
     @cached_property
     def digest(self) -> str:
@@ -124,7 +124,12 @@ class TakeFootage:
             **(edit_params(self.edits, "crop") if self.edits.crop is not None and self.edits.crop.training else {}),
         }
 
-    def _open(self, rig: Rig | None) -> Footage:
+    def opened(self, rig: Rig | None) -> Footage:
+        """The footage with other cameras; None: without cameras.
+
+        Raises:
+            StudioError: it cannot be opened.
+        """
         from studio.capture import open_footage
 
         run = self.config.run

@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipelines.reports.calibration import write_calibration_page
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import key_of
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import read_model, write_model
 from studio.calibration.verdict import RigVerdict, judge
 from studio.errors import Message, StudioError
+from studio.progress import ProgressFn, no_progress
 
 if TYPE_CHECKING:
+    from studio.calibration.epipolar import PairMatches
     from studio.capture import Footage
 
 
@@ -47,6 +50,17 @@ class _Images(Mapping[str, np.ndarray]):
         return self._footage.image(name, self._frame)
 
 
+def judge_by_images(footage: Footage, frame: int, progress: ProgressFn = no_progress) -> RigVerdict:
+    """What matches between the images of a frame say about the cameras of footage."""
+    return judge({camera.name: camera for camera in footage.rig}, _matches(footage, frame, progress), None)
+
+
+def _matches(footage: Footage, frame: int, progress: ProgressFn) -> list[PairMatches]:
+    from studio.calibration.epipolar import match_images
+
+    return match_images(_Images(footage, frame), progress=progress)
+
+
 def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> None:
     """Judge the rig by the images and masks of a frame, log the verdict, and store it.
 
@@ -65,6 +79,7 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
         verdict = StoredVerdict(key=key, **_judged(inputs, frame, reporter).model_dump())
         inputs.take.rig_verdict.parent.mkdir(parents=True, exist_ok=True)
         write_model(inputs.take.rig_verdict, verdict)
+        write_calibration_page(inputs.take)
     if not verdict.blamed:
         reporter.log(f"cameras: {verdict.grade}. {verdict.reason}")
         return
@@ -86,12 +101,11 @@ def _stored(path: Path, key: str) -> StoredVerdict | None:
 
 
 def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
-    from studio.calibration.epipolar import match_images
     from studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, mask_agreement
     from studio.meshing.silhouettes import Silhouettes
 
     footage = inputs.footage.calibrated
-    pairs = match_images(_Images(footage, frame), progress=reporter.part("checking the cameras", 0.0, 0.02))
+    pairs = _matches(footage, frame, reporter.part("checking the cameras", 0.0, 0.02))
     cameras = {camera.name: camera for camera in footage.rig}
     names = footage.train_cameras
     errors: dict[str, float] | None = None

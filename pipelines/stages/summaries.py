@@ -22,8 +22,9 @@ class CalibrateSummary(Result):
     source: str
     """file, board, tie points or footage."""
 
-    quality: str | None = None
-    """excellent, acceptable or review; not set for a calibration file."""
+    grade: str | None = None
+    """good, usable or wrong, by matches between the images that the cameras were not made from; not set if `initialize`
+    checks them first."""
 
     mean_error_px: float | None = None
     """Mean reprojection error in pixels."""

@@ -6,12 +6,9 @@ different fields.
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import BaseModel, ConfigDict
 
-Quality = Literal["excellent", "acceptable", "review"]
-"""Ratings by mean reprojection error: below 0.5 pixels, below 1 pixel, higher (or doubtful for another reason)."""
+from studio.calibration.verdict import RigVerdict
 
 
 class _Model(BaseModel):
@@ -29,7 +26,6 @@ class ErrorStatistics(_Model):
 class CameraReport(ErrorStatistics):
     """Reprojection errors and image coverage of one camera."""
 
-    quality: Quality
     observations: int
     """Number of observations."""
     coverage: float
@@ -149,7 +145,6 @@ class ReprojectionReport(_Model):
 
     reprojection: ErrorStatistics
     """Errors over all observations."""
-    quality: Quality
     points: int
     observations: int
     mean_track_length: float
@@ -176,6 +171,8 @@ class CalibrationReport(ReprojectionReport):
     match_inlier_ratio: float | None = None
     """Fraction of the verified matches that agree with the solution, 0 to 1."""
     sharing: list[SharedIntrinsicsReport] = []
+    recentered: bool = False
+    """Whether principal points were estimated; otherwise they are in the middle of the images or known."""
     sync_frames: int | None = None
     """Images per camera."""
     moved: dict[str, CameraMotion] = {}
@@ -198,6 +195,8 @@ class CalibrationReport(ReprojectionReport):
     """Whether world units are meters."""
 
     # added by the calibrate stage
+    verdict: RigVerdict | None = None
+    """What matches between the images, found without the cameras, say about them; None if they were not asked."""
     source: str | None = None
     """footage, board or tie points."""
     file: str | None = None

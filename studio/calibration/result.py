@@ -11,7 +11,6 @@ from studio.calibration.report import (
     CameraReport,
     ErrorStatistics,
     Neighbor,
-    Quality,
     ReprojectionReport,
     RigGeometry,
 )
@@ -33,11 +32,6 @@ class CalibrationResult:
     points: np.ndarray
     colors: np.ndarray
     report: CalibrationReport
-
-
-def quality_of(error: float) -> Quality:
-    """Rating of a mean reprojection error in pixels."""
-    return "excellent" if error < 0.5 else "acceptable" if error < 1.0 else "review"
 
 
 def image_coverage(pixels: np.ndarray, size: tuple[int, int], cells: int = 4) -> float:
@@ -85,7 +79,6 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
         widest.add(np.unique(index), camera.center)
         cameras[camera.name] = CameraReport(
             **error_statistics(errors).model_dump(),
-            quality=quality_of(float(errors.mean())) if len(errors) else "review",
             observations=len(errors),
             coverage=round(image_coverage(seen[:, 1:], size), 3),
             coverage_map=_coverage_map(seen[:, 1:], size),
@@ -96,7 +89,6 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
     statistics = error_statistics(errors)
     fields = ReprojectionReport(
         reprojection=statistics,
-        quality=quality_of(statistics.mean),
         points=len(points),
         observations=len(errors),
         mean_track_length=round(float(tracks[tracks > 0].mean()), 3) if (tracks > 0).any() else 0.0,

@@ -52,11 +52,13 @@ class CalibrateSettings(Settings):
     to be matched automatically."""
 
     frame: Annotated[int | None, Heading("Footage"), _FRAME_NUMBER, Affects()] = None
-    """Frame to calibrate from, as numbered in the files. null: the first frame used."""
+    """Frame to calibrate from, as numbered in the files. null: as frames says."""
 
-    frames: Annotated[int, Affects()] = Field(default=1, ge=1, le=100)
+    frames: Annotated[int | None, Affects()] = Field(default=None, ge=1, le=100)
     """Number of frames, spread over the footage, that are used jointly for calibration; the cameras must not move. Run
-    time is proportional to this number. More frames reduce noise and show more of what the performer occludes."""
+    time is proportional to this number. More frames reduce noise and show more of what the performer occludes. null: 1,
+    and then 3, 6, 12 and 24, until all cameras are registered with at least 300 points each, and matches between the
+    images do not say that the rig is wrong."""
 
     look_at: Literal["everything", "room", "performer"] = "everything"
     """Image region in which features are detected. everything: the whole image. room: everything except the performer.

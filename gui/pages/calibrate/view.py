@@ -19,20 +19,20 @@ from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.rig_coverage import RigCoverage
 from gui.pages.report_table import CAMERA, Sorting, table_text
 from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
+from pipelines.takes.checked_cameras import CheckedCameras, checked_cameras
 from pipelines.takes.point_files import read_points, read_surface
-from pipelines.takes.stage_files import CamerasFromFile, CamerasReport, read_cameras_report
+from pipelines.takes.stage_files import CamerasFromFile
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, CameraReport
 from studio.cameras import Camera, Rig
 from studio.counts import counted
 from studio.errors import StudioError
 
-BANDS: dict[str, tuple[str, RGB]] = {
-    "excellent": ("good: below 0.5 px", GOOD),
-    "acceptable": ("acceptable: 0.5 to 1 px", FAIR),
-    "review": ("review: 1 px or more", BAD),
-}
-UNKNOWN: tuple[str, RGB] = ("no reprojection error: cameras from a file", SECOND)
+AGREES: tuple[str, RGB] = ("agrees with the others", GOOD)
+DISAGREES: tuple[str, RGB] = ("disagrees with the others", BAD)
+FEW: tuple[str, RGB] = ("too few matches to tell", FAIR)
+UNKNOWN: tuple[str, RGB] = ("not checked yet: Initialize does that", SECOND)
+GRADES: dict[str, RGB] = {"good": GOOD, "usable": FAIR, "wrong": BAD}
 TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
 NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
 NONE_HELD_OUT = "no camera is held out: View > Cameras"
@@ -40,8 +40,8 @@ NONE_HELD_OUT = "no camera is held out: View > Cameras"
 NOT_KNOWN = "from file"
 """The error of a camera that was not calibrated."""
 
-COLUMNS = ("error px", "p95 px", "points", "coverage", "focal px")
-PLACES = (0.36, 0.5, 0.64, 0.8, 1.0)
+COLUMNS = ("error px", "points", "coverage", "focal px", "matches fit", "mask off", "refined by")
+PLACES = (0.28, 0.39, 0.51, 0.62, 0.75, 0.86, 1.0)
 """Titles of the report's columns besides the cameras' names, and where columns end, shares of the width."""
 
 
@@ -55,7 +55,7 @@ class CalibrateView(OrbitView):
         super().__init__(workspace)
         self._read_of: Hashable = None
         self._rig: Rig | None = None
-        self._report: CamerasReport | None = None
+        self._checked = CheckedCameras(None, None, None)
         self._points: tuple[np.ndarray, np.ndarray] | None = None
         self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
         self._coverage: RigCoverage | None = None
@@ -75,8 +75,9 @@ class CalibrateView(OrbitView):
     @property
     def blocks(self) -> Sequence[Block]:
         """For the inspector: how well the cameras cover the performer, and what the reader of their file assumed."""
-        covered, report = self._coverage, self._report
-        blocks = [covered.block] if covered is not None else []
+        covered, report = self._coverage, self._checked.report
+        blocks = [Block("Are they right?", [], "\n".join(self._checked.sentences))] if report is not None else []
+        blocks += [covered.block] if covered is not None else []
         if isinstance(report, CamerasFromFile) and report.notes:
             blocks.append(Block("Camera file", [], "\n".join(report.notes)))
         return blocks
@@ -96,7 +97,8 @@ class CalibrateView(OrbitView):
         take = self.workspace.take
         if take is None or not take.rig.is_file():
             # or the inspector would show those of the last take
-            self._coverage = self._coverage_of = self._report = self._read_of = None
+            self._coverage = self._coverage_of = self._read_of = None
+            self._checked = CheckedCameras(None, None, None)
             raise StudioError("take.no_cameras", "no cameras yet", fix="Run Calibrate.")
         self._read(take)
         self._cover(take)
@@ -111,7 +113,7 @@ class CalibrateView(OrbitView):
 
         rig = read_rig(take.rig)
         self._rig = in_own_frame(rig)
-        self._report = read_cameras_report(take)
+        self._checked = checked_cameras(take)
         self._points = None
         if take.calibration_points.is_file():
             points, colors = read_points(take.calibration_points)
@@ -159,13 +161,23 @@ class CalibrateView(OrbitView):
 
     def _figures(self, name: str) -> CameraReport | None:
         """None if the cameras are from a file."""
-        return self._report.cameras.get(name) if isinstance(self._report, CalibrationReport) else None
+        report = self._checked.report
+        return report.cameras.get(name) if isinstance(report, CalibrationReport) else None
 
     def _color(self, name: str) -> RGB:
-        from studio.calibration.result import quality_of
+        return self._state(name)[1]
 
-        error = self._error(name)
-        return UNKNOWN[1] if error is None else BANDS[quality_of(error)][1]
+    def _state(self, name: str) -> tuple[str, RGB]:
+        """Whether a camera is right."""
+        verdict = self._checked.verdict
+        if verdict is None:
+            return UNKNOWN
+        if name in verdict.doubtful:
+            return DISAGREES
+        found = verdict.cameras.get(name)
+        if verdict.grade == "wrong" and "cameras" in verdict.blamed:
+            return DISAGREES
+        return AGREES if found is not None and (found.fits, found.mask_error) != (None, None) else FEW
 
     def _scene(self, size: Size) -> np.ndarray:
         assert self._rig is not None
@@ -220,11 +232,11 @@ class CalibrateView(OrbitView):
             draw_line(canvas, view, ends[0], ends[1], LINE)
 
     def _legend(self, canvas: Canvas, small: int, covered: RigCoverage | None, held_out: bool) -> None:
-        known = any(self._error(camera.name) is not None for camera in self._rig or ())
         if covered is not None:
             entries = [*covered.legend, TRAINING]
         else:
-            entries = list(BANDS.values()) if known else [UNKNOWN]
+            states = {self._state(camera.name) for camera in self._rig or ()}
+            entries = [state for state in (AGREES, DISAGREES, FEW, UNKNOWN) if state in states]
         entries.append(NOT_TRAINED_ON if held_out else (NONE_HELD_OUT, GROUND))  # no dot, as it has no color
         for number, (words, color) in enumerate(entries):
             y = self.em * 0.7 + number * line_height(small)
@@ -258,7 +270,7 @@ class CalibrateView(OrbitView):
         normal, em = round(0.95 * self.em), self.em
         step = line_height(normal)
         y = em
-        report = self._report
+        report, verdict = self._checked.report, self._checked.verdict
         source = (report.source if report is not None else None) or "an unknown source"
         facts = [counted(len(self._rig), "camera"), f"from {source}"]
         columns, same = self._columns()
@@ -266,10 +278,15 @@ class CalibrateView(OrbitView):
         if isinstance(report, CalibrationReport):
             figures = report.reprojection
             facts.append(f"reprojection error: mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px")
-            facts.append(report.quality)
         facts += same
         canvas.text(em, y, ", ".join(filter(None, facts)), normal, TEXT, width=size[0] - 2 * em)
-        y += 1.5 * step
+        y += step
+        color = DIM if verdict is None else GRADES[verdict.grade]
+        for sentence in self._checked.sentences:
+            canvas.text(em, y, sentence, normal, color, width=size[0] - 2 * em)
+            y += step
+            color = DIM
+        y += 0.5 * step
         wide = size[0] - 2 * em
         places = []
         ends = {CAMERA: 1.7 * em + text_width(CAMERA, normal)}
@@ -346,11 +363,10 @@ class CalibrateView(OrbitView):
         rows = []
         for camera in self._rig:
             found = self._figures(camera.name)
-            known = [NOT_KNOWN, "", "", ""]
+            known = [NOT_KNOWN, "", ""]
             if found is not None:
-                coverage = f"{100 * found.coverage:.0f}%"
-                known = [f"{found.mean:.2f}", f"{found.p95:.2f}", str(found.observations), coverage]
-            rows.append([*known, f"{camera.fx:.0f}"])
+                known = [f"{found.mean:.2f}", str(found.observations), f"{100 * found.coverage:.0f}%"]
+            rows.append([*known, f"{camera.fx:.0f}", *self._checks(camera.name)])
         columns, same = {}, []
         for title, words in zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True):
             if len(words) > 1 and len(set(words)) == 1:
@@ -362,6 +378,17 @@ class CalibrateView(OrbitView):
             elif any(words):
                 columns[title] = words
         return columns, same
+
+    def _checks(self, name: str) -> list[str]:
+        """The last three columns of a camera."""
+        verdict, refinement = self._checked.verdict, self._checked.refinement
+        found = verdict.cameras.get(name) if verdict is not None else None
+        change = refinement.cameras.get(name) if refinement is not None else None
+        return [
+            "" if found is None or found.fits is None else f"{found.fits:.0%} of {found.matches}",
+            "" if found is None or found.mask_error is None else f"{found.mask_error:.0%}",
+            "" if change is None else f"{change.degrees:.2f}\N{DEGREE SIGN}, {change.distance:.3g}",
+        ]
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """See `StageView`."""
@@ -389,7 +416,8 @@ def _overview(rig: Rig) -> OrbitCamera:
 
 
 def _stamp(take: Take) -> Hashable:
-    return (take.root, *map(_time, (take.rig, take.calibration_report, take.calibration_points)))
+    checks = (take.rig_verdict, take.camera_refinement)
+    return (take.root, *map(_time, (take.rig, take.calibration_report, take.calibration_points, *checks)))
 
 
 def _surface(take: Take) -> Path:

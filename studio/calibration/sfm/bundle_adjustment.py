@@ -11,7 +11,9 @@ import numpy as np
 from studio.calibration.sfm.job import SfmJob
 
 
-def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: float | None = None) -> None:
+def adjust(
+    model: Any, job: SfmJob, threads: int, *, last: bool = True, width: float | None = None, centers: bool = False
+) -> None:
     """Bundle adjustment in place.
 
     Args:
@@ -20,11 +22,12 @@ def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: f
         threads: number of threads.
         last: True: squared loss, then filter points with errors over 4 pixels; False: Cauchy loss, 12 pixels.
         width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as determined by `last`.
+        centers: also adjust principal points.
     """
     import pycolmap
 
     options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = False
+    options.refine_principal_point = centers
     options.refine_rig_from_world = not job.fix_poses
     options.print_summary = False
     robust = width is not None or not last

@@ -118,6 +118,8 @@ class SfmSolution(_Model):
     match_inlier_ratio: float
     """See `verdict.match_inlier_ratio`."""
     sharing: tuple[SharedIntrinsicsTest, ...]
+    recentered: bool = False
+    """Whether principal points were estimated."""
 
 
 def sfm_job(

@@ -13,8 +13,10 @@ from studio.calibration.sfm.features import say
 from studio.calibration.sfm.focal_lengths import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
 from studio.calibration.sfm.job import SfmJob, SharedIntrinsicsTest
 from studio.calibration.sfm.shared_intrinsics import (
+    LIMIT,
     camera_of_image,
     focal_spread,
+    misfit_growth,
     rebuilt,
     share_intrinsics,
     try_separate_intrinsics,
@@ -27,6 +29,8 @@ _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
 _SHARING_LOSS = 0.05
 """Shared intrinsics, which are fewer, may lose this much of the match inlier ratio."""
+_POINTS_FOR_CENTER = 100
+"""Observations that each camera needs before principal points are estimated."""
 _CAUCHY = 2.4
 """Width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise."""
 
@@ -48,6 +52,8 @@ class Mapper:
         self.seed = job.seed
         self.sharing: list[SharedIntrinsicsTest] = []
         """Results of the tests for shared intrinsics."""
+        self.recentered = False
+        """Whether principal points were estimated."""
         self.held: set[int] = set()
         """Camera ids whose intrinsics are temporarily fixed."""
 
@@ -139,7 +145,7 @@ class Mapper:
             else:
                 better, self.sharing = try_shared_intrinsics(better, self.free_cameras(), width, adjust)
         say(step="adjusting", done=total - 1, total=total)
-        return self._enriched(better)
+        return self._recentered(self._enriched(better))
 
     def _enriched(self, model: Any) -> Any:
         """The model with the full camera models, and with the additional points that then fit."""
@@ -153,6 +159,21 @@ class Mapper:
         for _ in range(_POLISHINGS):
             self._adjust(model, width=_CAUCHY * noise(model))
         return model
+
+    def _recentered(self, model: Any) -> Any:
+        """The model with estimated principal points, if they fit much better than those in the middle of the images and
+        each camera has enough points."""
+        import pycolmap
+
+        fewest = min(model.images[image].num_points3D for image in model.reg_image_ids())
+        if fewest < _POINTS_FOR_CENTER or not self.free_cameras():
+            return model
+        width = _CAUCHY * noise(model)
+        free = pycolmap.Reconstruction(model)
+        for _ in range(_POLISHINGS):
+            self._adjust(free, width=width, centers=True)
+        self.recentered = misfit_growth(model, free, width, 2 * len(free.cameras)) >= LIMIT
+        return free if self.recentered else model
 
     def _completed(self, model: Any) -> Any:
         """The model with missing points triangulated, which needs the database's cameras, one per image."""
@@ -328,6 +349,6 @@ class Mapper:
         say(step="mapping", done=rounds, total=rounds)
         return model
 
-    def _adjust(self, model: Any, *, last: bool = True, width: float | None = None) -> None:
+    def _adjust(self, model: Any, *, last: bool = True, width: float | None = None, centers: bool = False) -> None:
         """See `bundle_adjustment.adjust`."""
-        adjust(model, self.job, self.threads, last=last, width=width)
+        adjust(model, self.job, self.threads, last=last, width=width, centers=centers)

@@ -16,7 +16,6 @@ from studio.calibration.settings import CalibrateSettings
 from studio.calibration.sfm.child import WorkerProgress, run_reporting
 from studio.calibration.sfm.images import Pictures, write_pictures
 from studio.calibration.sfm.job import SfmSolution, sfm_job
-from studio.calibration.sfm.verdict import TRUSTED
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -199,23 +198,22 @@ def _read(
             "matches": matches,
             "match_inlier_ratio": solution.match_inlier_ratio,
             "sharing": sharing,
+            "recentered": solution.recentered,
         }
     )
-    return CalibrationResult(rig, points, colors, _with_doubts(report, rig))
+    return CalibrationResult(rig, points, colors, _with_usual_focal(report, rig))
 
 
-def _with_doubts(report: CalibrationReport, rig: Rig) -> CalibrationReport:
-    """With quality "review" if matches or focal lengths are doubtful despite a small reprojection error."""
-    assert report.match_inlier_ratio is not None
-    doubtful, cameras = report.match_inlier_ratio < TRUSTED, dict(report.cameras)
+def _with_usual_focal(report: CalibrationReport, rig: Rig) -> CalibrationReport:
+    """With the usual focal length for cameras whose own is far from it."""
+    cameras = dict(report.cameras)
     for camera in rig:
         like = [other.fx for other in rig if (other.width, other.height) == (camera.width, camera.height)]
         usual = float(np.median(like))
         if len(like) > 2 and not 1 / _FOCAL < camera.fx / usual < _FOCAL:
-            doubts = {"quality": "review", "usual_focal": round(usual, 1)}
-            cameras[camera.name] = cameras[camera.name].model_copy(update=doubts)
-            doubtful = True
-    return report.model_copy(update={"cameras": cameras, **({"quality": "review"} if doubtful else {})})
+            found = cameras[camera.name].model_copy(update={"usual_focal": round(usual, 1)})
+            cameras[camera.name] = found
+    return report.model_copy(update={"cameras": cameras})
 
 
 def _reason(features: int, best: int) -> str:

@@ -19,7 +19,8 @@ from studio.calibration.sfm.job import SharedIntrinsicsTest
 from studio.calibration.sfm.verdict import noise, reprojection_errors
 
 LIMIT = 8.0
-"""Increase of the misfit per parameter removed by sharing, below which shared intrinsics are accepted. Independent
+"""Increase of the misfit per parameter removed, by sharing or by principal points in the middle of the images, below
+which the simpler intrinsics are accepted. Independent
 Gaussian errors give 1; SIFT features of 1 to 3 sync frames gave 3 to 5. At 12 (focal lengths that differ by 0.1%),
 shared and separate intrinsics gave equally accurate cameras; at 35 (0.2%), shared intrinsics had twice the error."""
 _FEWEST = 3
@@ -192,8 +193,18 @@ def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
 
 def _compared(one: Any, apart: Any, width: float, images: list[int], given_up: int) -> SharedIntrinsicsTest:
     """Compare shared intrinsics for `images` with separate ones, which have `given_up` additional parameters."""
-    growth = (_misfit(one, width) - _misfit(apart, width)) / noise(apart) ** 2 / given_up
+    growth = misfit_growth(one, apart, width, given_up)
     return SharedIntrinsicsTest(images=tuple(images), shared=bool(growth < LIMIT), misfit=round(float(growth), 2))
+
+
+def misfit_growth(simple: Any, rich: Any, width: float, parameters: int) -> float:
+    """Increase of the misfit from a model to one that has fewer `parameters` by this number, for each of them, in units
+    of the noise variance: 1 is expected by chance.
+
+    Args:
+        simple, rich: adjusted with a Cauchy loss of the same `width` in pixels.
+    """
+    return float((_misfit(simple, width) - _misfit(rich, width)) / noise(rich) ** 2 / parameters)
 
 
 def _free_parameters(camera: Any) -> int:

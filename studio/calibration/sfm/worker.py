@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from studio.calibration.sfm.features import find_matches, say
-from studio.calibration.sfm.job import SfmJob, SfmSolution, SharedIntrinsicsTest, SolvedCamera
+from studio.calibration.sfm.job import SfmJob, SfmSolution, SolvedCamera
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.verdict import match_inlier_ratio
 from studio.process import claim_stdout
@@ -50,9 +50,9 @@ class Worker:
         """Map a database with matches and write the result."""
         mapper = Mapper(self.folder, database, self.job)
         model, how = mapper.solve()
-        self._write(database, model, how, mapper.sharing)
+        self._write(database, model, how, mapper)
 
-    def _write(self, database_path: Path, model: Any, how: str, sharing: list[SharedIntrinsicsTest]) -> None:
+    def _write(self, database_path: Path, model: Any, how: str, mapper: Mapper) -> None:
         """Write cameras, points, observations, and the match counts of all images, registered or not."""
         import pycolmap
 
@@ -98,8 +98,9 @@ class Worker:
             pairs=tuple(pairs),
             match_inlier_ratio=round(ratio, 4),
             sharing=tuple(
-                test.model_copy(update={"images": tuple(image - 1 for image in test.images)}) for test in sharing
+                test.model_copy(update={"images": tuple(image - 1 for image in test.images)}) for test in mapper.sharing
             ),
+            recentered=mapper.recentered,
         )
         (self.folder / "solution.json").write_text(solution.model_dump_json(), encoding="utf-8")
 

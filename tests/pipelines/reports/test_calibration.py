@@ -11,8 +11,11 @@ from pipelines.reports.calibration import (
     intrinsics_sentences,
     render_calibration,
 )
+from pipelines.takes.checked_cameras import CheckedCameras
+from pipelines.takes.stage_files import CameraChange, CameraRefinement
 from studio.calibration import reprojection_report
 from studio.calibration.report import CalibrationReport, SharedIntrinsicsReport
+from studio.calibration.verdict import CameraVerdict, RigVerdict
 from studio.cameras import Camera, Rig
 
 
@@ -86,7 +89,7 @@ def test_shared_intrinsics():
     report = report_with(0.3, match_inlier_ratio=0.8, sharing=[shared])
     assert intrinsics_sentences(report)[0].startswith("Shared intrinsics for 2 cameras (left <1> to right)")
     page = Page()
-    page.feed(render_calibration(report, cameras))
+    page.feed(render_calibration(report, cameras, CheckedCameras(report, None, None)))
     text = " ".join(" ".join(page.words).split())
     assert (
         "80% of the matches between cameras agree with the camera poses (75% or more is normal). Shared intrinsics for"
@@ -96,3 +99,24 @@ def test_shared_intrinsics():
     report = report_with(0.3, match_inlier_ratio=0.8, sharing=[separate])
     assert "Separate intrinsics for 2 cameras" in intrinsics_sentences(report)[0]
     assert "91 times" in intrinsics_sentences(report)[0]
+
+
+def test_the_page_shows_the_grade_and_what_was_checked_not_a_rating_of_the_error():
+    report, cameras = report_with(0.1), ["left <1>", "right"]
+    verdict = RigVerdict(
+        grade="usable",
+        reason="Camera right disagrees with the others.",
+        doubtful=("right",),
+        cameras={"right": CameraVerdict(matches=345, fits=0.41, mask_error=0.17)},
+    )
+    change = CameraChange(degrees=0.52, distance=0.031, focal=-4.5, principal_point=2.0, radial=0.01)
+    refinement = CameraRefinement(key="", frame=0, used=True, before=29.3, after=32.0, cameras={"right": change})
+    words = {}
+    for checked in (CheckedCameras(report, verdict, refinement), CheckedCameras(report, None, None)):
+        page = Page()
+        page.feed(render_calibration(report, cameras, checked))
+        words[checked.verdict is None] = " ".join(" ".join(page.words).split())
+    assert "Calibration: usable Camera right disagrees" in words[False]
+    assert "41% of 345 17% 0.52\N{DEGREE SIGN}, 0.031 units, focal length -4.5 px" in words[False]
+    assert "+2.70 dB" in words[False]
+    assert "not checked yet" in words[True]

@@ -10,7 +10,7 @@ from pipelines.stages.summaries import BakeSummary, CalibrateSummary, Evaluation
 QUALITY = {"psnr_trained": 30.724, "psnr_decoded": 30.601, "ssim_trained": 0.91, "ssim_decoded": 0.9}
 SUMMARIES = {
     "calibrate": CalibrateSummary(
-        cameras=12, source="footage", quality="excellent", mean_error_px=0.314, match_inlier_ratio=0.914
+        cameras=12, source="footage", grade="good", mean_error_px=0.314, match_inlier_ratio=0.914
     ),
     "initialize": InitializeSummary(groups=2, points_per_group=30000, faces=(600, 1200)),
     "train": TrainSummary(groups=2, frames=30, splats=(31906, 28000)),
@@ -20,7 +20,7 @@ SUMMARIES = {
     ),
 }
 WORDS = {
-    "calibrate": "12 cameras from the footage, quality excellent, mean reprojection error 0.31 px, 91% of the matches "
+    "calibrate": "12 cameras from the footage, checked: good, mean reprojection error 0.31 px, 91% of the matches "
     "agree",
     "initialize": "2 groups, 30,000 points each, meshes of 600 to 1,200 triangles",
     "train": "30 frames in 2 groups, 28,000 to 31,906 splats per group",

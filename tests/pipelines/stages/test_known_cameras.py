@@ -111,15 +111,21 @@ def test_focal_lengths_from_exif(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("settings", "expected"),
-    [({}, [0]), ({"frames": 3}, [2, 6, 10]), ({"frames": 50}, list(range(12))), ({"frame": 7}, [7])],
+    [
+        ({}, [[0], [2, 6, 10], [1, 3, 5, 7, 9, 11], list(range(12))]),
+        ({"frames": 1}, [[0]]),
+        ({"frames": 3}, [[2, 6, 10]]),
+        ({"frames": 50}, [list(range(12))]),
+        ({"frame": 7}, [[7]]),
+    ],
 )
-def test_which_frames(tmp_path: Path, settings: dict, expected: list[int]) -> None:
-    assert calibrate.calibrated_frames(context(tmp_path, filmed=12, **settings)) == expected
+def test_which_frames(tmp_path: Path, settings: dict, expected: list[list[int]]) -> None:
+    assert calibrate.frames_to_try(context(tmp_path, filmed=12, **settings)) == expected
 
 
 def test_frames_that_contradict_each_other(tmp_path: Path) -> None:
     with refuses("settings.conflict", setting="calibrate.frame", other="calibrate.frames"):
-        calibrate.calibrated_frames(context(tmp_path, filmed=3, frame=1, frames=2))
+        calibrate.frames_to_try(context(tmp_path, filmed=3, frame=1, frames=2))
 
 
 def test_intrinsics_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:

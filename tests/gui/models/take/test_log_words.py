@@ -15,7 +15,7 @@ def test_figures_of_each_stage_are_words_with_units() -> None:
                 values={
                     "reprojection_mean": 0.312, "reprojection_median": 0.2, "reprojection_p95": 0.9, "points": 3201,
                     "cameras": {"a": 0.1, "b": 0.4}, "unregistered": {"cam09": "too few matches"},
-                    "quality": "acceptable", "match_inlier_ratio": 0.92,
+                    "match_inlier_ratio": 0.92,
                 },
             )
         ),
@@ -36,7 +36,7 @@ def test_figures_of_each_stage_are_words_with_units() -> None:
     }  # fmt: skip
     assert said == {
         "calibrate": "Calibrate: 2 cameras, mean reprojection error 0.31 px (95% below 0.90 px), 3,201 points, "
-        "92% of the matches agree, quality acceptable, not registered: cam09",
+        "92% of the matches agree, not registered: cam09",
         "initialize": "Initialize, group 1: 45,000 points, mesh of 200,000 triangles, "
         "masks differ from the hull by up to 5% (cam02)",
         "train": "Train, frame 12: 35,871 splats, 1 min 04 s",

@@ -197,7 +197,6 @@ def test_rig_from_a_target() -> None:
         assert (found.cx, found.cy) == pytest.approx((camera.cx, camera.cy), abs=2.5)
         assert found.distortion[0] == pytest.approx(camera.distortion[0], abs=0.02)
     assert 0.15 < result.report.reprojection.mean < 0.3  # the noise only
-    assert result.report.quality == "excellent"
     assert result.report.metric is True
     figures = result.report.target
     assert figures is not None
