@@ -6,7 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gui.models.playback.other_source import OTHER
-from gui.models.take.exports import FORMATS, LEAST_SECONDS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportRequest
+from gui.models.take.exports import (
+    ALL_FRAMES,
+    FORMATS,
+    LEAST_SECONDS,
+    MOVIE_BACKGROUNDS,
+    MOVIE_SIZES,
+    MOVIES,
+    WHOLE,
+    ExportRequest,
+)
 from gui.shell import Shell
 from gui.widgets.dialogs.form import Form
 from pipelines.commands.export import DEFAULT_OF
@@ -72,11 +81,20 @@ class OutputActions:
         request = ExportRequest(kind or self._kind, str(opened.path), opened.title, folder, *sources[:1])
         length = window.player.transport.frame_count / window.player.transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
-
+        request.ranges = self._ranges()
         self._ask_export(request, sources)
 
+    def _ranges(self) -> dict[str, range | None]:
+        """Frames that can be exported: all, the one on screen, the selected span."""
+        transport = self._window.player.transport
+        frame, span = transport.frame, transport.span
+        ranges: dict[str, range | None] = {ALL_FRAMES: None, f"frame {frame}": range(frame, frame + 1)}
+        if span is not None:
+            ranges[f"frames {span[0]} to {span[1]}"] = range(span[0], span[1] + 1)
+        return ranges
+
     def _ask_export(self, request: ExportRequest, sources: Sequence[str], error: str = "") -> None:
-        """Ask for the format, the source, the options of a movie, and the output path.
+        """Ask for the format, the frames, the source, the options of a movie, and the output path.
 
         Args:
             request: the defaults; modified while the dialog is open.
@@ -89,6 +107,7 @@ class OutputActions:
 
         def changed() -> None:
             form.widgets["line"].text_value = request.target
+            form.widgets["frames"].enabled = request.kind not in WHOLE
             form.widgets["seconds"].enabled = request.kind == "turntable"
             form.widgets["size"].enabled = form.widgets["background"].enabled = request.kind in MOVIES
 
@@ -102,6 +121,7 @@ class OutputActions:
                 dialogs.close()
 
         form.choice("format", "Format", [label for label, _ in FORMATS.values()], changed)
+        form.choice("frames", "Frames", list(request.ranges), changed)
         if sources:
             form.choice("of", "Splats", sources, changed)
         form.line("seconds", "Seconds")

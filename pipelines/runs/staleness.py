@@ -185,12 +185,20 @@ def _state_of(path: str) -> os.stat_result | None:
         return None
 
 
+_SOURCES = ("camera file", "board footage", "tie points", "footage")
+"""What cameras come from; each has settings of its own, which are no further change."""
+
+
 def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
     """Descriptions of what changed, at most four."""
     names = sorted(before.keys() | now.keys())
     changed = [name for name in names if digest_of(before.get(name)) != digest_of(now.get(name))]
     # What only one side depends on, such as the footage when a ladder is fine-tuned, follows from another change.
     own = [name for name in changed if name.startswith(PREFIX) or (name in before and name in now)]
+    left = [name for name in _SOURCES if name in before and name not in now]
+    taken = [name for name in _SOURCES if name in now and name not in before]
+    if left and taken:
+        return [f"the cameras come from the {taken[0]} now, not from the {left[0]}"]
     found = [_difference(name, before, now) for name in own or changed]
     return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
 

@@ -30,6 +30,10 @@ if TYPE_CHECKING:
 FORMATS = {one.name: (one.title, one.suffix if one.holds in ("movie", "stream") else "") for one in EXPORTS.values()}
 """Export formats: label, and the file extension (none for folders)."""
 
+ALL_FRAMES = "all"
+WHOLE = ("camera-path", *(one.name for one in EXPORTS.values() if one.holds == "stream"))
+"""Formats that always have all frames, or those of their views."""
+
 MOVIES = tuple(one.name for one in EXPORTS.values() if one.holds == "movie")
 MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
 MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
@@ -49,6 +53,8 @@ class ExportRequest(NamedTarget):
         title: name of the source; the default file name begins with it.
         folder: default output folder.
         of: "decoded" or "trained"; "" for a bare stream.
+        ranges: frames to choose from by label, counted from 0 in what is open; those of `ALL_FRAMES` are all.
+        frames: the chosen label.
         seconds, size, background: options of a movie; the last two from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
     """
 
@@ -57,6 +63,8 @@ class ExportRequest(NamedTarget):
     title: str
     folder: Path
     of: str = ""
+    ranges: Mapping[str, range | None] = field(default_factory=lambda: {ALL_FRAMES: None})
+    frames: str = ALL_FRAMES
     seconds: str = f"{LEAST_SECONDS:g}"
     size: str = MOVIE_SIZES[0]
     background: str = "as captured"
@@ -74,7 +82,14 @@ class ExportRequest(NamedTarget):
     @property
     def usual_name(self) -> str:
         """Named after the source and the options."""
-        return f"{self.title}-{self.of or 'stream'}-{self.kind}{FORMATS[self.kind][1]}"
+        part = "" if self.chosen is None else f"-{self.frames.replace(' ', '-')}"
+        suffix = EXPORTS[self.kind].suffix if self.chosen is not None and len(self.chosen) == 1 else ""
+        return f"{self.title}-{self.of or 'stream'}-{self.kind}{part}{FORMATS[self.kind][1] or suffix}"
+
+    @property
+    def chosen(self) -> range | None:
+        """The chosen frames; None for all."""
+        return None if self.kind in WHOLE else self.ranges[self.frames]
 
     def arguments(self) -> list[str]:
         """Arguments of `v3studio export`, without the camera path.
@@ -160,9 +175,12 @@ class Exports:
             )  # fmt: skip
         arguments = ["export", *request.arguments()]
         keys = self._keys(request) if request.kind == "camera-path" else []
+        frames = _exported(request)
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
         if keys:
             arguments += ["--path", str(self._write_path(scratch, keys))]
+        if frames is not None:
+            arguments += ["--frames", f"{frames[0]}:{frames[-1] + 1}"]
         self._run(request, arguments, scratch)
 
     def share(self, request: ShareRequest) -> None:
@@ -252,6 +270,22 @@ def _size_of(result: Mapping[str, JsonData]) -> str:
     if not isinstance(size, int) or not isinstance(files, int):
         return ""
     return f"\n{size_words(size)} in {counted(files, 'file')}"
+
+
+def _exported(request: ExportRequest) -> range | None:
+    """The chosen frames, counted from 0 in what is exported; None for all."""
+    if request.chosen is None or not request.of:
+        return request.chosen
+    place, count = _place_of(request)
+    first, last = request.chosen[0] - place.first_frame, request.chosen[-1] - place.first_frame
+    if first < 0 or last >= count:
+        raise StudioError(
+            "export.frames_left_out",
+            f"{request.frames}: not all of these frames are in what is exported",
+            value=request.frames,
+            fix="Choose other frames, or change the trim in Edit.",
+        )
+    return range(first, last + 1)
 
 
 def _place_of(request: ExportRequest) -> tuple[CapturePlace, int]:

@@ -62,6 +62,9 @@ REMEDIES: Mapping[str, Remedy] = {
 }
 """By code of the warning."""
 
+_DETECTED = ("clean_plate", "median_background", "chroma_key")
+"""Sources of masks that have a sensitivity."""
+
 NO_SETTING = frozenset(
     {
         "bake.live_failed",  # retried automatically
@@ -119,6 +122,8 @@ def fix_of(notice: Notice | None, config: Config | None) -> Fix | None:
     if notice is None or config is None:
         return None
     remedy = REMEDIES.get(notice.code) or Remedy(str(notice.fields.get("setting", "")))
+    if remedy.setting == "capture.mask_sensitivity" and config.capture.masks not in _DETECTED:
+        remedy = Remedy("capture.masks")
     if not stage_of(remedy.setting):
         return None
     value = remedy.value(notice.fields) if remedy.value is not None else None

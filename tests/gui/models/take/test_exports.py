@@ -16,7 +16,8 @@ from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim, World
-from studio.stream import CapturePlace
+from studio.formats.ply import read as read_ply
+from studio.stream import CapturePlace, StreamReader
 from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
 from tests.support.splats import converted_splats
@@ -140,6 +141,29 @@ def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
         found.seconds = seconds
         with refuses("export.bad_seconds", value=seconds):
             found.arguments()
+
+
+@pytest.mark.parametrize(("chosen", "count"), [("frame 3", 1), ("frames 2 to 4", 3)])
+def test_the_frame_on_screen_or_a_span_is_exported(
+    stream_folder: Path, tmp_path: Path, chosen: str, count: int
+) -> None:
+    ranges = {"all": None, "frame 3": range(3, 4), "frames 2 to 4": range(2, 5)}
+    wanted = ExportRequest("ply", str(stream_folder), "out", tmp_path, ranges=ranges, frames=chosen)
+    exports = Exports()
+    exports.start(wanted)
+    finish(exports)
+    assert not exports.failed, exports.result
+    written = sorted(path for path in tmp_path.rglob("*.ply"))
+    assert len(written) == count
+    assert wanted.path == (
+        tmp_path / "out-stream-ply-frame-3.ply" if count == 1 else tmp_path / "out-stream-ply-frames-2-to-4"
+    )
+    with StreamReader.open(stream_folder) as source:
+        shown = source.gaussians(int(chosen.split()[1])).means
+        other = source.gaussians(7).means
+    means = read_ply(written[0], lambda *_: None).means
+    assert np.allclose(means, shown, atol=1e-4)
+    assert not np.allclose(means, other, atol=1e-4)
 
 
 def test_a_turntable_has_the_length_and_size_that_were_chosen(stream_folder: Path, tmp_path: Path) -> None:

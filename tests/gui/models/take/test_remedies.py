@@ -111,7 +111,9 @@ def test_the_value_of_a_warning_is_valid(
 
 def test_without_a_known_value_the_setting_is_shown(footage_project: Path) -> None:
     config: Config = load_config(footage_project / "ball.yaml")
-    assert fix_of(Warned(message="m", code="hull.outlier_mask"), config) == Fix("capture.mask_sensitivity")
+    for masks, setting in (("clean_plate", "capture.mask_sensitivity"), ("files", "capture.masks")):
+        chosen = load_config(footage_project / "ball.yaml", [("capture.masks", masks)])
+        assert fix_of(Warned(message="m", code="hull.outlier_mask"), chosen) == Fix(setting)
     assert fix_of(Warned(message="m", code="training.slow"), config) == Fix("capture.scale"), "of an earlier version"
     failed = StageFailed(stage="train", message="m", code="x.y", fields={"setting": "train.max_splats"})
     assert fix_of(failed, config) == Fix("train.max_splats")
