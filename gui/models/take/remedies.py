@@ -53,6 +53,7 @@ REMEDIES: Mapping[str, Remedy] = {
     "evaluation.no_held_out": Remedy("capture.held_out"),
     "footage.few_frames": Remedy("calibrate.frames", _told("frames")),
     "hull.mask_mismatch": Remedy("capture.mask_sensitivity"),
+    "mask.inverted": Remedy("capture.mask_labels"),
     "rig.doubtful": Remedy("capture.cameras"),
     "hull.outlier_mask": Remedy("capture.mask_sensitivity"),
     "training.no_camera_color": Remedy("capture.start"),
@@ -76,6 +77,7 @@ NO_SETTING = frozenset(
         "evaluation.not_visible",  # of one frame
         "footage.color_drift",  # in the footage
         "lpips.other_weights",  # a file on this machine
+        "mask.weak",  # in the files
         "target.outlier_views",  # in the footage
         "tie_points.position_uncertainty",  # marks: "points by hand"
         "tie_points.rejected",
