@@ -131,7 +131,8 @@ _PREPARE = """() => {
   const element = document.querySelector('v3-player');
   if (element === null) return;  // a page that leads to players
   window.seen = {};
-  const names = ['ready', 'opened', 'play', 'pause', 'time', 'view', 'waiting', 'ended', 'looped', 'notice', 'error'];
+  const names = ['ready', 'opened', 'play', 'pause', 'time', 'view', 'waiting', 'ended', 'looped',
+    'notice', 'updated', 'error'];
   for (const name of names)
     element.addEventListener('v3-' + name, ({detail}) => { (window.seen[name] ??= []).push(detail); });
   window.text = pixels => {

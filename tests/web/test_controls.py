@@ -328,8 +328,14 @@ def test_a_link_leads_to_the_same_moment_and_view(page):
     page.seek_frame(6)
     drag(page, 70, 30)
     view = page.state["view"]
+    # The system's share sheet, where there is one.
+    page.evaluate("() => { navigator.share = async what => { window.shared = what; }; }")
     page.click("link")
-    page.wait("location.search.includes('view=')")
+    page.wait("window.shared?.url.includes('view=')")
+    assert page.evaluate("() => window.shared.title") == "Test figure"
+    page.evaluate("() => { navigator.share = undefined; }")
+    page.click("link")
+    page.wait("player.shadowRoot.querySelector('.notice.shown')?.textContent.includes('copied')")
     address = page.evaluate("() => navigator.clipboard.readText()")
     assert address == page.evaluate("() => location.href")
     page.call("resetView")

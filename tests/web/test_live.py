@@ -68,18 +68,51 @@ def test_a_paused_page_gets_the_best_rendition(site, baked, open_page):
     assert page.state["frame"] == 1
 
 
-def test_a_stream_that_is_baked_again_is_not_mixed(site, baked, open_page):
-    """The page has read the first group when another bake takes the stream's place."""
+def replacing(site, new, served):
+    """A page's setup: as the bake does, another stream takes the place of the site's after so many of its files."""
+    asked = []
+
+    def answer(route):
+        asked.append(route.request.url)
+        if len(asked) == served + 1:
+            old = set((site.stream / "files").iterdir())
+            shutil.copytree(new / "files", site.stream / "files", dirs_exist_ok=True)
+            shutil.copy2(new / "manifest.json", site.folder / "manifest.json")
+            os.replace(site.folder / "manifest.json", site.stream / "manifest.json")
+            for path in old - {site.stream / "files" / path.name for path in (new / "files").iterdir()}:
+                path.unlink()
+        route.continue_()
+
+    return lambda handle: handle.route("**/stream/files/*", answer)
+
+
+def test_a_stream_that_is_baked_again_before_its_first_image(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
-    old, new = set((site.stream / "files").iterdir()), baked(qp=34)
-    site.bytes_per_second = 50_000
-    page = open_page(wait=False)
-    page.wait("document.querySelector('v3-player').engine?.info")
-    shutil.copytree(new / "files", site.stream / "files", dirs_exist_ok=True)
-    shutil.copy2(new / "manifest.json", site.folder / "manifest.json")
-    os.replace(site.folder / "manifest.json", site.stream / "manifest.json")
-    for path in old - {site.stream / "files" / path.name for path in (new / "files").iterdir()}:
-        path.unlink()
-    site.bytes_per_second = None
-    said = "The stream was baked again since it was opened; reload the page."
-    page.wait("[...(seen.error ?? []), ...(seen.notice ?? [])].some(one => one.includes(argument))", said)
+    page = open_page(setup=replacing(site, baked(qp=34), 0))
+    assert len(page.seen("updated")) == 1
+    assert not page.seen("error")
+    assert not page.seen("notice")
+
+
+def test_a_stream_that_is_baked_again_during_playback(site, baked, open_page):
+    """One notice with a button, which shows the new version at the same time and view; no group is left out."""
+    shutil.copytree(baked(lengths=(3,) * 8), site.stream)
+    page = open_page(setup=replacing(site, baked(lengths=(3,) * 8, qp=34), 4))
+    page.call("setView", {"azimuth": 40})
+    button = page.handle.get_by_role("button", name="Show the new version")
+    button.wait_for()
+    page.wait("player.state.frame === 5")  # the last one that is there
+    page.handle.wait_for_timeout(700)  # in which the others would have been tried
+    assert page.seen("notice") == []
+    assert len(page.seen("updated")) == 1
+    assert page.evaluate("() => document.querySelector('v3-player').engine.leftOut.size") == 0
+    assert not page.handle.locator("v3-player .spinner").is_visible()
+    page.evaluate("() => { window.seen.time = []; window.seen.ready = []; }")
+    button.click()
+    page.wait("seen.ready.length")
+    assert page.seen("time")[0]["frame"] == 5
+    assert page.state["playing"]
+    assert page.state["view"]["azimuth"] == 40
+    assert not button.is_visible()
+    page.wait("(seen.looped ?? []).length")
+    assert page.seen("notice") == []

@@ -25,6 +25,8 @@ export interface PlayerEvents {
   grown: StreamInfo;
   /** Sound was loaded, muted, or blocked by the browser; see `Player.sound`. */
   sound: undefined;
+  /** Another bake has taken the stream's place; open it again to see that one. */
+  updated: undefined;
   /** A message for the viewer; playback continues. */
   notice: string;
   /** Nothing can be played. */

@@ -80,6 +80,8 @@ export class Player extends Emitter {
   private sortRequest = 0;
   private handle = 0;
   private failed = false;
+  /** Another bake has taken the stream's place. */
+  private updated = false;
 
   /** @throws StreamError - the browser cannot render */
   constructor(readonly canvas: HTMLCanvasElement, private readonly options: PlayerOptions = {}) {
@@ -158,7 +160,7 @@ export class Player extends Emitter {
   open(address: string, files: EmbeddedFiles | null = null, archive: File | null = null): void {
     this.info = this.group = null;
     this.shown = this.ready = this.requested = null;
-    this.failed = false;
+    this.failed = this.updated = false;
     if (this.handle === 0) this.handle = requestAnimationFrame(this.tick);
     this.position = 0;
     this.leftOut.clear();
@@ -390,6 +392,11 @@ export class Player extends Emitter {
       case "failed":
         this.fail(message.message);
         break;
+      case "rebaked":
+        this.updated = true;
+        this.setWaiting(false);
+        this.emit("updated", undefined);
+        break;
       case "trouble":
         this.emit("notice", message.message);
         break;
@@ -517,7 +524,8 @@ export class Player extends Emitter {
   }
 
   private setWaiting(waiting: boolean): void {
-    if (waiting === this.waiting) return;
+    // Nothing that is missing of a replaced stream will come.
+    if (waiting === this.waiting || (waiting && this.updated)) return;
     this.waiting = waiting;
     if (waiting) this.statistics.stalls++;
     this.emit("waiting", waiting);

@@ -8,6 +8,13 @@ export class StreamError extends Error {
   }
 }
 
+/** Another bake has taken the stream's place. */
+export class Rebaked extends StreamError {
+  constructor() {
+    super("This take was updated.");
+  }
+}
+
 /** The message of any thrown value. */
 export function messageOf(error: unknown): string {
   return error instanceof Error ? error.message : String(error);

@@ -46,6 +46,7 @@ const ACTIONS: readonly Action[] = [
   { keys: ["Escape"], run: ({ sheets }) => sheets.close() },
   { act: "start", run: ({ host }) => host.play() },
   { act: "again", run: ({ host }) => host.open() },
+  { act: "update", run: ({ host }) => host.openUpdated() },
   { act: "settings", run: ({ sheets }) => sheets.toggle("settings") },
   { act: "vr", run: (controls) => void controls.toggleImmersion("vr") },
   { act: "ar", run: (controls) => void controls.toggleImmersion("ar") },

@@ -32,6 +32,7 @@ export interface ControlsHost extends HTMLElement {
   seek(seconds: number): void;
   /** Opens its stream, or a stream in one file. */
   open(file?: File): void;
+  openUpdated(): void;
   endIntro(): void;
 }
 
@@ -141,6 +142,9 @@ export class Controls {
     });
     player.on("fetched", () => this.timeline.updateBuffered());
     player.on("view", () => this.fade());
+    player.on("updated", () => {
+      this.part(".update").hidden = false;
+    });
     player.on("waiting", (waiting) => this.busy(waiting));
     player.on("ended", () => this.say("The end"));
     player.on("sound", () => this.showSound());
@@ -152,6 +156,7 @@ export class Controls {
 
   private showOpened(info: StreamInfo): void {
     const { host, player } = this;
+    this.part(".update").hidden = true;
     this.setBackground(this.background);
     const title = host.getAttribute("data-title") ?? info.title ?? "";
     const credits = [host.getAttribute("data-credits") ?? "", host.getAttribute("data-license") ?? ""];

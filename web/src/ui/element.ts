@@ -236,6 +236,17 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     }
   }
 
+  /** Opens what has taken the stream's place, at the same time and view. */
+  openUpdated(): void {
+    const { player } = this;
+    if (player?.info) {
+      this.startAt = player.seconds;
+      this.startView = player.view;
+      this.wantsToPlay = player.playing;
+    }
+    this.open();
+  }
+
   endIntro(): void {
     this.introWanted = false;
     if (this.intro === null) return;
@@ -285,6 +296,11 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     player.on("frame", (detail) => this.tell("time", detail));
     player.on("grown", ({ frameCount, live }) => this.tell("grown", { frameCount, duration: player.duration, live }));
     player.on("sound", () => this.tell("sound", { muted: player.sound.muted, volume: player.sound.volume }));
+    player.on("updated", () => {
+      this.tell("updated");
+      // Before the first image, there is nothing to be kept.
+      if (!this.isReady) this.openUpdated();
+    });
     player.on("failed", (message) => {
       this.showFailure(message);
       this.tell("error", message);

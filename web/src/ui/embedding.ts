@@ -7,7 +7,7 @@ import { messageOf } from "../stream/errors.ts";
 import type { V3PlayerElement } from "./element.ts";
 
 const VERSION = 1;
-const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "sound", "notice", "error"];
+const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "sound", "notice", "updated", "error"];
 
 const COMMANDS = ["play", "pause", "seek", "setSpeed", "setMuted", "setView", "resetView", "setLoop", "setBackground"] as const;
 

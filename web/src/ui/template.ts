@@ -41,6 +41,7 @@ export const TEMPLATE = `
 <div class="top">
   <header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
   <div class="notice" role="status" aria-live="polite"></div>
+  <div class="update" role="alert" hidden>This take was updated. <button type="button" class="plain" data-act="update">Show the new version</button></div>
 </div>
 <div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>
 <div class="bar" part="controls">

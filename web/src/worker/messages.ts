@@ -170,6 +170,8 @@ export type FromWorker =
   /** Nothing can be played. */
   | { readonly type: "failed"; readonly message: string }
   | { readonly type: "path"; readonly path: DecodePath }
+  /** Another bake has taken the stream's place: what is not in memory can no longer be played. */
+  | { readonly type: "rebaked" }
   /** A network problem; the request is being retried. */
   | { readonly type: "trouble"; readonly message: string }
   | VideoRequest;

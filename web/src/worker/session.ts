@@ -1,6 +1,6 @@
 /** An open stream: turns requests for frames into sorted images. */
 
-import { messageOf, StreamError } from "../stream/errors.ts";
+import { messageOf, Rebaked, StreamError } from "../stream/errors.ts";
 import { GroupTable } from "../stream/group_table.ts";
 import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, type Rendition, whatChanged } from "../stream/manifest.ts";
 import { planePositions } from "../stream/planes.ts";
@@ -65,6 +65,7 @@ export class Session {
   private readonly leftOut = new Set<number>();
   /** Prepared groups that were fetched again in a better rendition while they were played. */
   private readonly outdated = new Set<number>();
+  private rebaked = false;
   private soundWanted = true;
   private bandwidth = 0;
   private received = 0;
@@ -87,7 +88,11 @@ export class Session {
     const manifest = await files.manifest(early);
     closing.signal.throwIfAborted();
     checkDevice(manifest, request.maxTexture);
-    const sameBake = <T>(reads: () => Promise<T>): Promise<T> => files.sameBake(this.opened!.manifest, reads);
+    const sameBake = <T>(reads: () => Promise<T>): Promise<T> =>
+      files.sameBake(this.opened!.manifest, reads).catch((error: unknown) => {
+        if (error instanceof Rebaked) this.reportRebaked();
+        throw error;
+      });
     const table = new GroupTable(manifest, (page) => sameBake(() => files.page(page, manifest)));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
     const choice = {
@@ -143,7 +148,7 @@ export class Session {
       if (manifest.manifest_sha256 === old.manifest_sha256) continue;
       const changed = whatChanged(old, manifest);
       if (changed !== null) {
-        this.post({ type: "trouble", message: `The live stream was replaced by another one (${changed} differ); reload the page.` });
+        this.reportRebaked();
         return;
       }
       opened.manifest = manifest;
@@ -239,6 +244,7 @@ export class Session {
         return;
       }
       groups.drop(index);
+      if (error instanceof Rebaked) return;
       if (error instanceof PathFailed && groups.changePath()) {
         this.post({ type: "path", path: groups.path });
         this.wanted ??= { frame, axis };
@@ -311,7 +317,7 @@ export class Session {
     if (next < 0 || groups.has(next)) return;
     groups.get(next).then(({ pictures }) => pictures.warm(), (error: unknown) => {
       groups.drop(next);
-      if (error instanceof StreamError && !(error instanceof PathFailed)) this.leaveOut(next, error.message);
+      if (error instanceof StreamError && !(error instanceof PathFailed || error instanceof Rebaked)) this.leaveOut(next, error.message);
     });
   }
 
@@ -328,6 +334,12 @@ export class Session {
   private drop({ groups }: Opened, index: number): void {
     groups.drop(index);
     if (this.setupSent === index) this.setupSent = -1;
+  }
+
+  private reportRebaked(): void {
+    if (this.rebaked) return;
+    this.rebaked = true;
+    this.post({ type: "rebaked" });
   }
 
   private leaveOut(group: number, message: string): void {

@@ -1,6 +1,6 @@
 /** Cache of fetched groups: limited in size, fetched ahead of the playhead, one group at a time. */
 
-import { StreamError } from "../stream/errors.ts";
+import { Rebaked, StreamError } from "../stream/errors.ts";
 import type { GroupTable } from "../stream/group_table.ts";
 import { filesOf, type Rendition } from "../stream/manifest.ts";
 import type { RateRule } from "./rate_rule.ts";
@@ -45,6 +45,8 @@ export class GroupStore {
   private playhead = 0;
   private loop = true;
   private busy = false;
+  /** Another stream is in this one's place: no more of it can be fetched. */
+  private replaced = false;
   private playing = false;
 
   /**
@@ -131,6 +133,7 @@ export class GroupStore {
     try {
       return await this.fetchAs(index, await this.choose(index, null));
     } catch (error) {
+      this.replaced ||= error instanceof Rebaked;
       if (error instanceof StreamError && !this.stop.signal.aborted) this.failed.set(index, error);
       throw error;
     }
@@ -189,7 +192,7 @@ export class GroupStore {
     this.busy = true;
     try {
       for (;;) {
-        if (this.stop.signal.aborted) return;
+        if (this.stop.signal.aborted || this.replaced) return;
         const next = this.nextToFetch();
         if (next === null) {
           const better = this.nextToImprove();

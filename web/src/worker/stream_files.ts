@@ -1,6 +1,6 @@
 /** The manifest and the pages of an opened stream, and whether another bake has replaced it. */
 
-import { StreamError } from "../stream/errors.ts";
+import { Rebaked, StreamError } from "../stream/errors.ts";
 import {
   type GroupEntry,
   type IndexPage,
@@ -52,7 +52,7 @@ export class StreamFiles {
       return await reads();
     } catch (error) {
       if (error instanceof StreamError && !error.transient && (await this.replaced(manifest)))
-        throw new StreamError("The stream was baked again since it was opened; reload the page.");
+        throw new Rebaked();
       throw error;
     }
   }
