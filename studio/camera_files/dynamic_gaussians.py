@@ -66,7 +66,9 @@ def _cameras(path: Path) -> Rig:
             value = values.get(key)
             if key == "cam_id" and value is None:
                 continue
-            if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
+            if value == []:
+                raise no_cameras(f"the list '{key}' is empty")
+            if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
                 raise missing_key(key, "0")
             lists[key] = value
         if len({tuple(len(row) for row in value) for value in lists.values()}) > 1:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from studio.camera_files.common import camera_names, matrix, naming, no_cameras, rigid_inverse
-from studio.camera_files.keyed import KeyedForm, is_camera, keyed_rig
+from studio.camera_files.keyed import KeyedForm, ignored_in_file, is_camera, keyed_rig
 from studio.cameras import Rig
 from studio.errors import StudioError
 from studio.json_types import JsonObject
@@ -66,6 +66,8 @@ def _of_list(path: Path, values: JsonObject, cameras: list[Any]) -> Rig:
     if not cameras:
         raise no_cameras("the list 'cameras' is empty", path)
     entries = []
+    with naming(path):
+        ignored = ignored_in_file(values, ("cameras", "format", "version", "left_out", "calibDataSource"))
     for index, entry in enumerate(_object(path, camera) for camera in cameras):
         if "name" not in entry:
             with naming(path):
@@ -73,10 +75,10 @@ def _of_list(path: Path, values: JsonObject, cameras: list[Any]) -> Rig:
         entries.append((str(entry["name"]), entry))
     if "calibDataSource" in values or all("panel" in entry and "node" in entry for _, entry in entries):
         rig = keyed_rig(path, entries, _PANOPTIC)
-        return replace(rig, notes=(*rig.notes, "CMU Panoptic: centimeters are converted to meters."))
+        return replace(rig, notes=(*rig.notes, *ignored, "CMU Panoptic: centimeters are converted to meters."))
     rig = keyed_rig(path, entries, KeyedForm(corner=True))
     if "format" not in values:
-        return replace(rig, notes=(*rig.notes, _CORNER))
+        return replace(rig, notes=(*rig.notes, *ignored, _CORNER))
     left_out = values.get("left_out", [])
     if not isinstance(left_out, list):
         raise StudioError(

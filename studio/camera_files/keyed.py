@@ -18,7 +18,7 @@ import numpy as np
 from studio.camera_files.common import fisheye, naming, no_cameras, rigid_inverse, wrong_shape
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig, duplicate_name
-from studio.counts import cameras_listed
+from studio.counts import cameras_listed, listed
 from studio.errors import StudioError
 from studio.validation import array, check_finite, missing_key, number, whole
 
@@ -59,6 +59,7 @@ HARMLESS = frozenset({
 """Keys that do not change how a camera projects."""
 _CHANGES_THE_CAMERA = re.compile(
     r"dist|fish|lens|model|omni|equi|project|skew|scale|unit|flip|mirror|crop|shift|offset|rolling|pose|radial|tangent"
+    r"|axis|axes|coord|convention|handed|transform"
     r"|^(xi|alpha|beta|gamma|cc|fc|[kps]\d+|tau[xy])$"
 )
 _NOT_PINHOLE = re.compile(r"fish|omni|equi|spher|cylind|pano|ortho")
@@ -70,7 +71,8 @@ MODELS = frozenset({
 
 
 _RENAME = (
-    "Rename it to a known key such as 'distortion', 'K', 'R', 't', 'width', or delete it if it is not about the lens."
+    "Give its value under a known key such as 'distortion', 'K', 'R', 't' or 'width', or delete it if it does not say "
+    "where points are in the image."
 )
 NO_DISTORTION = "The camera file has no lens distortion: the images are taken as undistorted."
 
@@ -146,6 +148,38 @@ class Found:
         return *straight, *(
             f"Ignored in the camera file: '{key}' ({cameras_listed(own)})." for key, own in self.ignored.items()
         )
+
+
+def ignored_in_file(values: Mapping[str, Any], known: Collection[str]) -> tuple[str, ...]:
+    """Notes on the keys beside the cameras of a file.
+
+    Args:
+        values: key to value.
+        known: those that the reader uses.
+
+    Raises:
+        StudioError: camera.unknown_key: one may change all cameras, as other axes than OpenCV's do.
+    """
+    harmless = HARMLESS | {"unit", "units", "up"}  # the world is in the unit of the poses
+    unknown = [
+        key
+        for key, value in values.items()
+        if key not in known and normal_key(key) not in harmless and not _is_empty(value) and not _is_opencv(value)
+    ]
+    for key in unknown:
+        if _CHANGES_THE_CAMERA.search(normal_key(key)):
+            raise StudioError(
+                "camera.unknown_key",
+                f"the key '{key}' beside the cameras is not known, and it may change all of them",
+                value=key,
+                fix="Delete it if the cameras have OpenCV's axes (x right, y down, z forward), else convert them.",
+                key=key,
+            )
+    return (f"Ignored in the camera file: {listed([repr(key) for key in unknown])}.",) if unknown else ()
+
+
+def _is_opencv(value: Any) -> bool:
+    return isinstance(value, str) and normal_key(value).startswith(("opencv", "colmap"))
 
 
 def is_camera(values: object) -> bool:
@@ -229,11 +263,8 @@ _NEEDED: tuple[tuple[str, tuple[set[str], ...]], ...] = (
 
 
 def _missing(given: _Given) -> str:
-    """The first thing that a camera needs and does not have; "" if it has everything."""
-    for what, ways in _NEEDED:
-        if not any(way <= given.keys() for way in ways):
-            return what
-    return ""
+    """What a camera needs and does not have; "" if it has everything."""
+    return " and no ".join(what for what, ways in _NEEDED if not any(way <= given.keys() for way in ways))
 
 
 def _is_empty(value: Any) -> bool:

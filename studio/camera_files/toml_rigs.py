@@ -45,6 +45,8 @@ def read_toml(path: Path) -> Rig:
     found = {key: table for key, table in tables.items() if is_camera(table)}
     if not found:
         raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)", path)
+    if all(table.get("ignore") for table in found.values()):
+        raise no_cameras("all cameras in the file are marked with 'ignore'", path)
     named = [(_name(key, table, bool(nested)), table) for key, table in found.items()]
     rig = keyed_rig(path, [(name, table) for name, table in named if not table.get("ignore")], _FORM)
     return replace(rig, left_out=(*rig.left_out, *(name for name, table in named if table.get("ignore"))))

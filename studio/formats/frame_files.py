@@ -130,12 +130,13 @@ def find_frames(place: Path) -> list[tuple[int, Path]]:
     numbered = sorted(zip(frame_numbers(place, names), names, paths, strict=True))
     for (number, name, _), (following, other, _) in itertools.pairwise(numbered):
         if number == following:
+            what = "the same frame number" if number >= 0 else "no number that says their order"
             raise StudioError(
                 "import.duplicate_frame",
-                f"{name} and {other} have the same frame number",
+                f"{name} and {other} have {what}",
                 file=place,
                 value=number,
-                fix="Keep one sequence per folder.",
+                fix="Keep one sequence per folder, with names such as frame0001.",
                 files=[name, other],
             )
     return [(number, path) for number, _, path in numbered]

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from plyfile import PlyData, PlyElement
 
 _HEADER_BYTES = 1 << 20
+_SEVERAL = 100  # splats: of fewer, all values may be in a narrow range
 _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
 
 
@@ -116,6 +117,10 @@ def read(path: Path, note: Note) -> Gaussians:
         note("two scales a splat, as in 2DGS: the splats are flat")
         log_scales = np.pad(log_scales, ((0, 0), (0, 1)), constant_values=np.log(LEAST_SCALE))
     opacities = np.asarray(data["opacity"], np.float32)
+    if len(log_scales) >= _SEVERAL and log_scales.min() > 0:
+        note("all scales are above one unit, as if they were not stored as logarithms")
+    if len(opacities) >= _SEVERAL and opacities.min() >= 0 and opacities.max() <= 1:
+        note("all opacities are from 0 to 1, as if they were not stored as logits")
     if FILTER in names:
         note(f"{FILTER} of Mip-Splatting is merged into scales and opacities")
         log_scales, opacities = _filtered(log_scales, opacities, np.asarray(data[FILTER], np.float64))

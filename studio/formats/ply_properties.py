@@ -29,7 +29,7 @@ _HARMLESS = re.compile(r"n[xyz]{1,2}|red|green|blue|alpha")  # normals, and colo
 _CONVERT = "Export them as 3D Gaussians, if the program can."
 _OTHERS = {
     "motion, or a time of their own": (
-        r"(motion|omega|trbf|velocity|vel|rot_r|f_t|time)(_.*)?|t|scale_t",
+        r"(motion|omega|trbf|velocity|vel|rot_r|f_t|time|lifespan|duration)(_.*)?|t|scale_t|v_?[xyz]",
         "Export each moment as a PLY file of its own.",
     ),
     "anchors of a network": (r"f_offset.*|f_anchor.*", _CONVERT),

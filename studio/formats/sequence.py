@@ -10,7 +10,7 @@ import numpy as np
 
 from studio.formats import DEFAULT_FPS, FRAME_FILES, dropped, read_rows, read_splats, splats_size, up_of, write_splats
 from studio.formats.checks import check_some_usable, usable
-from studio.formats.frame_files import check_one_format, find_frames, formats_in
+from studio.formats.frame_files import CHECKPOINT, check_one_format, find_frames, formats_in
 from studio.formats.outliers import Bulk, Spread
 from studio.formats.placing import new_file, new_folder
 from studio.formats.rigid_motion import moved, scaled, turned, upright
@@ -62,6 +62,7 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
     for note in (
         dropped(max(missing)) if any(missing) else None,
         frame_sentence(frame, "stream", "splats"),
+        f"of each model, the last iteration is read: {paths[0].parent.name}" if paths[0].name == CHECKPOINT else None,
         bulk.note,
         _gaps([number for number, _ in frames]),
         f"SH degrees from {min(found for _, found in sizes)} to {degree}: all frames get {degree}" if several else None,

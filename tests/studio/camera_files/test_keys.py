@@ -325,3 +325,26 @@ def test_multical_poses_relative_to_a_camera_that_is_not_there(tmp_path: Path) -
     path.write_text(json.dumps({"cameras": {"cam0": camera}, "camera_poses": {"cam0_to_board": pose_of}}))
     with refuses("camera.unknown", file=path, value="board"):
         read_rig(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "taken"),
+    [
+        ("convention", "OpenCV", True),
+        ("unit", "mm", True),
+        ("coordinate_system", "opengl", False),
+        ("convention", "opengl", False),
+        ("axes", "RUB", False),
+        ("distortion_model", "kannala_brandt", False),
+        ("operator", "me", True),
+    ],
+)
+def test_keys_beside_the_cameras(tmp_path: Path, key: str, value: str, taken: bool) -> None:
+    path = cameras_json(tmp_path, lambda values: values)
+    path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
+    if taken:
+        rig = read_rig(path)
+        assert any(f"'{key}'" in note for note in rig.notes) == (key == "operator")
+    else:
+        with refuses("camera.unknown_key", file=path, key=key):
+            read_rig(path)
