@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import shutil
 
 import pytest
@@ -25,6 +26,37 @@ FAKE = """() => {
 }"""
 
 
+def without_web_audio(handle):
+    """The element plays, as at other speeds and for long loops."""
+    handle.add_init_script("delete window.AudioContext")
+
+
+LISTEN = """() => {
+  // Records when clicks reach the output, on the clock of its samples.
+  window.clicks = [];
+  const connect = AudioNode.prototype.connect;
+  AudioNode.prototype.connect = function (target, ...others) {
+    if (target instanceof AudioDestinationNode) void listen(this, connect);
+    return connect.call(this, target, ...others);
+  };
+  async function listen(node, connect) {
+    const code = `registerProcessor('clicks', class extends AudioWorkletProcessor {
+      process([[samples]]) {
+        (samples ?? []).forEach((value, i) => {
+          const at = (currentFrame + i) / sampleRate;
+          if (Math.abs(value) > 0.2 && at - (this.last ?? -1) > 0.1) this.port.postMessage(this.last = at);
+        });
+        return true;
+      }
+    })`;
+    await node.context.audioWorklet.addModule(URL.createObjectURL(new Blob([code], {type: 'text/javascript'})));
+    const worklet = new AudioWorkletNode(node.context, 'clicks');
+    worklet.port.onmessage = ({data}) => window.clicks.push(data);
+    connect.call(node, worklet);
+  }
+}"""
+
+
 @pytest.fixture
 def sounding(site, baked):
     """Nine frames with a click in frame 3."""
@@ -32,7 +64,7 @@ def sounding(site, baked):
 
 
 def test_the_frames_follow_the_sound(sounding, open_page):
-    page = open_page("?t=0")
+    page = open_page("?t=0", setup=without_web_audio)
     page.wait("player.engine.sound.present")
     page.evaluate(FAKE)
     page.call("play")
@@ -54,8 +86,20 @@ def test_the_frames_follow_the_sound(sounding, open_page):
     page.wait("(seen.looped ?? []).length && window.starts.at(-1) < 0.08")
 
 
+def test_loops_have_no_gap(sounding, open_page):
+    """Clicks of one loop and the next are exactly a loop apart, and the frames stay with them."""
+    page = open_page("?t=0", setup=lambda handle: handle.add_init_script(f"({LISTEN})()"))
+    page.wait("player.engine.sound.present")
+    page.click("play")  # an input, which allows sound
+    page.wait("window.clicks.length >= 6 && (seen.looped ?? []).length >= 6")
+    page.call("pause")
+    clicks = page.evaluate("() => window.clicks")
+    apart = [after - before for before, after in itertools.pairwise(clicks)]
+    assert sum(abs(one - 9 / FPS) < 0.001 for one in apart) >= 4, apart
+
+
 def test_it_really_plays_and_the_click_is_where_it_should_be(sounding, open_page):
-    page = open_page()
+    page = open_page(setup=without_web_audio)
     page.wait("(seen.looped ?? []).length && player.engine.sound.element.played.length")
     assert not page.seen("notice")
     button = page.handle.locator("v3-player .bar [data-act='sound']")
@@ -95,7 +139,7 @@ def test_a_browser_that_waits_for_the_viewer(sounding, open_page):
         return play.call(this);
       };
     }"""
-    page = open_page(setup=lambda handle: handle.add_init_script(f"({refuse})()"))
+    page = open_page(setup=lambda handle: (without_web_audio(handle), handle.add_init_script(f"({refuse})()")))
     page.wait("player.engine.sound.blocked && player.state.muted && window.silent > 0")
     assert "without sound" in page.handle.locator("v3-player .notice").inner_text()
     page.evaluate("() => { window.allowed = true; }")

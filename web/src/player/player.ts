@@ -221,6 +221,7 @@ export class Player extends Emitter {
 
   set loop(loop: boolean) {
     this.loop_ = loop;
+    this.sound.looping = loop && this.info?.live !== true;
     this.post({ type: "loop", loop });
   }
 
@@ -404,7 +405,8 @@ export class Player extends Emitter {
         this.path = message.path;
         break;
       case "sound":
-        this.sound.load(message.file, message.start, message.length);
+        this.sound.looping = this.loop_ && this.info?.live !== true;
+        this.sound.load(message.file, message.start, message.length, this.duration);
         break;
       default:
         this.videos.receive(message);
@@ -566,7 +568,7 @@ export class Player extends Emitter {
         const { picture } = this.ready;
         this.ready = null;
         this.position -= next.lap;
-        if (next.lap > 0) this.sound.halt(); // it starts over with the frames
+        if (next.lap > 0) this.sound.lap();
         this.show(picture, now, next.axis);
         if (next.lap > 0) this.emit("looped", undefined);
       } else if (performance.now() - next.at > (heard === null ? GRACE : TELL)) {

@@ -1,9 +1,10 @@
 /**
- * The stream's sound, in an <audio> element. While it plays, its clock leads the frames: listeners notice a gap in the
+ * The stream's sound, in an <audio> element, or in memory where it loops. While it plays, its clock leads the frames: listeners notice a gap in the
  * sound sooner than a late frame. The element keeps the pitch at other speeds.
  */
 
 import { messageOf } from "../stream/errors.ts";
+import { LoopSound } from "./loop_sound.ts";
 
 /** Milliseconds without progress after which the element no longer leads. */
 const STUCK = 2000;
@@ -24,6 +25,10 @@ export class Sound {
   /** The element has been started for the current run of frames. */
   private active = false;
   private failed = false;
+  private loop: LoopSound | null = null;
+  /** Whether `loop` plays, rather than the element. */
+  private gapless = false;
+  private looping_ = false;
   /** The browser lets it play only after the viewer has touched the page. */
   private blocked_ = false;
   /** It may not even play muted. */
@@ -50,6 +55,8 @@ export class Sound {
   /** Call with `false` while handling an input of the viewer, since browsers may require one. */
   set muted(muted: boolean) {
     this.element.muted = muted;
+    this.passVolume();
+    if (!muted) this.loop?.resume();
     if (!muted && this.blocked_) {
       this.blocked_ = this.refused = false;
       this.halt(); // the next `follow` starts it, now with the viewer's consent
@@ -69,11 +76,29 @@ export class Sound {
 
   set volume(volume: number) {
     this.element.volume = Math.max(0, Math.min(1, volume));
+    this.passVolume();
     this.events.changed();
   }
 
-  load(file: Blob, start: number, length: number): void {
+  private passVolume(): void {
+    if (this.loop !== null) this.loop.volume = this.element.muted ? 0 : this.element.volume;
+  }
+
+  /** Whether it starts over at the end of the frames. */
+  set looping(looping: boolean) {
+    this.looping_ = looping;
+    if (!looping && this.gapless) this.halt();
+  }
+
+  /**
+   * @param start - seconds of the stream at which it starts
+   * @param length - its duration, seconds
+   * @param frames - duration of the frames, seconds
+   */
+  load(file: Blob, start: number, length: number, frames: number): void {
     this.clear();
+    this.loop = LoopSound.of(file, start, frames);
+    this.passVolume();
     this.address = URL.createObjectURL(file);
     [this.start, this.length] = [start, length];
     this.failed = false;
@@ -84,6 +109,8 @@ export class Sound {
   /** Forgets the sound of a stream. */
   clear(): void {
     this.halt();
+    this.loop?.dispose();
+    this.loop = null;
     if (this.address === null) return;
     URL.revokeObjectURL(this.address);
     this.address = null;
@@ -97,30 +124,48 @@ export class Sound {
    * if nothing is, so that another clock has to lead. Call it often; after `halt`, it starts at `seconds`.
    */
   follow(seconds: number, speed: number): number | null {
-    const { element } = this;
+    const { element, loop } = this;
     const at = seconds - this.start;
     if (!this.present || this.refused) return null;
+    if (this.active && this.gapless && speed !== 1) this.halt();
+    if (!this.active) {
+      loop?.resume();
+      this.gapless = this.looping_ && speed === 1 && loop?.ready === true;
+    }
+    if (this.gapless) {
+      if (!this.active) loop!.play(seconds);
+      return this.progress(loop!.time);
+    }
     if (at < 0 || at >= this.length || (this.active && element.ended)) return null;
     if (element.playbackRate !== speed) element.playbackRate = speed;
-    const now = performance.now();
     if (!this.active) {
-      this.active = true;
-      element.currentTime = this.lastTime = at;
-      this.progressAt = now;
+      element.currentTime = at;
       this.begin();
     }
     // `currentTime` is the target while the element is still seeking or starting: the frames wait for it.
-    const time = element.currentTime;
-    if (time !== this.lastTime) [this.lastTime, this.progressAt] = [time, now];
-    if (now - this.progressAt > STUCK) return null;
-    return this.start + time;
+    return this.progress(this.start + element.currentTime);
+  }
+
+  /** The time that is heard; null if it does not progress. */
+  private progress(time: number): number | null {
+    const now = performance.now();
+    if (!this.active || time !== this.lastTime) [this.lastTime, this.progressAt] = [time, now];
+    this.active = true;
+    return now - this.progressAt > STUCK ? null : time;
+  }
+
+  /** The frames start over. */
+  lap(): void {
+    if (this.active && this.gapless) this.loop!.lap();
+    else this.halt();
   }
 
   /** Pauses until the next `follow`. */
   halt(): void {
     if (!this.active) return;
-    this.active = false;
+    this.active = this.gapless = false;
     this.element.pause();
+    this.loop?.halt();
   }
 
   dispose(): void {
