@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from studio.cameras import Camera, Rig
@@ -52,8 +53,8 @@ def open_footage(
             extension in a rig's camera name, as COLMAP writes it, is ignored.
         strict: raise if cameras lack frames that others have. Otherwise, `Footage.problems` lists such problems, and
             `Footage.frames` contains only the frames that all cameras have.
-        cache_folder: where to cache backgrounds estimated from the footage (masks "median_background") and masks of
-            a matting model for other processes; None caches them in memory only.
+        cache_folder: where to cache backgrounds estimated from the footage, and masks that are agreed or from a matting
+            model, for other processes; None caches them in memory only.
         device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
         most_cached: bytes that decoded images may take, if that is less than what the settings allow; None: no such
             limit.
@@ -108,7 +109,8 @@ def open_footage(
     cache = image_cache(limit if most_cached is None else min(limit, most_cached))
     masked = frames if strict else ()  # frames that must have a mask
     garbage = garbage_masks(spec, tuple(sources), pool)
-    inputs = MaskInputs(spec, sources, masked, held_out, pool, cache_folder, device, threads, garbage)
+    cameras = partial(_raw_cameras, spec, rig, sources, frames) if rig is not None else None
+    inputs = MaskInputs(spec, sources, masked, held_out, pool, cache_folder, device, threads, garbage, cameras)
     mask_source, mask_note = open_mask_source(inputs)
     notes.append(mask_note)
     if isinstance(mask_source, FileMaskSource):
@@ -469,6 +471,12 @@ def _warps(
             notes.append(fit.note[0].upper() + fit.note[1:] + ".")
         warps[name] = Warp(camera, source.width, source.height, spec.scale, fit)
     return warps
+
+
+def _raw_cameras(
+    spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...]
+) -> dict[str, Camera]:
+    return {name: warp.source for name, warp in _warps(spec, rig, sources, frames, []).items()}
 
 
 def find_cameras(spec: CaptureSettings) -> tuple[str, ...]:

@@ -13,7 +13,9 @@ from studio.settings import Affects, Color, Conflict, Heading, Settings, Unbound
 from studio.storage import StoreAddress, is_address
 from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
 
-MaskKind = Literal["auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model"]
+MaskKind = Literal[
+    "auto", "none", "alpha", "files", "clean_plate", "agreed", "median_background", "chroma_key", "plain", "model"
+]
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 
 ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "plain"]
@@ -61,11 +63,12 @@ class FileSettings(Settings):
 
     masks: MaskKind = "auto"
     """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
-    clean_plate: difference from images of the empty set. median_background: difference from the footage's median over
-    time, for static cameras. chroma_key: a screen of one color. plain: the performer has already been cut out on plain
+    clean_plate: difference from images of the empty set. agreed: what all cameras together see as the performer before
+    clean plates or a background estimated from the footage, for static, calibrated cameras. median_background: the
+    same of each camera alone. chroma_key: a screen of one color. plain: the performer has already been cut out on plain
     white or black. model: a matting model. none: everything is foreground. auto: the first of alpha, files, clean_plate
-    and plain that fits the capture; otherwise median_background if there are at least 10 frames. If none fits, steps
-    that need masks stop. See docs/guides/masks.md."""
+    and plain that fits the capture; otherwise, of at least 10 frames, agreed with 6 or more cameras for training, else
+    median_background. If none fits, steps that need masks stop. See docs/guides/masks.md."""
 
     mask_files: str = "auto"
     """Pattern of the mask files; anything but 0 is the performer, unless the values are soft. auto: search folders
@@ -150,8 +153,8 @@ class OnnxSettings(Settings):
     affects: ClassVar[Affects | None] = _DEFAULT
 
     mask_model: str = ""
-    """Masks from a model: its ONNX file, relative to root. Input: one RGB image (1x3xHxW, float). Output: a mask from
-    0 to 1. Requires onnxruntime."""
+    """Masks from a model, which is also part of the evidence for agreed ones: its ONNX file, relative to root. Input:
+    one RGB image (1x3xHxW, float). Output: a mask from 0 to 1. Requires onnxruntime."""
 
     mask_model_kind: ModelKind = "u2net"
     """Masks from a model: how it was trained, which gives the normalization of its input, its size unless the file

@@ -7,13 +7,14 @@ can choose are listed in `studio.masks.sources`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from studio.cameras import Camera
 from studio.capture.frame_sources import DecoderPool, FrameSource
 from studio.capture.settings import CaptureSettings
 from studio.errors import Message, StudioError
@@ -77,6 +78,7 @@ class MaskInputs:
         cache_folder: for estimated backgrounds and masks of a model; None caches in memory only.
         device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
         garbage: where the performer may be, for sources that profit from knowing it; `Footage` applies it in any case.
+        cameras: returns the cameras of the raw frames, by name; None before calibration.
     """
 
     spec: CaptureSettings
@@ -88,6 +90,7 @@ class MaskInputs:
     device: str = "auto"
     threads: int = 0
     garbage: GarbageMasks | None = None
+    cameras: Callable[[], Mapping[str, Camera]] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from studio.capture.settings import MaskKind
+from studio.masks.agreed import open_agreed
 from studio.masks.alpha import open_alpha
 from studio.masks.chroma_key import open_chroma_key
 from studio.masks.mask_files import open_files
@@ -37,6 +38,7 @@ SOURCES = (
     Source("files", open_files, automatic=True),
     Source("clean_plate", open_clean_plate, automatic=True),
     Source("plain", open_plain, automatic=True),
+    Source("agreed", open_agreed, automatic=True),
     Source("median_background", open_median_background, automatic=True),
     Source("chroma_key", open_chroma_key),
     Source("model", open_model),

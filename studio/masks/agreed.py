@@ -1,0 +1,238 @@
+"""Masks on which all cameras agree: evidence of each image, votes of the cameras in space, outlines in each image.
+
+For each frame, with all cameras at once and at reduced size:
+
+1. `evidence` gives log-odds of each image from the empty set, motion, and a matting model if there is one.
+2. `vote` finds for each pixel what the other cameras say about the space behind it. A threshold separates performer
+   from set: the one at which votes and evidence agree best.
+3. Both, and `outlines.color_odds`, give new log-odds. Steps 2 and 3 are repeated; GrabCut finds the outlines in the
+   last rounds, which the next votes start from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.cameras import Camera
+from studio.capture.digest import digest_files
+from studio.capture.settings import DifferenceSettings, OnnxSettings
+from studio.errors import StudioError
+from studio.masks.clean_plate import match_exposure, solve_edges
+from studio.masks.evidence import LIMIT, evidence_of, smoothed
+from studio.masks.filters import keep_components
+from studio.masks.mask_cache import MaskCache
+from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.median_background import Background
+from studio.masks.onnx_model import open_model
+from studio.masks.outlines import color_odds, cut
+from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background
+from studio.masks.vote import heard
+from studio.memory_cache import MemoryCache
+
+FEWEST_CAMERAS = 6
+"""Fewer cannot outvote one."""
+_WORK_SIDE = 640
+"""Longest side of the images at which cameras are compared."""
+_NEIGHBORS = (-8, -4, 4, 8)
+"""Frames in which motion is searched, relative to a frame."""
+_ROUNDS, _CUT_FROM = 5, 2
+"""Rounds of votes, and the first one after which outlines are cut."""
+_HEARD, _COLORS = 2.0, 0.5
+"""Weights of the votes and of colors, against the evidence."""
+_CUT, _UNCUT = 1.5, 0.5
+"""Log-odds of an outline's two sides, and weight of what it was cut from, in the next votes."""
+_MODEL, _MODEL_CLIP = 0.5, 0.02
+"""Weight of a matting model's log-odds, and how close to 0 and 1 it may be."""
+_KEPT_FRAMES = 4
+_KEPT_BYTES = 256 << 20
+_SMALLEST = 1e-4  # component, in fractions of the image
+_VERSION = 1  # of the algorithm; part of the names of cached files
+
+
+class AgreedMaskSource:
+    """A `MaskSource` whose masks all cameras agree on; see the module docstring.
+
+    Args:
+        inputs: the footage; with cameras.
+        cameras: of the raw frames.
+        plates: the empty set of each camera.
+        model: computes masks that are part of the evidence; None: there is no model.
+        cache: returns a disk cache for a frame; None: memory only.
+    """
+
+    def __init__(
+        self,
+        inputs: MaskInputs,
+        cameras: Mapping[str, Camera],
+        plates: PlateMaskSource,
+        model: MaskSource | None = None,
+        cache: Callable[[int], MaskCache] | None = None,
+    ) -> None:
+        self._inputs, self._cameras, self._plates, self._model, self._cache = inputs, cameras, plates, model, cache
+        self._voters = frozenset(inputs.names) - frozenset(inputs.held_out)
+        self._small: MemoryCache[tuple[str, int], np.ndarray] = MemoryCache(_KEPT_BYTES, lambda image: image.nbytes)
+        self._agreed: MemoryCache[int, dict[str, np.ndarray]] = MemoryCache(_KEPT_FRAMES)
+
+    def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        """See `MaskSource`. Raises StudioError: a camera's image or plate cannot be read."""
+        image = np.ascontiguousarray(image[:, :, :3])
+        cache = self._cache(frame) if self._cache is not None else None
+        found = cache.read(image) if cache is not None else None
+        if found is None:
+            solid = self._agreed.get_or_make(frame, self.agree)[camera]
+            found = self._outlined(camera, image, solid)
+            if cache is not None:
+                cache.write(image, found)
+        return found
+
+    def files(self) -> list[Path]:
+        """See `MaskSource`."""
+        return self._plates.files() + (self._model.files() if self._model is not None else [])
+
+    def evidence(self, camera: str, frame: int) -> np.ndarray:
+        """(h, w) float32 log-odds from this camera's images alone, at reduced size."""
+        known = self._inputs.sources[camera].frames
+        near = [frame + step for step in _NEIGHBORS if frame + step in known]
+        image = self._image(camera, frame)
+        behind = _reduced_background(self._plates.background(camera))
+        odds = evidence_of(image, [self._image(camera, one) for one in near], behind, self._inputs.spec)
+        if self._model is not None:
+            share = self._model.mask(camera, frame, self._inputs.image(camera, frame)) / np.float32(255)
+            share = np.clip(_reduced(share), _MODEL_CLIP, 1 - _MODEL_CLIP)
+            odds = np.clip(odds + _MODEL * np.log(share / (1 - share)), -LIMIT, LIMIT)
+        garbage = self._inputs.garbage
+        inside = garbage.inside(camera, frame, self._inputs.image(camera, frame)) if garbage is not None else None
+        return odds if inside is None else np.where(_reduced(inside.astype(np.float32)) > 0.5, odds, -LIMIT)
+
+    def agree(self, frame: int) -> dict[str, np.ndarray]:
+        """By camera: (h, w) bool, where all cameras together see the performer, at reduced size."""
+        with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
+
+            def each(function: Callable[..., np.ndarray], *values: Mapping[str, Any]) -> dict[str, np.ndarray]:
+                arguments = [[one[name] for name in names] for one in values]
+                return dict(zip(names, pool.map(function, *arguments), strict=True))
+
+            names = self._inputs.names
+            images = each(lambda name: self._image(name, frame), {name: name for name in names})
+            own = each(lambda name: self.evidence(name, frame), {name: name for name in names})
+            cameras = {
+                name: self._cameras[name].resized(image.shape[1], image.shape[0]) for name, image in images.items()
+            }
+            odds, colors = own, {name: np.zeros_like(one) for name, one in own.items()}
+            solid: dict[str, np.ndarray] = {}
+            for turn in range(_ROUNDS):
+                votes = heard(odds, cameras, self._voters)
+                threshold = best_threshold(votes, odds)
+                others = {name: _HEARD * (votes[name] - threshold) + _COLORS * colors[name] for name in names}
+                odds = each(lambda image, mine, theirs: smoothed(image, mine + theirs), images, own, others)
+                if turn >= _CUT_FROM:
+                    solid = each(cut, images, odds)
+                    odds = each(_after_cut, odds, solid)
+                colors = color_odds(images, odds)
+        return solid
+
+    def _image(self, camera: str, frame: int) -> np.ndarray:
+        return self._small.get_or_make((camera, frame), lambda key: _reduced(self._inputs.image(*key)))
+
+    def _outlined(self, camera: str, image: np.ndarray, solid: np.ndarray) -> np.ndarray:
+        """The mask at full size with soft edges."""
+        import cv2
+
+        height, width = image.shape[:2]
+        behind = self._plates.background(camera)
+        larger = cv2.resize(solid.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+        kept = keep_components(larger, self._inputs.spec.mask_components, int(_SMALLEST * larger.size))
+        if not kept.any():
+            return kept
+        gain = match_exposure(image.astype(np.float32), behind.plate.astype(np.float32), behind.known)
+        reach = max(2.0, 2.0 * width / solid.shape[1])
+        return solve_edges(image, behind.plate, gain, kept, reach if width > solid.shape[1] else 2.0, behind.known)
+
+
+def best_threshold(votes: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarray]) -> float:
+    """The threshold of votes at which their masks have the largest IoU with those of the log-odds."""
+    heard_by_all = np.concatenate([one[::2, ::2].ravel() for one in votes.values()])
+    front = np.concatenate([odds[name][::2, ::2].ravel() > 0 for name in votes])
+    candidates = np.arange(-1.0, 1.95, 0.1)
+    inside = [heard_by_all > threshold for threshold in candidates]
+    overlap = [(one & front).sum() / max((one | front).sum(), 1) for one in inside]
+    return float(candidates[int(np.argmax(overlap))])
+
+
+def _after_cut(odds: np.ndarray, solid: np.ndarray) -> np.ndarray:
+    return _UNCUT * np.clip(odds, -2.0, 2.0) + np.where(solid, np.float32(_CUT), np.float32(-_CUT))
+
+
+def _reduced(values: np.ndarray) -> np.ndarray:
+    import cv2
+
+    height, width = values.shape[:2]
+    shrink = min(1.0, _WORK_SIDE / max(height, width))
+    if shrink == 1.0:
+        return values
+    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
+
+
+def _reduced_background(behind: Background) -> Background:
+    def area(where: np.ndarray | None) -> np.ndarray | None:
+        return None if where is None else _reduced(where.astype(np.float32)) > 0.5
+
+    return Background(_reduced(behind.plate), area(behind.known), area(behind.doubtful), behind.colors)
+
+
+def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
+    """Masks on which all cameras agree: see `studio.masks.sources`.
+
+    Raises:
+        StudioError: `mask.too_few_cameras`, `mask.not_calibrated`, or as `open_median_background` and `open_model`.
+    """
+    voters = len(inputs.names) - len(inputs.held_out)
+    if not required and (inputs.cameras is None or voters < FEWEST_CAMERAS):
+        return None
+    fix = "Set capture.masks to median_background, which looks at each camera alone."
+    if inputs.cameras is None:
+        problem = "capture.masks is agreed, which needs calibrated cameras, but there are none yet"
+        raise StudioError("mask.not_calibrated", problem, fix=fix, setting="capture.masks")
+    if voters < FEWEST_CAMERAS:
+        raise StudioError(
+            "mask.too_few_cameras",
+            f"capture.masks is agreed, which needs {FEWEST_CAMERAS} cameras for training, but there are {voters}",
+            value=voters,
+            fix=fix,
+            expected=FEWEST_CAMERAS,
+            setting="capture.masks",
+        )
+    found = open_clean_plate(inputs, False) or open_median_background(inputs, required)
+    if found is None:
+        return None
+    plates, phrase = found
+    assert isinstance(plates, PlateMaskSource)
+    model = open_model(inputs, True)[0] if inputs.spec.mask_model else None
+    cameras = inputs.cameras()
+    cache = _disk_cache(inputs, cameras, plates) if inputs.cache_folder is not None else None
+    source = AgreedMaskSource(inputs, cameras, plates, model, cache)
+    return source, f"agreed by {voters} cameras, from the {phrase}{' and a matting model' if model else ''}"
+
+
+def _disk_cache(
+    inputs: MaskInputs, cameras: Mapping[str, Camera], plates: PlateMaskSource
+) -> Callable[[int], MaskCache]:
+    spec, folder = inputs.spec, inputs.cache_folder
+    assert folder is not None
+    footage = [path for source in inputs.sources.values() for path in source.files()]
+    parts = [
+        str(_VERSION),
+        digest_files(spec.root, [*footage, *plates.files(), *(inputs.garbage.files() if inputs.garbage else [])]),
+        spec.model_dump_json(include={*DifferenceSettings.model_fields, *OnnxSettings.model_fields, "offsets"}),
+        spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
+        *(f"{camera.to_dict()}" for camera in cameras.values()),
+    ]
+    recipe = hashlib.blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
+    return lambda frame: MaskCache(folder / "masks", f"agreed {recipe} {frame}")

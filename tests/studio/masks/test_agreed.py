@@ -1,0 +1,89 @@
+"""Masks that cameras agree on, in a synthetic capture without plates, compared with exact ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from studio.cameras import Camera, Rig
+from studio.capture import CaptureSettings, Footage, open_footage
+from tests.support.errors import refuses
+from tests.support.rigs import ring
+
+FRAMES, SIZE = 16, (160, 120)
+RED, BLIND = np.array([200.0, 70.0, 60.0]), "cam4"
+"""Color of the performer, and the camera whose wall has the same color."""
+
+
+def alpha_of(camera: Camera, frame: int) -> np.ndarray:
+    """(H, W) bool: two balls, one above the other, that move."""
+    columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    rays = camera.ray_directions(np.stack([columns.ravel(), rows.ravel()], 1))
+    shown = np.zeros(len(rays), bool)
+    x = 0.5 * np.sin(0.4 * frame)
+    for height, radius in ((-0.15, 0.32), (0.3, 0.2)):
+        toward = np.array([x, 0.2 * np.cos(0.4 * frame), height]) - camera.center
+        shown |= np.linalg.norm(np.cross(rays, toward), axis=1) < radius
+    return shown.reshape(camera.height, camera.width)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return ring(8, radius=3.0, heights=(0.3, 1.2), size=SIZE, focal=140.0)
+
+
+@pytest.fixture(scope="module")
+def capture(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("agreed")
+    for number, camera in enumerate(rig):
+        rng = np.random.default_rng(number)
+        texture = cv2.GaussianBlur(rng.normal(0, 50, (SIZE[1], SIZE[0], 3)).astype(np.float32), (0, 0), 4)
+        wall = texture + (RED if camera.name == BLIND else np.array([110.0, 130.0, 120.0]))
+        (folder / "images" / camera.name).mkdir(parents=True)
+        for frame in range(FRAMES):
+            image = np.where(alpha_of(camera, frame)[..., None], RED, wall) + rng.normal(0, 2, wall.shape)
+            path = folder / "images" / camera.name / f"{frame:03d}.png"
+            cv2.imwrite(str(path), np.clip(image, 0, 255).astype(np.uint8)[..., ::-1])
+    return folder
+
+
+def opened(capture: Path, rig: Rig | None, **settings: object) -> Footage:
+    spec = CaptureSettings(root=capture, images="images/{camera}/{frame}.png").replace(**settings)
+    return open_footage(spec, rig, threads=1)
+
+
+def overlap(footage: Footage, camera: Camera, frame: int) -> float:
+    ours, exact = footage.mask(camera.name, frame) > 127, alpha_of(camera, frame)
+    return float((ours & exact).sum() / max((ours | exact).sum(), 1))
+
+
+def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig: Rig) -> None:
+    agreed, alone = opened(capture, rig), opened(capture, rig, masks="median_background")
+    assert "agreed by 8 cameras" in agreed.description
+    together = {camera.name: overlap(agreed, camera, 7) for camera in rig}
+    apart = {camera.name: overlap(alone, camera, 7) for camera in rig}
+    assert np.mean(list(together.values())) > max(0.85, np.mean(list(apart.values())))
+    assert together[BLIND] > apart[BLIND]
+
+
+def test_masks_are_kept_for_other_processes(capture: Path, rig: Rig, tmp_path: Path) -> None:
+    spec = CaptureSettings(root=capture, images="images/{camera}/{frame}.png", masks="agreed")
+    first = open_footage(spec, rig, cache_folder=tmp_path, threads=1)
+    mask = first.mask("cam2", 5)
+    files = set(tmp_path.rglob("mask_*.png"))
+    again = open_footage(spec, rig, cache_folder=tmp_path, threads=1)
+    assert np.array_equal(again.mask("cam2", 5), mask)
+    assert set(tmp_path.rglob("mask_*.png")) == files
+
+
+def test_without_cameras_or_with_few_auto_looks_at_each_camera_alone(capture: Path, rig: Rig) -> None:
+    few = list(rig.names[:4])
+    assert "agreed by" not in opened(capture, None).description
+    assert "agreed by" not in opened(capture, rig, cameras=few).description
+    with refuses("mask.not_calibrated"):
+        opened(capture, None, masks="agreed")
+    with refuses("mask.too_few_cameras"):
+        opened(capture, rig, masks="agreed", cameras=few)

@@ -1,0 +1,63 @@
+"""What cameras hear from each other about a ball whose silhouettes are known exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from studio.cameras import Camera, Rig
+from studio.masks.vote import SILENT, heard
+from tests.support.rigs import ring
+
+RADIUS = 0.4
+CENTER = np.array([0.15, -0.1, 0.05])
+
+
+def silhouette(camera: Camera) -> np.ndarray:
+    """(H, W) bool, exact: which rays meet the ball."""
+    columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    rays = camera.ray_directions(np.stack([columns.ravel(), rows.ravel()], 1))
+    toward = CENTER - camera.center
+    away = np.linalg.norm(np.cross(rays, toward), axis=1)
+    return ((away < RADIUS) & (rays @ toward > 0)).reshape(camera.height, camera.width)
+
+
+def odds_of(rig: Rig) -> dict[str, np.ndarray]:
+    return {camera.name: np.where(silhouette(camera), 3.0, -3.0).astype(np.float32) for camera in rig}
+
+
+def overlap(ours: np.ndarray, exact: np.ndarray) -> float:
+    return float((ours & exact).sum() / max((ours | exact).sum(), 1))
+
+
+@pytest.mark.parametrize("distortion", [(), (-0.1, 0.02, 0.0, 0.0)])
+def test_a_camera_that_misses_the_performer_hears_of_it(distortion: tuple[float, ...]) -> None:
+    rig = ring(10, radius=3.0, heights=(0.0, 1.0), distortion=distortion)
+    odds, missing = odds_of(rig), rig.names[3]
+    odds[missing] = np.full_like(odds[missing], -3.0)
+    votes = heard(odds, {camera.name: camera for camera in rig}, frozenset(rig.names))
+    exact = silhouette(rig[missing])
+    assert overlap(votes[missing] > 0, exact) > 0.8
+    assert (votes[missing][~exact] == SILENT).mean() > 0.9
+
+
+def test_a_camera_that_sees_the_performer_everywhere_is_not_believed() -> None:
+    rig = ring(10, radius=3.0, heights=(0.0, 1.0))
+    odds, wrong = odds_of(rig), rig.names[6]
+    odds[wrong] = np.full_like(odds[wrong], 3.0)
+    votes = heard(odds, {camera.name: camera for camera in rig}, frozenset(rig.names))
+    for camera in rig:
+        assert overlap(votes[camera.name] > 0, silhouette(camera)) > 0.75
+
+
+def test_held_out_cameras_hear_but_do_not_vote() -> None:
+    rig = ring(10, radius=3.0, heights=(0.0, 1.0))
+    cameras = {camera.name: camera for camera in rig}
+    held_out, voters = rig.names[2], frozenset(rig.names) - {rig.names[2]}
+    odds = odds_of(rig)
+    first = heard(odds, cameras, voters)
+    odds[held_out] = -odds[held_out]
+    second = heard(odds, cameras, voters)
+    assert overlap(first[held_out] > 0, silhouette(rig[held_out])) > 0.8
+    for name in cameras:
+        assert np.array_equal(first[name], second[name])
