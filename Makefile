@@ -88,7 +88,9 @@ format: system ## apply ruff's fixes and formatting
 
 lock: setup-tests ## pin the newest packages that pyproject.toml allows (LOCK_ARGS=--upgrade), or what changed in it
 	@$(LOCK) --extra build --no-emit-package triton -o requirements.lock
-	@$(LOCK) --extra build --extra dev -c requirements.lock -o requirements-dev.lock
+	@# rfc3987-syntax (of cyclonedx-bom) would compile grammars for seconds wherever jsonschema is imported, as by Ray.
+	@$(LOCK) --extra build --extra dev --no-emit-package rfc3987-syntax --no-emit-package lark -c requirements.lock \
+	    -o requirements-dev.lock
 	@$(LOCK) --extra build --extra docs --no-emit-package triton -c requirements.lock -o requirements-docs.lock
 
 wheel: system ## build a wheel in dist/ that installs without a compiler

@@ -13,10 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import boto3
-from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
-from werkzeug.serving import WSGIRequestHandler, make_server
-
 KEY, SECRET = "AKIAV3STUDIOTEST", "a-secret-that-no-message-shows"
 BUCKET = "studio"
 
@@ -57,6 +53,8 @@ class ObjectStore:
     @property
     def client(self) -> Any:
         """boto3's client, for tests to look at the bucket; its requests are neither counted nor disturbed."""
+        import boto3
+
         client = boto3.client(
             "s3", endpoint_url=self.url, aws_access_key_id=KEY, aws_secret_access_key=SECRET, region_name="us-east-1"
         )
@@ -142,20 +140,19 @@ def _error(start_response: Callable[..., Any], status: str, code: str, text: str
     return [body]
 
 
-class _Quiet(WSGIRequestHandler):
-    def log_request(self, *arguments: Any) -> None:
-        return
-
-    def log(self, *arguments: Any) -> None:
-        return
-
-
 @contextmanager
 def object_store() -> Iterator[ObjectStore]:
     """A server with an empty bucket `BUCKET`; it ends with the block."""
+    from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
+    from werkzeug.serving import WSGIRequestHandler, make_server
+
+    class Quiet(WSGIRequestHandler):
+        def log(self, *arguments: Any) -> None:
+            return
+
     store = ObjectStore()
     application = store.application(DomainDispatcherApplication(create_backend_app))
-    server = make_server("127.0.0.1", 0, application, threaded=True, request_handler=_Quiet)
+    server = make_server("127.0.0.1", 0, application, threaded=True, request_handler=Quiet)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     store.url = f"http://127.0.0.1:{server.port}"

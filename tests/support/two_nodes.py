@@ -21,7 +21,6 @@ SETTINGS: Mapping[str, str] = {
     "RAY_enable_worker_prestart": "0",
     "RAY_gcs_server_port_wait_time_s": "600",  # by default half a minute, which a busy machine takes
     "RAY_gcs_server_request_timeout_seconds": "600",
-    "RAY_raylet_start_wait_time_s": "600",
     "RAY_worker_niceness": "0",  # as a local run; by default, tasks have to wait for everything else
 }
 """Environment of the cluster and of its drivers."""

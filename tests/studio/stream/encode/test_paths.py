@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 
 from studio.stream.encode import paths as paths_module
 from studio.stream.encode.paths import STRENGTHS, carry_hidden_splats, smooth_paths
@@ -44,6 +43,8 @@ def test_a_path_is_the_minimum(monkeypatch, strength, keep_first):
 
 def test_the_strength_is_the_most_likely_one():
     """By the density of the second differences: those of white jitter added to white accelerations."""
+    from scipy.stats import multivariate_normal  # takes a second, in every process that collects tests
+
     frames, jitter = 12, 0.3
     rows = second_differences(frames)
     chosen = set()
