@@ -179,7 +179,7 @@ def _masks_named_in(path: Path) -> tuple[list[str], set[str]]:
 def _only_folder(root: Path, folders: Sequence[str]) -> tuple[str, list[Match]] | None:
     if len(folders) != 1:
         return None
-    layout = f"{folders[0]}/{{camera}}.*"
+    layout = "{camera}.*" if folders[0] == "." else f"{folders[0]}/{{camera}}.*"
     matches = find_files(root, layout)
     return _with_extension(layout, matches), matches
 
@@ -217,7 +217,8 @@ def _of_kind(listing: Sequence[str], extensions: frozenset[str]) -> list[str]:
 def _folders_with(listing: Sequence[str], extensions: frozenset[str]) -> list[str]:
     """The folders with several files of a kind."""
     folders = Counter(Path(path).parent.as_posix() for path in _of_kind(listing, extensions))
-    return sorted(folder for folder, count in folders.items() if count > 1 and folder != ".")
+    several = sorted(folder for folder, count in folders.items() if count > 1)
+    return [folder for folder in several if folder != "."] or several
 
 
 def parts_pattern(paths: Sequence[str]) -> str | None:
@@ -371,6 +372,9 @@ def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) 
         for name in path.split("/")[:-1]:
             if folders.fullmatch(name) or name in own:
                 inside.setdefault(name, []).append(path)
+    if len(inside) > 1:  # as in cam0_mask, cam1_mask, ...
+        together = sorted({path for paths in inside.values() for path in paths})
+        named = [layout.pattern for group in groups_of(together) for layout in infer_layouts(group, wanted)]
     for name in sorted(inside, key=lambda name: (len(name), name)):
         for pattern in (
             f"{name}/{{camera}}/{{camera}}_mask{{frame}}.*",  # ActorsHQ
@@ -384,11 +388,18 @@ def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) 
             if found is not None:
                 return found
     patterns = [f"{{camera}}/{name}.*" for name in _PLATE_FILES] if folders is PLATE_FOLDERS else []
+    patterns += named
     if folders is MASK_FOLDERS:
         stems = {Path(path).stem for path in listing()}
         beside = [path for path in listing() if _is_mask(path, stems)]
-        patterns = [layout.pattern for group in groups_of(beside) for layout in infer_layouts(group, wanted)]
+        patterns += [layout.pattern for group in groups_of(beside) for layout in infer_layouts(group, wanted)]
     return next((found for pattern in patterns if (found := _of_cameras(root, pattern, wanted)) is not None), None)
+
+
+def folders_named(root: Path, folders: re.Pattern[str]) -> list[str]:
+    """Names of the folders below `root` with such a name that have files."""
+    found = {name for path in walk(root, _DEPTH) for name in path.split("/")[:-1] if folders.fullmatch(name)}
+    return sorted(found)
 
 
 def _of_cameras(root: Path, pattern: str, wanted: Collection[str]) -> tuple[str, list[Match]] | None:

@@ -115,8 +115,13 @@ def _layout(split: Sequence[tuple[str, ...]], forms: Sequence[_Form], extension:
 
 def _forms(names: Sequence[str]) -> Iterator[_Form]:
     like_camera = sum(looks_like_camera(name) for name in names) / len(names)
+    fields: dict[str, tuple[str, int | None]]
     like_frame = sum(bool(_LIKE_FRAME.fullmatch(name)) for name in names) / len(names)
     yield _Form("{camera}", {name: (name, None) for name in names}, 3 * like_camera - 3 * like_frame)
+    word = re.search(rf"{_JOIN}[a-z]+$", shared_start([name[::-1] for name in names])[::-1], re.I)
+    if word is not None and len(names) > 1:  # as in cam0_mask; less likely than that the word is part of the name
+        fields = {name: (name.removesuffix(word.group()), None) for name in names}
+        yield _Form(f"{{camera}}{word.group()}", fields, 3 * like_camera - 0.5)
     if len(names) == 1:
         yield _Form(names[0], {names[0]: ("", None)}, 1)
         if names[0].isdecimal():
@@ -125,9 +130,7 @@ def _forms(names: Sequence[str]) -> Iterator[_Form]:
     head, tail = shared_start(names), shared_start([name[::-1] for name in names])[::-1]
     middles = [name[len(head) : len(name) - len(tail)] for name in names]
     if all(middle.isdecimal() for middle in middles) and not _AFTER_CAMERA_WORD.fullmatch(head):
-        fields: dict[str, tuple[str, int | None]] = {
-            name: ("", int(middle)) for name, middle in zip(names, middles, strict=True)
-        }
+        fields = {name: ("", int(middle)) for name, middle in zip(names, middles, strict=True)}
         yield _Form(f"{head}{{frame}}{tail}", fields, _frame_score(head, middles))
     yield from _both(names, _CAMERA_FIRST, 0)
     yield from _both(names, _FRAME_FIRST, 3)

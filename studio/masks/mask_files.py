@@ -19,7 +19,6 @@ from studio.masks.mask_values import INVERTED, LOSSY, MaskValues, mask_channel, 
 from studio.yaml_text import inline_yaml
 
 _SAMPLED_FRAMES, _SAMPLED_CAMERAS = 3, 8
-_INVERT = {False: "set capture.mask_labels to [0]", True: "remove capture.mask_labels"}
 
 
 class FileMaskSource:
@@ -107,7 +106,7 @@ class FileMaskSource:
                     "mask.inverted",
                     f"most of the border of the image is performer in the masks of {cameras_listed(inverted)}",
                     file=self._sources[inverted[0]].files()[0],
-                    fix=f"If they are inverted, {_INVERT[self._labels == INVERTED]}.",
+                    fix=_instead_of_inverted(sampled[inverted[0]], self._labels),
                     fields={"cameras": tuple(inverted), "setting": "capture.mask_labels"},
                 )
             )
@@ -156,6 +155,18 @@ class FileMaskSource:
     def files(self) -> list[Path]:
         """See `MaskSource`."""
         return [path for source in self._sources.values() for path in source.files()]
+
+
+def _instead_of_inverted(found: MaskValues, chosen: tuple[int, ...]) -> str:
+    """What to do about masks whose border is foreground."""
+    others = [label for label in found.labels if label != found.around]
+    if chosen == INVERTED:
+        return "If that is not so, remove capture.mask_labels."
+    if others:
+        return f"If {found.around:g} is the background, set capture.mask_labels to {inline_yaml(others)}."
+    if not found.lowest:
+        return f"If they are inverted, set capture.mask_labels to {inline_yaml(list(INVERTED))}."
+    return "Write them again, with 0 for the background."
 
 
 def _read(source: FrameSource, frame: int) -> np.ndarray:

@@ -37,6 +37,8 @@ class MaskValues:
         highest: the highest value found; 0 if all masks are empty.
         is_soft: whether there are other values than 0 and `full`.
         border: the share of the images' borders that is foreground.
+        around: the commonest value of the borders.
+        lowest: the lowest value found; above 0 if no mask has background.
     """
 
     labels: tuple[int, ...] = ()
@@ -44,6 +46,8 @@ class MaskValues:
     highest: float = 0.0
     is_soft: bool = False
     border: float = 0.0
+    around: float = 0.0
+    lowest: float = 0.0
 
     @property
     def is_weak(self) -> bool:
@@ -120,9 +124,15 @@ def values_in(images: Sequence[np.ndarray], exact: bool, chosen: Sequence[int] =
     if exact and integral and len(seen) <= _MOST_LABELS and _has_areas(images, full):
         labels = tuple(sorted(int(number) for number in seen))
     meaning = MaskValues(labels, full, float(highest), bool(seen - {full}))
-    borders = [meaning.mask(values, chosen) > 127 for values in images]
-    around = [np.concatenate([edge[0], edge[-1], edge[:, 0], edge[:, -1]]) for edge in borders]
-    return replace(meaning, border=float(np.concatenate(around).mean()))
+    around = np.concatenate([part for edge in images for part in (edge[0], edge[-1], edge[:, 0], edge[:, -1])])
+    is_inside = meaning.mask(around[None], chosen) > 127
+    edge_values, counts = np.unique(around, return_counts=True)
+    return replace(
+        meaning,
+        border=float(is_inside.mean()),
+        around=float(edge_values[counts.argmax()]),
+        lowest=float(min(found, default=0)),
+    )
 
 
 def _has_areas(images: Sequence[np.ndarray], full: float) -> bool:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from studio.capture.detect import MASK_FOLDERS, folders_named
 from studio.capture.settings import MaskKind
+from studio.counts import listed
 from studio.masks.agreed import open_agreed
 from studio.masks.alpha import open_alpha
 from studio.masks.chroma_key import open_chroma_key
@@ -60,9 +62,19 @@ def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
         if source.name == kind or (kind == "auto" and source.automatic):
             found = source.open(inputs, kind != "auto")
             if found is not None:
-                return found[0], f"Masks: {found[1]}{' (chosen by auto)' if kind == 'auto' else ''}."
+                auto = f" (chosen by auto){_unused(inputs, source.name)}" if kind == "auto" else ""
+                return found[0], f"Masks: {found[1]}{auto}."
     missing = MissingMaskSource(
         "no alpha channel, mask files, clean plates or plain background, and too few frames to estimate the background "
         f"({inputs.frame_count}; {FEW_FRAMES} are needed)"
     )
-    return missing, f"Masks: not found. {missing.message}"
+    return missing, f"Masks: not found{_unused(inputs, '')}. {missing.message}"
+
+
+def _unused(inputs: MaskInputs, used: str) -> str:
+    """A sentence on folders that seem to have masks, if other masks are `used`."""
+    folders = folders_named(inputs.spec.root, MASK_FOLDERS) if used != "files" else []
+    if not folders:
+        return ""
+    names = listed([repr(name) for name in folders])
+    return f". The files in {names} are not used: with capture.masks files, they are, or the error says why not"

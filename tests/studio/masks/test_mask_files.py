@@ -208,7 +208,18 @@ def test_masks_that_look_wrong(tmp_path: Path, make: SimpleNamespace, write: Wri
         assert found[0].fields["cameras"] == ("a", "b")
 
 
-@pytest.mark.parametrize("write", [pillow(255 - ONE * 255), pillow(255 - SOFT), pillow(1 - ONE), pillow(9 - 9 * ONE)])
+@pytest.mark.parametrize(
+    "write",
+    [
+        pillow(255 - ONE * 255),
+        pillow(255 - SOFT),
+        pillow(1 - ONE),
+        pillow(9 - 9 * ONE),
+        pillow(1 + ONE),
+        pillow(np.where(INSIDE, 255, 1).astype(np.uint8)),
+        pillow(1000 * (1 + ONE.astype(np.uint16))),
+    ],
+)
 def test_masks_can_be_inverted(tmp_path: Path, make: SimpleNamespace, write: Write) -> None:
     """As the warning advises."""
     spec = CaptureSettings(root=capture(tmp_path, make, ".png", write))
@@ -217,6 +228,33 @@ def test_masks_can_be_inverted(tmp_path: Path, make: SimpleNamespace, write: Wri
     footage = open_footage(spec.replace(mask_labels=parse_yaml(advice)))
     assert ((footage.mask("a", 0) > 127) != INSIDE).mean() < 0.01  # but for soft corners
     assert footage.warnings == []
+
+
+def test_masks_without_background_are_no_masks(tmp_path: Path, make: SimpleNamespace) -> None:
+    (warning,) = open_footage(CaptureSettings(root=capture(tmp_path, make, ".png", pillow(ONE * 0 + 255)))).warnings
+    assert warning.code == "mask.inverted"
+    assert "capture.mask_labels" not in warning.fix
+
+
+@pytest.mark.parametrize("form", ["{c}_mask/{f}.png", "{c}-matte/{f}.png", "images/{c}/{f}_mask.png"])
+def test_masks_beside_the_images(tmp_path: Path, make: SimpleNamespace, form: str) -> None:
+    for camera in ("cam0", "cam1"):
+        for frame in range(2):
+            make.image(tmp_path / "images" / camera / f"{frame}.png", make.numbered(frame))
+            make.image(tmp_path / form.format(c=camera, f=frame), np.where(INSIDE, 255, 0).astype(np.uint8))
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert form.format(c="{camera}", f="{frame}") in footage.description
+    assert np.array_equal(footage.mask("cam1", 1) > 127, INSIDE)
+
+
+def test_masks_that_cannot_be_read_are_named(tmp_path: Path, make: SimpleNamespace) -> None:
+    for camera in "ab":
+        make.image(tmp_path / "images" / camera / "0.png", np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
+        make.image(tmp_path / "masks" / camera / "0.png", np.zeros((4, 4), np.uint8))
+        (tmp_path / "masks" / camera / "0.png").rename(tmp_path / "masks" / camera / "0.npy")
+    assert "'masks'" in open_footage(CaptureSettings(root=tmp_path)).description
+    with refuses("mask.not_found"):
+        open_footage(CaptureSettings(root=tmp_path, masks="files"))
 
 
 def test_cameras_without_masks_are_named_with_a_setting_that_works(tmp_path: Path, make: SimpleNamespace) -> None:
