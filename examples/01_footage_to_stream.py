@@ -57,6 +57,13 @@ def main() -> None:
     print(json.dumps(evaluation["summary"], indent=1))
     print(f"stream: {take.stream}")
 
+    # the same figures for one frame: trained splats against the footage of the held-out camera
+    footage = v3.open_footage(config.capture, v3.read_rig(take.rig))
+    frame = footage.frames[0]
+    found = v3.evaluate(v3.trained_video(take.root).read(0), footage, frame)
+    print(f"frame {frame}: {found}")
+    assert abs(found["cam05"]["psnr"] - evaluation["frames"][0]["psnr_trained"]) < 0.05
+
 
 if __name__ == "__main__":
     main()

@@ -17,6 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, check_finite, missing_key, whole
@@ -24,7 +25,7 @@ from studio.validation import array, check_finite, missing_key, whole
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Camera:
     """Pinhole intrinsics, OpenCV lens distortion and pose of one camera.
 
@@ -97,6 +98,52 @@ class Camera:
         object.__setattr__(self, "distortion", distortion)
         object.__setattr__(self, "width", int(self.width))
         object.__setattr__(self, "height", int(self.height))
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: Sequence[float] | np.ndarray,
+        target: Sequence[float] | np.ndarray,
+        up: Sequence[float] | np.ndarray = (0.0, 1.0, 0.0),
+        *,
+        width: int,
+        height: int,
+        field_of_view: float = 40.0,
+        name: str = "view",
+    ) -> Camera:
+        """A pinhole camera at a place that looks at another one.
+
+        Args:
+            eye: (3,) where it is, in world coordinates.
+            target: (3,) what is in the middle of its image.
+            up: (3,) direction that is up in the image, of any length.
+            width, height: image size in pixels.
+            field_of_view: along the shorter side, in degrees, above 0 and below 180.
+            name: of the camera.
+
+        Raises:
+            StudioError: it would look along `up`, or `eye` is `target` (camera.no_direction), or another value is
+                invalid (see `Camera`).
+        """
+        at, middle, above = (np.asarray(vector, np.float64) for vector in (eye, target, up))
+        forward = middle - at
+        if not np.linalg.norm(np.cross(forward, above)) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(above):
+            raise StudioError(
+                "camera.no_direction",
+                f"Camera '{name}': it looks along its up direction, or at its own place",
+                fix="Choose another target or up direction.",
+                camera=name,
+            )
+        focal = 0.5 * min(width, height) / np.tan(np.radians(field_of_view) / 2)
+        K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+        return cls(name, width, height, K, look_at_pose(at, middle, above))
+
+    def __repr__(self) -> str:
+        """One line: name, size, focal length in pixels, place and viewing direction."""
+        at, looking = (", ".join(f"{value:.4g}" for value in vector) for vector in (self.center, self.forward))
+        lens = "" if self.is_pinhole else f", {self.distortion.size} distortion coefficients"
+        size = f"{self.width}x{self.height}"
+        return f"Camera({self.name!r}, {size}, f={self.fx:.5g}, at=({at}), looking=({looking}){lens})"
 
     @property
     def fx(self) -> float:
@@ -272,7 +319,7 @@ class Camera:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rig:
     """The cameras of a capture, in a fixed order, with unique names.
 
@@ -297,6 +344,10 @@ class Rig:
             if camera.name in seen:
                 raise duplicate_name(camera.name)
             seen.add(camera.name)
+
+    def __repr__(self) -> str:
+        """One line per camera."""
+        return "\n".join([f"Rig of {counted(len(self), 'camera')}", *(f"  {camera!r}" for camera in self.cameras)])
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -366,6 +417,49 @@ def focal_length_error(camera: str, value: float) -> StudioError:
         fix="Correct it in the camera file.",
         camera=camera,
     )
+
+
+def orbit(
+    target: Sequence[float] | np.ndarray,
+    distance: float,
+    count: int,
+    *,
+    width: int,
+    height: int,
+    up: Sequence[float] | np.ndarray = (0.0, 1.0, 0.0),
+    elevation: float = 10.0,
+    field_of_view: float = 40.0,
+) -> Rig:
+    """Pinhole cameras on a circle, evenly spaced, all looking at a point.
+
+    Args:
+        target: (3,) the point, in world coordinates.
+        distance: of the cameras from it, above 0.
+        count: number of cameras, at least 1; they are named "orbit000", ....
+        width, height: image size in pixels.
+        up: (3,) axis of the circle, of any length.
+        elevation: of the cameras above the point, in degrees, between -90 and 90.
+        field_of_view: along the shorter side, in degrees.
+
+    Raises:
+        StudioError: see `Camera.look_at`.
+    """
+    axis = np.asarray(up, np.float64) / np.linalg.norm(up)
+    front = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    front /= np.linalg.norm(front)
+    side = np.cross(axis, front)
+    height_above, radius = np.sin(np.radians(elevation)), np.cos(np.radians(elevation))
+    cameras = []
+    for number in range(count):
+        angle = 2 * np.pi * number / count
+        outwards = radius * (np.cos(angle) * front + np.sin(angle) * side) + height_above * axis
+        eye = np.asarray(target, np.float64) + distance * outwards
+        cameras.append(
+            Camera.look_at(
+                eye, target, axis, width=width, height=height, field_of_view=field_of_view, name=f"orbit{number:03d}"
+            )
+        )
+    return Rig(tuple(cameras))
 
 
 def look_at_pose(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:

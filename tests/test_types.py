@@ -16,9 +16,10 @@ READERS_AND_WRITERS = {
     "pipelines/config/loading.py",  # a user's YAML
     "pipelines/estimate/estimate.py",  # v3studio estimate --json
     "pipelines/events/__init__.py",  # a line of JSON
+    "pipelines/runs/status.py",  # v3studio status --json
     "pipelines/share/sharing.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",
-    "pipelines/takes/kept_bakes.py",  # v3studio bakes --json
+    "pipelines/takes/kept_bakes.py",  # v3studio bake list --json
     "studio/bounded_files.py",  # any TOML
     "studio/calibration/manual/file.py",
     "studio/camera_files/annots_npy.py",

@@ -4,14 +4,15 @@ Everything exported here is stable: incompatible changes follow the version numb
 Modules below `studio`, `pipelines` and `gui` may change in any release; import from this package instead. `examples/`
 contains scripts that use each part.
 
-    footage        open_footage, CaptureSettings, Footage, read_rig, write_rig
+    footage        open_footage, CaptureSettings, Footage, FunctionMaskSource
+    cameras        read_rig, write_rig, Rig, Camera, Camera.look_at, orbit
     calibration    calibrate_from_images, detect_target, calibrate_from_target, calibrate_from_tie_points, ...
     takes          Take, load_config, run, status, trained_video: the stages of the command line, on a take's folder
     training       initialize_points, TrainingView, train_keyframe, train_interframe
     splats         Gaussians, read_splats, write_splats, rasterize
     streams        bake_video, bake_group, write_manifest, BakeSettings, StreamReader, SplatVideo, open_import
     sharing        share, serve, publish, PageText
-    measuring      psnr, ssim
+    measuring      evaluate, psnr, ssim
 
 Conventions: quaternions are wxyz; camera axes are OpenCV's (x right, y down, z forward), and `world_to_camera` is 4x4;
 the pixel origin is the outer corner of the top-left pixel; images are RGB.
@@ -50,22 +51,23 @@ _EXPORTS = {
     ),
     "studio.calibration.settings": ("CalibrateSettings",),
     "studio.camera_files": ("read_rig", "write_rig"),
-    "studio.cameras": ("Camera", "Rig"),
+    "studio.cameras": ("Camera", "Rig", "orbit"),
+    "studio.comparison": ("evaluate",),
     "studio.capture": ("CaptureSettings", "Footage", "FootageView", "open_footage"),
     "studio.errors": ("Cancelled", "Message", "StudioError"),
     "studio.formats": ("read_splats", "write_splats"),
     "studio.formats.baking": ("bake_video",),
     "studio.formats.sequence": ("open_import",),
     "studio.gaussians": ("Gaussians",),
-    "studio.masks": ("FunctionMaskSource", "MaskSource"),
-    "studio.meshing": ("Mesh", "initialize_points"),
+    "studio.masks": ("FunctionMaskSource", "MaskFunction", "MaskSource"),
+    "studio.meshing": ("InitResult", "Mesh", "initialize_points"),
     "studio.meshing.settings": ("InitializeSettings",),
     "studio.metrics": ("psnr", "ssim"),
     "studio.rasterizer": ("Render", "available_backends", "rasterize"),
     "studio.splat_video": ("SplatVideo",),
     "studio.stream": ("BakeSettings", "Manifest", "StreamReader", "bake_group", "write_manifest"),
     "studio.stream.publish": ("Published",),
-    "studio.training": ("TrainingView", "TrainSettings", "train_interframe", "train_keyframe"),
+    "studio.training": ("InterframeResult", "TrainingView", "TrainSettings", "train_interframe", "train_keyframe"),
 }
 """Names by module; type checkers read the same from __init__.pyi."""
 

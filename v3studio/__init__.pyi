@@ -23,22 +23,23 @@ from studio.calibration import (
 )
 from studio.calibration.settings import CalibrateSettings
 from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig
+from studio.cameras import Camera, Rig, orbit
 from studio.capture import CaptureSettings, Footage, FootageView, open_footage
+from studio.comparison import evaluate
 from studio.errors import Cancelled, Message, StudioError
 from studio.formats import read_splats, write_splats
 from studio.formats.baking import bake_video
 from studio.formats.sequence import open_import
 from studio.gaussians import Gaussians
-from studio.masks import FunctionMaskSource, MaskSource
-from studio.meshing import Mesh, initialize_points
+from studio.masks import FunctionMaskSource, MaskFunction, MaskSource
+from studio.meshing import InitResult, Mesh, initialize_points
 from studio.meshing.settings import InitializeSettings
 from studio.metrics import psnr, ssim
 from studio.rasterizer import Render, available_backends, rasterize
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, Manifest, StreamReader, bake_group, write_manifest
 from studio.stream.publish import Published
-from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
+from studio.training import InterframeResult, TrainingView, TrainSettings, train_interframe, train_keyframe
 
 __version__: str
 
@@ -57,8 +58,11 @@ __all__ = [
     "FootageView",
     "FunctionMaskSource",
     "Gaussians",
+    "InitResult",
     "InitializeSettings",
+    "InterframeResult",
     "Manifest",
+    "MaskFunction",
     "MaskSource",
     "Mesh",
     "Message",
@@ -90,10 +94,12 @@ __all__ = [
     "calibrate_from_tie_points",
     "compare_rigs",
     "detect_target",
+    "evaluate",
     "initialize_points",
     "load_config",
     "open_footage",
     "open_import",
+    "orbit",
     "psnr",
     "publish",
     "rasterize",

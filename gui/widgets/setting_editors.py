@@ -60,11 +60,18 @@ def make_editor(setting: SettingField, set_value: SetValue, pick: Callable[[Sett
         switch.set_on_checked(lambda on: set_value(setting, "true" if on else "false"))
         return Editor(switch, lambda text: setattr(switch, "checked", text == "true"))
     if setting.kind == "choice":
-        box = gui.Combobox()
-        for choice in setting.choices:
+        box, items = gui.Combobox(), list(setting.choices)
+        for choice in items:
             box.add_item(choice)
         box.set_on_selection_changed(lambda text, _: set_value(setting, text))
-        return Editor(box, lambda text: setattr(box, "selected_text", text))
+
+        def select(text: str) -> None:
+            if text not in items:  # such as a source of masks of the user's own
+                items.append(text)
+                box.add_item(text)
+            box.selected_text = text
+
+        return Editor(box, select)
     edit = gui.TextEdit()
     edit.placeholder_text = setting.empty
     editor = Editor(edit, lambda text: setattr(edit, "text_value", text), grows=True)

@@ -78,7 +78,7 @@ def _is_text(field: FieldInfo | None) -> bool:
     return annotation in (str, Path) or set(get_args(annotation)) == {str, type(None)}
 
 
-def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) -> Config:
+def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = ()) -> Config:
     """Read and validate settings.
 
     Args:
@@ -90,6 +90,7 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
         StudioError: the file cannot be read (see `read_yaml`), a setting is unknown (`settings.unknown`) or has an
             invalid value (`settings.invalid`).
     """
+    path = None if path is None else Path(path)
     values: JsonObject = {}
     if path is not None:
         values = read_yaml(path)

@@ -6,7 +6,7 @@ import contextlib
 import os
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from pipelines.config import Config
@@ -40,7 +40,7 @@ from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.errors import Cancelled, Message, StudioError, reason_of
-from studio.json_types import JsonObject
+from studio.json_types import JsonData
 
 _CHECKED = ("calibrate", "initialize")
 """Stages whose results are compared with their record before use; frames and streams are checked as they are read."""
@@ -98,7 +98,7 @@ def run(
             report(Log(stage="bake", message=f"kept as '{kept.name}'"))
 
 
-def result_of(take: Take) -> JsonObject:
+def result_of(take: Take) -> Mapping[str, JsonData]:
     """The result of a run for programs: the take, and the main figures of its finished stages."""
     records = {name: read_record(take, name) for name in STAGE_NAMES}
     return {

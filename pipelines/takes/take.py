@@ -70,7 +70,7 @@ class Take:
     root: Path
 
     @classmethod
-    def open(cls, root: Path) -> Take:
+    def open(cls, root: Path | str) -> Take:
         """Open an existing take.
 
         Raises:
@@ -78,6 +78,7 @@ class Take:
                 take.json (`take.not_a_take`), another format (`take.unknown_format`), or a damaged take.json
                 (`take.damaged`).
         """
+        root = root if isinstance(root, Path) else Path(root)
         root = _checked(root)
         command = f"`v3studio run CONFIG --take {shlex.quote(str(root))}`"
         if not root.is_dir():
@@ -104,12 +105,13 @@ class Take:
         return cls(root)
 
     @classmethod
-    def create(cls, root: Path) -> Take:
+    def create(cls, root: Path | str) -> Take:
         """Open the take at `root`, or create one there.
 
         Raises:
             StudioError: a file (`take.is_file`), a folder of other files (`take.not_empty`), or as `open`.
         """
+        root = root if isinstance(root, Path) else Path(root)
         root = _checked(root)
         if (root / "take.json").exists():
             return cls.open(root)

@@ -26,13 +26,14 @@ def is_take(text: str) -> bool:
     return "://" not in text and (Path(text).expanduser() / "take.json").is_file()
 
 
-def trained_video(root: Path) -> SplatVideo:
+def trained_video(root: Path | str) -> SplatVideo:
     """Trained frames of a take, up to the first missing one, with the take's edits.
 
     Raises:
         StudioError: not a take (see `Take.open`), no trained frames (`take.not_trained`), the edits cannot be read
             (`take.edits_*`), or none of the trained frames is within the trim (`edits.no_frames_left`).
     """
+    root = Path(root)
     from pipelines.config import load_config
     from pipelines.takes.edited import EditedGroup
     from pipelines.takes.edits import read_edits

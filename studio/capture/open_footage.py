@@ -37,7 +37,7 @@ def open_footage(
     rig: Rig | None = None,
     *,
     strict: bool = True,
-    cache_folder: Path | None = None,
+    cache_folder: Path | str | None = None,
     device: str = "auto",
     threads: int = 0,
     most_cached: int | None = None,
@@ -69,6 +69,7 @@ def open_footage(
             unknown camera in the settings, missing frames, or an aspect ratio that differs from the calibration's;
             `calibration.camera_missing`, `footage.camera_missing`; `mask.*`: masks are missing; `storage.*`.
     """
+    cache_folder = None if cache_folder is None else Path(cache_folder)
     spec = _on_this_machine(spec)
     if not spec.root.is_dir():
         raise StudioError(

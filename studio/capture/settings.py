@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
@@ -16,6 +16,9 @@ from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
 MaskKind = Literal[
     "auto", "none", "alpha", "files", "clean_plate", "agreed", "median_background", "chroma_key", "plain", "model"
 ]
+ImportPath = Annotated[str, Field(pattern=r"^[\w.]+:\w+$")]
+"""MODULE:NAME of a source of masks; see `studio.masks.imported`."""
+
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 
 ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "plain"]
@@ -39,6 +42,16 @@ class FileSettings(Settings):
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
+    @field_validator("masks", mode="wrap")
+    @classmethod
+    def _kind_or_import_path(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return check(getattr(value, "import_path", value))
+        except ValidationError:  # one message instead of one per alternative type
+            raise Conflict(
+                f"must be one of {', '.join(get_args(MaskKind))}, or MODULE:NAME of a source of your own"
+            ) from None
+
     @field_validator("root", mode="after")
     @classmethod
     def _address_or_folder(cls, value: Path) -> Path:
@@ -61,14 +74,15 @@ class FileSettings(Settings):
     root, or the pattern of OpenCV's files if there is one per camera: {camera}/config.xml. auto: the one found under a
     usual name; if there is none, calibrate from the footage. null: always calibrate from the footage."""
 
-    masks: MaskKind = "auto"
+    masks: MaskKind | ImportPath = "auto"
     """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
     clean_plate: difference from images of the empty set. agreed: what all cameras together see as the performer before
     clean plates or a background estimated from the footage, for static, calibrated cameras. median_background: the
     same of each camera alone. chroma_key: a screen of one color. plain: the performer has already been cut out on plain
-    white or black. model: a matting model. none: everything is foreground. auto: the first of alpha, files, clean_plate
-    and plain that fits the capture; otherwise, of at least 10 frames, agreed with 6 or more cameras for training, else
-    median_background. If none fits, steps that need masks stop. See docs/guides/masks.md."""
+    white or black. model: a matting model. none: everything is foreground. MODULE:NAME: a source of your own in a
+    Python module. auto: the first of alpha, files, clean_plate and plain that fits the capture; otherwise, of at least
+    10 frames, agreed with 6 or more cameras for training, else median_background. If none fits, steps that need masks
+    stop. See docs/guides/masks.md."""
 
     mask_files: str = "auto"
     """Pattern of the mask files; anything but 0 is the performer, unless the values are soft. auto: search folders

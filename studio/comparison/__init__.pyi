@@ -1,3 +1,4 @@
+from .evaluate import evaluate
 from .metrics import EVALUATED, FLICKER, HIGHEST_PSNR, METRICS, Metric, measure
 from .protocols import PROTOCOLS, EvaluationProtocol, find_camera
 from .view_pair import Residual, ViewPair, flicker, flicker_of, padded_box
@@ -12,6 +13,7 @@ __all__ = [
     "Metric",
     "Residual",
     "ViewPair",
+    "evaluate",
     "find_camera",
     "flicker",
     "flicker_of",

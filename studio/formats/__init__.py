@@ -142,12 +142,13 @@ def read_rows(path: Path, note: Note = ignore) -> Gaussians:
     return found
 
 
-def read_splats(path: Path, note: Note = ignore) -> Gaussians:
+def read_splats(path: Path | str, note: Note = ignore) -> Gaussians:
     """As `read_rows`, as float32, and without the splats that cannot be rendered; their number is noted.
 
     Raises:
         StudioError: as `read_rows`, or no splat can be rendered.
     """
+    path = Path(path)
     import torch
 
     from studio.formats.checks import check_some_usable, usable
@@ -179,7 +180,7 @@ def splats_size(path: Path) -> tuple[int, int]:
     return count, degree
 
 
-def write_splats(path: Path, gaussians: Gaussians, **options: Any) -> None:
+def write_splats(path: Path | str, gaussians: Gaussians, **options: Any) -> None:
     """Write a file of one frame. Not atomic: callers write to a temporary name.
 
     Args:
@@ -191,5 +192,6 @@ def write_splats(path: Path, gaussians: Gaussians, **options: Any) -> None:
         StudioError: the extension is not supported, there are no splats, or a value is not finite or outside the range
             of the format.
     """
+    path = Path(path)
     written = [suffix for suffix, one in FRAME_FILES.items() if one.written]
     _format(path, written, "written to").module.write(path, gaussians, **options)

@@ -49,7 +49,7 @@ def cut(video: SplatVideo, group_size: int) -> list[range]:
 
 def bake_video(
     video: SplatVideo,
-    folder: Path,
+    folder: Path | str,
     settings: BakeSettings,
     group_size: int = GROUP_SIZE,
     progress: ProgressFn = no_progress,
@@ -68,6 +68,7 @@ def bake_video(
     Raises:
         StudioError: a frame cannot be read or baked, or the folder exists or cannot be written.
     """
+    folder = Path(folder)
     up = video.up
     metadata = StreamMetadata(
         suggested_camera=video.view,

@@ -155,7 +155,7 @@ def _same_splats(before: np.ndarray, after: np.ndarray, generator: np.random.Gen
     return bool(moved <= _SAME_ORDER * apart)
 
 
-def open_import(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
+def open_import(place: Path | str, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
     """Open the VideoGS layout, a folder of splat files of one format (see `studio.formats`), or a single such file.
 
     Args:
@@ -166,6 +166,7 @@ def open_import(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no
     Raises:
         StudioError: the input has none of these formats or more than one of them, or its files are damaged.
     """
+    place = Path(place)
     if is_videogs(place):
         check_one_format(place, {"VideoGS": [place / "group_info.json"], **formats_in(place)})
         return open_videogs(place, fps)

@@ -1,4 +1,4 @@
 from .mask_source import MaskSource
-from .matting_function import FunctionMaskSource, MattingFunction
+from .matting_function import FunctionMaskSource, MaskFunction
 
-__all__ = ["FunctionMaskSource", "MaskSource", "MattingFunction"]
+__all__ = ["FunctionMaskSource", "MaskFunction", "MaskSource"]

@@ -20,6 +20,7 @@ from studio.capture.settings import CaptureSettings
 from studio.errors import Message, StudioError
 
 
+@runtime_checkable
 class MaskSource(Protocol):
     """Computes masks of raw frames. Must be thread safe and deterministic."""
 

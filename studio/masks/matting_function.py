@@ -1,7 +1,9 @@
-"""Masks from any function of an image: a matting model, or your own code."""
+"""Masks from any function of a frame: a matting model, or your own code."""
 
 from __future__ import annotations
 
+import inspect
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
@@ -14,21 +16,31 @@ from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import GarbageMasks
 
 
-class MattingFunction(Protocol):
-    """Computes the mask of an image. May be called from several threads concurrently."""
+class MaskFunction(Protocol):
+    """Computes the mask of a frame. May be called from several threads concurrently."""
 
-    def __call__(self, image: np.ndarray, /) -> np.ndarray:
-        """(H, W) float in 0..1, 1 = performer, from (H, W, 3) uint8 RGB."""
+    def __call__(self, image: np.ndarray, camera: str, frame: int, /) -> np.ndarray:
+        """(H, W) float in 0..1, 1 = performer.
+
+        Args:
+            image: (H, W, 3) uint8 RGB, as filmed.
+            camera: the camera's name.
+            frame: the frame number.
+        """
         ...
 
 
 class FunctionMaskSource:
-    """A `MaskSource` that calls a `MattingFunction`; for `Footage.with_mask_source`.
+    """A `MaskSource` that calls a `MaskFunction`.
+
+    As a decorator of a function in a module, it makes the function's name a source for `capture.masks: MODULE:NAME`,
+    with which all commands and `v3studio.run` work.
 
     Args:
         function: computes the masks.
-        name: name of the function in errors.
+        name: name of the function in errors; None: its own.
         files: files that the function depends on; a take becomes stale when they change. Errors name the first one.
+            None: the function's source file.
         cache: disk cache of the masks; None: no cache.
         components: maximum number of connected components, largest first; 0: no limit.
         garbage: where the performer may be; None: everywhere.
@@ -36,16 +48,17 @@ class FunctionMaskSource:
 
     def __init__(
         self,
-        function: MattingFunction,
-        name: str = "matting function",
+        function: MaskFunction,
+        name: str | None = None,
         *,
-        files: Sequence[Path] = (),
+        files: Sequence[Path] | None = None,
         cache: MaskCache | None = None,
         components: int = 0,
         garbage: GarbageMasks | None = None,
     ) -> None:
-        self._function, self._name = function, name
-        self._files = list(files)
+        self._function = function
+        self._name = getattr(function, "__name__", "mask function") if name is None else name
+        self._files = _source_files(function) if files is None else list(files)
         self._cache = cache
         self._components = components
         self._garbage = garbage
@@ -68,12 +81,20 @@ class FunctionMaskSource:
             mask = mask * inside.astype(np.uint8)
         return _largest(mask, self._components) if self._components else mask
 
+    @property
+    def import_path(self) -> str:
+        """MODULE:NAME, the value of `capture.masks`. In a script, the module is that of the script's file."""
+        module = getattr(self._function, "__module__", "")
+        if module == "__main__":
+            module = Path(getattr(sys.modules["__main__"], "__file__", None) or "").stem
+        return f"{module}:{getattr(self._function, '__qualname__', '')}"
+
     def files(self) -> list[Path]:
         """See `MaskSource`."""
         return self._files + (self._garbage.files() if self._garbage is not None else [])
 
     def _compute(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        values = np.asarray(self._function(image))
+        values = np.asarray(self._function(image, camera, frame))
         problem = ""
         found: object = None
         if values.shape != image.shape[:2] or values.dtype.kind != "f":
@@ -95,6 +116,15 @@ class FunctionMaskSource:
                 frame=frame,
             )
         return np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
+
+
+def _source_files(function: object) -> list[Path]:
+    """The file that defines a function; none for one that was typed in."""
+    try:
+        file = inspect.getsourcefile(function)  # type: ignore[arg-type]
+    except TypeError:  # an object that can be called
+        return []
+    return [Path(file)] if file is not None and Path(file).is_file() else []
 
 
 def _largest(mask: np.ndarray, components: int) -> np.ndarray:

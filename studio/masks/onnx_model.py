@@ -52,7 +52,7 @@ KINDS: dict[ModelKind, Kind] = {
 
 
 class OnnxModel:
-    """A `MattingFunction`. The file is loaded with the first image. Thread safe.
+    """A matting function. The file is loaded with the first image. Thread safe.
 
     The model must have one float input, 1 x 3 x height x width, RGB. Its mask is the first output with one channel
     and two spatial dimensions above 1.
@@ -315,6 +315,11 @@ def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
         recipe = spec.model_dump_json(include=set(OnnxSettings.model_fields) - {"mask_model"})
         cache = MaskCache(inputs.cache_folder / "masks", f"{digest_files(path.parent, files)} {recipe}")
     source = FunctionMaskSource(
-        model, "matting model", files=files, cache=cache, components=spec.mask_components, garbage=inputs.garbage
+        lambda image, camera, frame: model(image),
+        "matting model",
+        files=files,
+        cache=cache,
+        components=spec.mask_components,
+        garbage=inputs.garbage,
     )
     return source, f"matting model {spec.mask_model}"

@@ -11,6 +11,7 @@ from studio.counts import listed
 from studio.masks.agreed import open_agreed
 from studio.masks.alpha import open_alpha
 from studio.masks.chroma_key import open_chroma_key
+from studio.masks.imported import open_imported
 from studio.masks.mask_files import open_files
 from studio.masks.mask_source import MaskInputs, MaskSource, MissingMaskSource, open_none
 from studio.masks.onnx_model import open_model
@@ -58,6 +59,9 @@ def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
         StudioError: `mask.*`: its files are not found, or files for a camera or frame are missing.
     """
     kind = inputs.spec.masks
+    if ":" in kind:
+        own, words = open_imported(inputs)
+        return own, f"Masks: {words}."
     for source in SOURCES:
         if source.name == kind or (kind == "auto" and source.automatic):
             found = source.open(inputs, kind != "auto")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studio.cameras import look_at_pose, nearest_point_to_rays
+from studio.cameras import Camera, Rig, look_at_pose, nearest_point_to_rays, orbit
+from tests.support.errors import refuses
 from tests.support.rigs import camera_at, ring
 
 DISTORTIONS = {
@@ -71,3 +72,39 @@ def test_two_skew_lines() -> None:
 def test_parallel_lines_give_the_point_of_least_norm() -> None:
     origins, directions = np.array([[0.0, 0, 7], [2.0, 0, -4]]), np.array([[0.0, 0, 1], [0, 0, 1]])
     np.testing.assert_allclose(nearest_point_to_rays(origins, directions), [1, 0, 0], atol=1e-12)
+
+
+def test_a_camera_looks_at_what_it_is_told_to() -> None:
+    camera = Camera.look_at((1, 2, 3), (-2, 0, 1), (0, 0, 2), width=80, height=60, field_of_view=50, name="a")
+    pixels, depth = camera.project(np.array([[-2.0, 0, 1], [-2.0, 0, 1.5]]))
+    assert pixels[0] == pytest.approx([40, 30])
+    assert depth[0] == pytest.approx(np.sqrt(17))
+    assert pixels[1][0] == pytest.approx(40), "up is up in the image"
+    assert pixels[1][1] < 30
+    top = camera.ray_directions(np.array([[40.0, 0], [40.0, 60]]))
+    assert np.degrees(np.arccos(top[0] @ top[1])) == pytest.approx(50)
+    for target, up in (((1, 2, 3), (0, 0, 1)), ((1, 2, 9), (0, 0, 1)), ((0, 0, 0), (0, 0, 0))):
+        with refuses("camera.no_direction", camera="a"):
+            Camera.look_at((1, 2, 3), target, up, width=8, height=6, name="a")
+
+
+def test_an_orbit_is_a_circle_around_its_target() -> None:
+    target, up = np.array([1.0, -2.0, 0.5]), np.array([0.0, 0.6, 0.8])
+    rig = orbit(target, 3.0, 8, width=64, height=64, up=5 * up, elevation=20)
+    centers = np.array([camera.center for camera in rig])
+    assert np.linalg.norm(centers - target, axis=1) == pytest.approx(np.full(8, 3.0))
+    assert (centers - target) @ up == pytest.approx(np.full(8, 3 * np.sin(np.radians(20))))
+    steps = np.linalg.norm(centers - np.roll(centers, 1, axis=0), axis=1)
+    assert steps == pytest.approx(np.full(8, steps[0]))
+    for camera in rig:
+        assert camera.project(target[None])[0][0] == pytest.approx([32, 32])
+
+
+def test_a_rig_is_shown_with_a_line_per_camera() -> None:
+    rig = Rig(tuple(ring(3)))
+    lines = repr(rig).splitlines()
+    assert len(lines) == 4
+    for camera, line in zip(rig, lines[1:], strict=True):
+        assert camera.name in line
+        assert f"{camera.width}x{camera.height}" in line
+        assert len(line) < 140

@@ -66,3 +66,13 @@ def test_examples_use_the_public_face_only() -> None:
         lines = script.read_text(encoding="utf-8").splitlines()
         assert not [line for line in lines if line.startswith(("import studio", "from studio", "from pipelines"))]
         assert script.name in (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
+
+
+def test_paths_may_be_text(tmp_path: Path) -> None:
+    take = v3studio.Take.create(str(tmp_path / "take"))
+    assert v3studio.Take.open(str(tmp_path / "take")) == take
+    (tmp_path / "a.yaml").write_text("bake: {quality: 31}")
+    assert v3studio.load_config(str(tmp_path / "a.yaml")).bake.quality == 31
+    rig = v3studio.orbit((0, 0, 0), 2.0, 3, width=8, height=6)
+    v3studio.write_rig(rig, str(tmp_path / "rig.json"))
+    assert v3studio.read_rig(str(tmp_path / "rig.json")).names == rig.names

@@ -43,13 +43,14 @@ class TiePoint:
     frame: int | None = None
 
 
-def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
+def read_tie_points(path: Path | str) -> tuple[TiePoint, ...]:
     """Read a tie point file.
 
     Raises:
         StudioError: the file is unreadable (tie_points.unreadable), not YAML (tie_points.syntax), or a value is invalid
             (tie_points.*).
     """
+    path = Path(path)
     try:
         text = read_bounded(path).decode("utf-8-sig")
     except OSError as error:

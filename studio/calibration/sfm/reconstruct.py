@@ -38,7 +38,7 @@ def calibrate_from_images(
     images: Mapping[str, Pictures],
     masks: Mapping[str, Pictures] | None = None,
     *,
-    workdir: Path,
+    workdir: Path | str,
     known: Mapping[str, Camera] | None = None,
     poses: Rig | None = None,
     focal_lengths: Mapping[str, float] | None = None,
@@ -81,6 +81,7 @@ def calibrate_from_images(
             camera name to reason).
         Cancelled: from `progress`.
     """
+    workdir = Path(workdir)
     settings = settings or CalibrateSettings()
     started = time.monotonic()
     names = list(images)

@@ -24,7 +24,7 @@ _EDGE = 8.0  # unprintable margin in millimeters
 _TEXT = 9.0  # millimeters for the ruler and text below the target
 
 
-def write_target_pdf(target: CalibrationTarget, path: Path, *, paper: str = "fit") -> tuple[float, float]:
+def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str = "fit") -> tuple[float, float]:
     """Write a target as a PDF.
 
     Args:
@@ -40,6 +40,7 @@ def write_target_pdf(target: CalibrationTarget, path: Path, *, paper: str = "fit
         StudioError: the paper is unknown (target.paper), the target does not fit on it (target.too_large), or the file
             cannot be written (target.unwritable).
     """
+    path = Path(path)
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.figure import Figure

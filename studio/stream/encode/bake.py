@@ -52,7 +52,7 @@ def group_folder_name(group: int) -> str:
 
 def bake_group(
     frames: Sequence[Gaussians] | Iterable[Gaussians],
-    directory: Path,
+    directory: Path | str,
     group: int,
     first_frame: int,
     settings: BakeSettings,
@@ -92,6 +92,7 @@ def bake_group(
         StudioError: no frames, differing splat counts, values that are not finite, a target that no QP reaches, no
             `contribution`, `finetuned` or `error` where it is needed, or the folder cannot be written.
     """
+    directory = Path(directory)
     frames = frames if isinstance(frames, Sequence) else list(frames)
     if not frames:
         raise StudioError("bake.no_frames", f"group {group} has no frames", group=group)

@@ -46,7 +46,7 @@ PAGE_BYTES = 256 << 10
 
 
 def write_manifest(
-    directory: Path,
+    directory: Path | str,
     groups: Sequence[GroupEntry],
     fps: float,
     settings: BakeSettings,
@@ -74,6 +74,7 @@ def write_manifest(
         StudioError: groups out of order, of another profile or with other renditions, or a file is missing or has a
             different size, or cannot be written.
     """
+    directory = Path(directory)
     path = directory / MANIFEST_NAME
     if not groups:
         raise StudioError("bake.no_groups", "a stream needs at least one group", file=path)

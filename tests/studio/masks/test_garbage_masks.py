@@ -77,7 +77,7 @@ def test_files_digest_and_own_functions(capture: Path) -> None:
     spec = CaptureSettings(root=capture, masks="files", garbage_masks="garbage.yaml")
     footage = open_footage(spec)
     assert path in footage.files()
-    own = footage.with_mask_source(FunctionMaskSource(lambda image: np.ones(image.shape[:2])))
+    own = footage.with_mask_source(FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape[:2])))
     assert own.mask("01", 0)[:, 48:].max() == 0
     before = footage.digest()
     path.write_text("01: {remove: [[[50, 0], [96, 0], [96, 64], [48, 64]]]}")

@@ -211,7 +211,7 @@ def test_cached_masks_belong_to_one_image_and_recipe(tmp_path: Path) -> None:
 
 
 def test_any_function_can_compute_masks(three_videos: Path) -> None:
-    def bright(image: np.ndarray, /) -> np.ndarray:
+    def bright(image: np.ndarray, camera: str, frame: int, /) -> np.ndarray:
         return image.mean(axis=2) / 255
 
     footage = open_footage(CaptureSettings(root=three_videos, masks="none")).with_mask_source(
@@ -223,15 +223,23 @@ def test_any_function_can_compute_masks(three_videos: Path) -> None:
 @pytest.mark.parametrize(
     ("function", "value", "text"),
     [
-        (lambda image: np.zeros((4, 4)), "(4, 4) float64", "expected floats of shape (64, 96)"),
-        (lambda image: np.zeros(image.shape[:2], np.uint8), "(64, 96) uint8", "expected floats of shape (64, 96)"),
-        (lambda image: np.full(image.shape[:2], np.nan), None, "NaN or infinite"),
-        (lambda image: np.full(image.shape[:2], 255.0), (255, 255), "values from 255 to 255; expected 0 to 1"),
+        (lambda *_: np.zeros((4, 4)), "(4, 4) float64", "expected floats of shape (64, 96)"),
+        (
+            lambda image, camera, frame: np.zeros(image.shape[:2], np.uint8),
+            "(64, 96) uint8",
+            "expected floats of shape (64, 96)",
+        ),
+        (lambda image, *_: np.full(image.shape[:2], np.nan), None, "NaN or infinite"),
+        (
+            lambda image, camera, frame: np.full(image.shape[:2], 255.0),
+            (255, 255),
+            "values from 255 to 255; expected 0 to 1",
+        ),
     ],
 )
 def test_functions_that_do_not_return_a_mask(function: object, value: object, text: str) -> None:
     with refuses("mask.function_output", file=None, value=value, camera="a", frame=3) as caught:
-        FunctionMaskSource(function, "my function").mask("a", 3, noisy())  # type: ignore[arg-type]
+        FunctionMaskSource(function, "my function", files=()).mask("a", 3, noisy())  # type: ignore[arg-type]
     assert str(caught.value).startswith("my function, camera 'a', frame 3: returned ")
     assert text in str(caught.value)
 
@@ -242,5 +250,52 @@ def test_only_the_largest_component_is_kept() -> None:
     mask = cv2.GaussianBlur(mask, (0, 0), 1)
     both = mask.copy()
     both[50:60, 80:90] = 1.0
-    found = FunctionMaskSource(lambda image: both, components=1).mask("a", 0, noisy())
+    found = FunctionMaskSource(lambda image, camera, frame: both, components=1).mask("a", 0, noisy())
     assert np.array_equal(found, np.rint(255 * mask).astype(np.uint8))
+
+
+def test_a_function_knows_the_camera_and_the_frame() -> None:
+    seen = []
+
+    def source(image: np.ndarray, camera: str, frame: int, /) -> np.ndarray:
+        seen.append((camera, frame))
+        return np.zeros(image.shape[:2])
+
+    own = FunctionMaskSource(source)
+    own.mask("cam7", 12, noisy())
+    assert seen == [("cam7", 12)]
+    assert own.files() == [Path(__file__)], "changing the function makes a take stale"
+
+
+MODULE = """
+import numpy as np
+import v3studio as v3
+
+@v3.FunctionMaskSource
+def bright(image, camera, frame):
+    return image.mean(axis=2) / 255
+
+def plain(image, camera, frame):
+    return np.zeros(image.shape[:2])
+"""
+
+
+def test_a_source_by_import_path(three_videos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = tmp_path / "own_masks_of_a_test.py"
+    module.write_text(MODULE)
+    settings = CaptureSettings(root=three_videos, masks="own_masks_of_a_test:bright")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with refuses("mask.cannot_import", value=settings.masks):
+        open_footage(settings)  # what lies in the working directory is not run: it may be anybody's
+    monkeypatch.chdir(tmp_path.parent)
+    footage = open_footage(settings)
+    assert np.abs(footage.mask("cam1", 6) - footage.image("cam1", 6).mean(axis=2)).max() <= 0.5
+    assert module in footage.files()
+    for name in ("plain", "nothing", "np"):
+        with refuses("mask.not_a_source"):
+            open_footage(settings.replace(masks=f"own_masks_of_a_test:{name}"))
+    source = importlib.import_module(module.stem).bright
+    assert CaptureSettings(masks=source).masks == settings.masks, "the object stands for its path"
+    with refuses("mask.cannot_import"):
+        open_footage(settings.replace(masks="no_such_module_here:bright"))

@@ -1,0 +1,72 @@
+"""Masks from a source in a Python module of the user's: `capture.masks: MODULE:NAME`."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+from studio.errors import StudioError
+from studio.masks.mask_source import MaskInputs, MaskSource
+
+_LOCK = threading.Lock()
+
+
+def open_imported(inputs: MaskInputs) -> tuple[MaskSource, str]:
+    """The source that `capture.masks` names, and a phrase that describes it.
+
+    Raises:
+        StudioError: the module cannot be imported (`mask.cannot_import`), or the name is not a source of masks
+            (`mask.not_a_source`).
+    """
+    path = inputs.spec.masks
+    name, _, attribute = path.partition(":")
+    found = getattr(_module(name, path), attribute, None)
+    if isinstance(found, type) or not isinstance(found, MaskSource):
+        raise StudioError(
+            "mask.not_a_source",
+            f"capture.masks is {path}, but {attribute} in the module {name} is not a source of masks",
+            value=path,
+            fix="Write @v3studio.FunctionMaskSource above the function, or name an object with the methods of "
+            "v3studio.MaskSource.",
+            setting="capture.masks",
+        )
+    return found, path
+
+
+def _module(name: str, path: str) -> ModuleType:
+    """The module. One that was not imported yet is not looked for in the working directory, where anybody's files may
+    be, such as those of a take: a take's settings must not run them."""
+    main = sys.modules.get("__main__")
+    if main is not None and Path(getattr(main, "__file__", None) or "").stem == name:
+        return main
+    if name in sys.modules:
+        return sys.modules[name]
+    try:
+        with _LOCK, _without_working_directory():
+            return importlib.import_module(name)
+    except ImportError as error:
+        raise StudioError(
+            "mask.cannot_import",
+            f"capture.masks is {path}, but the module {name} cannot be imported ({error})",
+            value=path,
+            fix="Install it, or set PYTHONPATH to its folder.",
+            setting="capture.masks",
+        ) from None
+
+
+@contextmanager
+def _without_working_directory() -> Iterator[None]:
+    wanted = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    before = list(sys.path)
+    here = Path.cwd().resolve()
+    sys.path[:] = [entry for entry in before if entry in wanted or (entry and Path(entry).resolve() != here)]
+    try:
+        yield
+    finally:
+        sys.path[:] = before

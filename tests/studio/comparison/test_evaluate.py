@@ -1,0 +1,45 @@
+"""`evaluate`: PSNR in the box, compared with NumPy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from studio.camera_files import read_rig
+from studio.capture import CaptureSettings, open_footage
+from studio.comparison import evaluate
+from studio.gaussians import Gaussians
+from tests.support.tiny_capture import write_capture
+
+
+def far_away() -> Gaussians:
+    """A splat that no camera sees."""
+    return Gaussians.from_activated(
+        means=torch.full((1, 3), 1e4),
+        quats=torch.tensor([[1.0, 0, 0, 0]]),
+        scales=torch.full((1, 3), 1e-3),
+        opacities=torch.tensor([0.5]),
+        sh=torch.zeros(1, 1, 3),
+    )
+
+
+@pytest.mark.parametrize("padding", [3, None])
+def test_nothing_rendered_is_as_far_as_the_footage_is_from_black(padding: int | None, tmp_path: Path) -> None:
+    write_capture(tmp_path, frames=2)
+    settings = CaptureSettings(root=tmp_path, images="images/{camera}/{frame:03d}.png", held_out=("cam4",))
+    footage = open_footage(settings, read_rig(str(tmp_path / "cameras.json")))
+    found = evaluate(far_away(), footage, 1, padding=padding)
+    assert set(found) == {"cam4"}, "the held-out camera"
+    mask = footage.mask("cam4", 1)
+    image = footage.image("cam4", 1) / 255 * (mask[..., None] / 255)
+    if padding is not None:
+        rows, columns = np.nonzero(mask > 127)
+        top, left = max(0, rows.min() - padding), max(0, columns.min() - padding)
+        image = image[top : rows.max() + 1 + padding, left : columns.max() + 1 + padding]
+    assert found["cam4"]["psnr"] == pytest.approx(-10 * np.log10(np.mean(image**2)), abs=1e-3)
+    both = evaluate(far_away(), footage, 1, cameras=("cam0", "cam4"), padding=padding)
+    assert both["cam4"] == found["cam4"]
+    assert both["cam0"] != found["cam4"]
