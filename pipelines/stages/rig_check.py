@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from studio.capture import Footage
 
 
-_VERSION = 1
+_VERSION = 2
 """Of the judgment: another one judges again."""
 
 

@@ -125,12 +125,19 @@ def _verified(first: _Features, second: _Features) -> np.ndarray:
 
 def fitting(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict[tuple[str, str], tuple[int, int]]:
     """Matches that fit the epipolar geometry of two cameras, and all of them, by pair of cameras."""
+    off = distances(cameras, pairs)
+    return {pair: (int((values < TOLERANCE).sum()), len(values)) for pair, values in off.items()}
+
+
+def distances(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict[tuple[str, str], np.ndarray]:
+    """(M,) distances of matches from the epipolar lines of two cameras, by pair of cameras; fractions of the images'
+    longer side."""
     found = {}
     for pair in pairs:
         first, second = cameras[pair.first], cameras[pair.second]
-        limit = TOLERANCE * max(first.width, first.height, second.width, second.height)
+        longer = max(first.width, first.height, second.width, second.height)
         off = _sampson(_fundamental(first, second), pair.first_pixels, pair.second_pixels)
-        found[pair.first, pair.second] = int((off < limit).sum()), len(off)
+        found[pair.first, pair.second] = off / longer
     return found
 
 

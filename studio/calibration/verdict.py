@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, fitting
+from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, distances, fitting
 from studio.cameras import Camera
 from studio.counts import cameras_listed
 
@@ -26,6 +26,9 @@ _MOST = 1 / 3
 """Of the cameras: if more disagree, it is the rig, or the masks, and not single cameras."""
 _SCALES, _NEAR = np.geomspace(0.5, 2.0, 29), np.geomspace(0.95, 1.05, 11)
 """Factors of focal lengths that are tried, and those around the best of them."""
+
+_SCALE_OFF = 0.04
+"""Logarithm of a factor of all focal lengths from which on it is tested whether they are wrong."""
 
 
 class _Model(BaseModel):
@@ -124,6 +127,10 @@ class _Evidence:
         """
         return _share(fitting(cameras, [pair for pair in self._pairs if _counts(pair.first, pair.second, of, without)]))
 
+    def median(self, cameras: Cameras) -> float:
+        """Median distance of the matches from the epipolar lines, as a fraction of the images' longer side."""
+        return float(np.median(np.concatenate(list(distances(cameras, self._pairs).values()))))
+
     def doubtful(self) -> list[str]:
         """Cameras whose matches with the others do not fit, found one at a time, the worst first."""
         counts = fitting(self.cameras, self._pairs)
@@ -186,6 +193,15 @@ def _images(evidence: _Evidence) -> RigVerdict:
             f"{cause}",
             fix=fix,
             doubtful=tuple(doubtful),
+            blamed="cameras",
+        )
+    scale = _wrong_scale(evidence)
+    if scale is not None:
+        return RigVerdict(
+            grade="wrong",
+            reason=f"This rig is wrong: with focal lengths {scale:.2f} times as long, the matches between the images "
+            "are less than half as far from where the cameras put them.",
+            fix="Check the focal lengths and the images' size.",
             blamed="cameras",
         )
     return RigVerdict(grade="good", reason=f"{share:.0%} of the matches between the images fit the cameras.")
@@ -282,6 +298,18 @@ def _best_scale(
         ]
         best = max(shares, key=lambda found: found[1])
     return best
+
+
+def _wrong_scale(evidence: _Evidence) -> float | None:
+    """The factor by which all focal lengths are wrong, though most matches fit: cameras that nearly face one point
+    tolerate 10%. None if they are not."""
+
+    def off(scale: float) -> float:
+        return evidence.median(_scaled(evidence.cameras, evidence.cameras, scale))
+
+    best = min(_SCALES, key=off)
+    best = float(min((best * near for near in _NEAR), key=off))
+    return best if abs(np.log(best)) > _SCALE_OFF and off(best) < off(1.0) / 2 else None
 
 
 def _scaled(cameras: Cameras, names: Collection[str], scale: float) -> Cameras:
