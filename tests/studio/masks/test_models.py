@@ -1,0 +1,74 @@
+"""Downloading matting models, from a package that the test makes."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import tarfile
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from studio.masks.models import MODELS, Model, get_model, model_named
+from tests.support.errors import refuses
+
+WEIGHTS = bytes(range(256)) * 40
+
+
+def package_of(name: str, folder: Path) -> Path:
+    """A package with `WEIGHTS`, laid out as that of the model."""
+    path = folder / "package"
+    if name == "u2netp":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("rembg/u2netp.onnx", WEIGHTS)
+        return path
+    chunks = {"aa": WEIGHTS[:5000], "bb": WEIGHTS[5000:]}
+    index = {"/models/medium": {"chunks": [{"hash": key} for key in chunks]}}
+    with tarfile.open(path, "w:gz") as archive:
+        for file, data in {
+            "bb": chunks["bb"],
+            "resources.json": json.dumps(index).encode(),
+            "aa": chunks["aa"],
+        }.items():
+            header = tarfile.TarInfo(f"package/dist/{file}")
+            header.size = len(data)
+            archive.addfile(header, io.BytesIO(data))
+    return path
+
+
+def of_weights(model: Model) -> Model:
+    return replace(model, sha256=hashlib.sha256(WEIGHTS).hexdigest())
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+def test_weights_are_unpacked_and_checked(model: Model, tmp_path: Path) -> None:
+    package = package_of(model.name, tmp_path)
+    file = get_model(of_weights(model), tmp_path / "models", package)
+    assert file.name == f"{model.name}.onnx"
+    assert file.read_bytes() == WEIGHTS
+    package.unlink()
+    assert get_model(of_weights(model), tmp_path / "models", package) == file  # not needed again
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+def test_other_weights_are_refused(model: Model, tmp_path: Path) -> None:
+    with refuses("mask.model_damaged"):
+        get_model(model, tmp_path / "models", package_of(model.name, tmp_path))
+    (tmp_path / "package").write_bytes(b"something else")
+    with refuses("mask.model_damaged"):
+        get_model(model, tmp_path / "models", tmp_path / "package")
+    assert not list((tmp_path / "models").glob("*"))
+
+
+def test_what_cannot_be_downloaded_is_reported(tmp_path: Path) -> None:
+    with refuses("mask.model_download"):
+        get_model(replace(MODELS[0], url="http://127.0.0.1:9/package"), tmp_path)
+
+
+def test_models_are_found_by_name() -> None:
+    assert [model_named(model.name) for model in MODELS] == list(MODELS)
+    with refuses("mask.model_unknown", value="resnet"):
+        model_named("resnet")
