@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from studio.capture.detect import MASK_FOLDERS, folders_named
 from studio.capture.settings import MaskKind
 from studio.counts import listed
-from studio.masks.agreed import open_agreed
+from studio.masks.agreement.source import open_agreed
 from studio.masks.alpha import open_alpha
 from studio.masks.chroma_key import open_chroma_key
 from studio.masks.imported import open_imported

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from studio.cameras import Camera, Rig
-from studio.masks.vote import SILENT, heard
+from studio.masks.agreement.vote import SILENT, heard
 from tests.support.rigs import ring
 
 RADIUS = 0.4

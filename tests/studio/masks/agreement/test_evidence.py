@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from studio.capture.settings import DifferenceSettings
-from studio.masks.evidence import LIMIT, evidence_of
+from studio.masks.agreement.evidence import LIMIT, evidence_of
 from studio.masks.median_background import Background
 
 WIDTH, HEIGHT = 240, 160

@@ -23,16 +23,16 @@ from studio.cameras import Camera
 from studio.capture.digest import digest_files
 from studio.capture.settings import DifferenceSettings, OnnxSettings
 from studio.errors import StudioError
+from studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
+from studio.masks.agreement.outlines import color_odds, cut
+from studio.masks.agreement.vote import heard
 from studio.masks.clean_plate import match_exposure, solve_edges
-from studio.masks.evidence import LIMIT, evidence_of, smoothed
 from studio.masks.filters import keep_components
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.median_background import Background
 from studio.masks.onnx_model import open_model
-from studio.masks.outlines import color_odds, cut
 from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background
-from studio.masks.vote import heard
 from studio.memory_cache import MemoryCache
 
 FEWEST_CAMERAS = 6
