@@ -114,9 +114,6 @@ class Shell(Protocol):
     def apply_preferences(self) -> None:
         """Apply the preferences."""
 
-    def marks_changed(self) -> None:
-        """Update the timeline's marks."""
-
     def over_view(self, x: int, y: int) -> bool:
         """Whether a menu or a card lies over the view at a position, window pixels."""
 

@@ -216,7 +216,6 @@ class MainWindow:
 
     def _look_at_marks(self) -> None:
         if self.marks.refresh():  # somebody marked a frame in a browser
-            self.marks_changed()
             self.changed()
 
     # Opening and closing
@@ -359,10 +358,14 @@ class MainWindow:
         if not pausing:  # changes between two draws are invisible
             self.timeline.path_keys = [key.frame for key in self.exports.path.keys] if self.path_panel.shown else []
             self.timeline.busy = self.workspace.busy
+            marked = map(self.player.transport.numbers.index, sorted(self.marks.notes))
+            self.timeline.marks = tuple(index for index in marked if index is not None)
             self._quality.update()
             self.timeline.look(self.input.pointer, self._user.covered)
             changed |= self.timeline.update()
-            changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
+            changed |= self.path_panel.update(
+                self.actions.path.pictures(), self.actions.path.previewing, self.player.transport.numbers
+            )
             changed |= self._update_panels()
             changed |= self.overlays.update()
             changed |= self.actions.search.update()
@@ -434,10 +437,6 @@ class MainWindow:
         words = [notice or status, self.exports.words, self.serving.words]
         self.status.text_color = color(TEXT if notice else DIM)
         return changed | self._set_text(self.status, "   ".join(filter(None, words)))
-
-    def marks_changed(self) -> None:
-        """Update the timeline's marks."""
-        self.timeline.marks = tuple(sorted(self.marks.notes))
 
     def _remember_folder(self, folder: str) -> None:
         self.preferences.folder = folder

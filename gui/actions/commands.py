@@ -186,7 +186,6 @@ class Actions:
         except StudioError as error:
             words = str(error)
         self._window.notices.show(words)
-        self._window.marks_changed()
         self.edits.changed()
 
     def _toggle_sound(self) -> None:

@@ -111,11 +111,11 @@ class EditActions:
         self._window.dialogs.choose("edit kinds", "Which numbers?", list(lines), lambda line: self._ask(lines[line]))
 
     def _ask(self, kind: str) -> None:
-        editor = self._window.views.editor
+        editor, frames = self._window.views.editor, self._window.player.transport.numbers
         title, text = TITLES[kind]
 
         def save(texts: dict[str, str]) -> str:
-            edits = with_numbers(editor.pending or editor.edits, kind, texts, editor.up)
+            edits = with_numbers(editor.pending or editor.edits, kind, texts, editor.up, frames)
             if isinstance(edits, str):
                 return edits
             if kind == "floaters" and editor.tool == "floaters":
@@ -126,7 +126,8 @@ class EditActions:
                 return editor.refused
             return ""
 
-        ask_numbers(self._window.dialogs, title, text, fields_of(editor.pending or editor.edits, kind, editor.up), save)
+        fields = fields_of(editor.pending or editor.edits, kind, editor.up, frames)
+        ask_numbers(self._window.dialogs, title, text, fields, save)
 
     def _ask_brush(self) -> None:
         editor = self._window.views.editor
@@ -174,10 +175,10 @@ class EditActions:
     def _ask_range(self, selected: int, group: range) -> None:
         """In which frames what is selected is to be removed."""
         window = self._window
-        ranges: dict[str, tuple[int, int] | None] = {f"Frames {group[0]} to {group[-1]}, their group": (group[0],) * 2}
-        span = window.player.transport.span
+        words, span = window.player.transport.range_words, window.player.transport.span
+        ranges: dict[str, tuple[int, int] | None] = {f"{words(group[0], group[-1])}, their group": (group[0],) * 2}
         if span is not None and span[0] <= group[-1] and group[0] <= span[1]:
-            ranges[f"Frames {span[0]} to {span[1]}, the span"] = span
+            ranges[f"{words(*span)}, the span"] = span
         ranges["All frames"] = None
         remove = window.views.editor.remove_selected
         title = f"Remove {counted(selected, 'splat')} in"
@@ -185,7 +186,8 @@ class EditActions:
 
     def _list(self) -> None:
         window, editor = self._window, self._window.views.editor
-        lines = {f"Take back {name}: {text}": name for name, text in describe(editor.edits).items()}
+        found = describe(editor.edits, numbers=window.player.transport.numbers)
+        lines = {f"Take back {name}: {text}": name for name, text in found.items()}
 
         def take_back(line: str) -> None:
             editor.commit(without(editor.edits, lines[line]), f"{lines[line]} taken back")

@@ -35,7 +35,7 @@ class MarkActions:
         if window.player.opened is None:
             return
         window.player.transport.pause()
-        frame = window.player.transport.frame
+        frame = window.player.transport.number(window.player.transport.frame)
         known = window.marks.marks.get(frame)
         where = "" if window.marks.kept else " Marks on a stream are lost when it is closed."
         answers: list[tuple[str, str, Callable[[str], None]]] = [
@@ -60,7 +60,6 @@ class MarkActions:
             return
         now = marks.marks.get(frame)
         window.notices.clear("marks")
-        window.marks_changed()
 
         def put(mark: Mark | None, replaces: Mark | None) -> Message | None:
             try:
@@ -75,7 +74,8 @@ class MarkActions:
     def go(self, direction: int) -> None:
         """Go to the next (1) or previous (-1) mark, and to its view."""
         window = self._window
-        frame = window.marks.next_after(window.player.transport.frame, direction)
+        transport = window.player.transport
+        frame = window.marks.next_after(transport.number(transport.frame), direction)
         if frame is not None:
             self._go_to(frame)
 
@@ -88,8 +88,12 @@ class MarkActions:
     def _go_to(self, frame: int) -> None:
         """Go to a mark's frame, and to its view if it has one."""
         player, mark = self._window.player, self._window.marks.marks.get(frame)
+        index = player.transport.numbers.index(frame)
+        if index is None:
+            self._window.notices.show(f"The take does not have frame {frame}.", topic="marks")
+            return
         player.transport.pause()
-        player.transport.seek(frame)
+        player.transport.seek(index)
         if mark is not None and mark.view is not None:
             show_view(player, mark.view)
 

@@ -57,7 +57,6 @@ class Opening:
         threading.Thread(target=give_back, name="v3studio memory", daemon=True).start()
         window.exports.path.open(take.camera_path if take is not None else None, window.workspace.history)
         window.marks = Marks(take.marks if take is not None else None)
-        window.marks_changed()
         window.preferences.opened(str(opened.path))
         window.preferences.save()
         window.player.background = window.preferences.background

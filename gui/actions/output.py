@@ -42,7 +42,8 @@ class OutputActions:
         if picture is None:
             window.notices.show("No image to save yet.")
             return
-        name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
+        number = window.player.transport.number(picture.frame)
+        name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{number:06d}.png"
         opened = window.player.opened
         folder = opened.take.root.parent if opened is not None and opened.take is not None else Path.home()
 
@@ -78,7 +79,8 @@ class OutputActions:
         own = [name for name in opened.sources if name != OTHER]
         sources = sorted(own, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
-        request = ExportRequest(kind or self._kind, str(opened.path), opened.title, folder, *sources[:1])
+        request = ExportRequest(kind or self._kind, str(opened.path), opened.title, folder)
+        request.of = sources[0] if sources else ""
         length = window.player.transport.frame_count / window.player.transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
         request.ranges = self._ranges()
@@ -88,9 +90,12 @@ class OutputActions:
         """Frames that can be exported: all, the one on screen, the selected span."""
         transport = self._window.player.transport
         frame, span = transport.frame, transport.span
-        ranges: dict[str, range | None] = {ALL_FRAMES: None, f"frame {frame}": range(frame, frame + 1)}
+        ranges: dict[str, range | None] = {
+            ALL_FRAMES: None,
+            f"frame {transport.number(frame)}": range(frame, frame + 1),
+        }
         if span is not None:
-            ranges[f"frames {span[0]} to {span[1]}"] = range(span[0], span[1] + 1)
+            ranges[transport.range_words(*span).lower()] = range(span[0], span[1] + 1)
         return ranges
 
     def _ask_export(self, request: ExportRequest, sources: Sequence[str], error: str = "") -> None:

@@ -15,7 +15,7 @@ class Marks:
         path: the file, which may not exist yet. None keeps marks in memory only (for a bare stream).
 
     Attributes:
-        marks: by frame, counted from 0.
+        marks: by frame number in the footage (`FrameNumbers`).
         error: message if the file is damaged, in which case it is never written; "" otherwise.
     """
 
@@ -34,7 +34,7 @@ class Marks:
 
     @property
     def notes(self) -> dict[int, str]:
-        """Notes by frame, with their authors where known."""
+        """Notes by frame number, with their authors where known."""
         return {frame: mark.words for frame, mark in self.marks.items()}
 
     def refresh(self) -> bool:
@@ -58,7 +58,7 @@ class Marks:
         """Mark a frame, or change its note; returns whether there was anything to change.
 
         Args:
-            frame: counted from 0.
+            frame: its number.
             note: the text; unchanged text keeps its author.
             replaces: the frame's mark when the change was begun.
             view: what is on screen; a mark that has a view keeps its own.

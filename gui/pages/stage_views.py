@@ -26,6 +26,7 @@ from gui.pages.review.tools import EDIT_CHOICES
 from gui.pages.review.view import EditView
 from gui.pages.stage_view import StageView, shown_at
 from gui.pages.train import TrainView
+from pipelines.takes.frame_numbers import FrameNumbers
 
 EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 
@@ -69,6 +70,7 @@ class StageViews:
         self.stage = "review"
         self._left_scene_of: object = None
         self._looks: tuple[str, OrbitCamera | None] = ("", None)
+        self._numbered: tuple[object, ...] = (None, None, None)
         self._newest = NewestImage(now)
         self._rest = Rest(now)
         self.clicked: Signal[[]] = Signal()
@@ -287,13 +289,13 @@ class StageViews:
     def _poll(self, size: tuple[int, int], render_size: tuple[int, int], em: float) -> np.ndarray | None:
         stage_view = self.stage_view
         self.player.on_screen = stage_view is None
+        self._number_frames()
         if self.edits_take:
             self._follow_camera()
             self.player.context = self.workspace.context  # whose edits the inspector asks
         if stage_view is None:
             self.player.context = self.workspace.context
             found = self.workspace.assessment
-            self.player.filmed = found.numbers
             self.player.filmed_groups = found.group_starts if found.numbers else ()
             wanted = size if self.player.rests(size) else render_size
             self.player.em = em * wanted[0] / max(size[0], 1)  # texts of a smaller image are enlarged with it
@@ -305,6 +307,16 @@ class StageViews:
         stage_view.em = em * wanted[0] / max(size[0], 1)
         stage_view.frame = self.player.transport.frame
         return stage_view.poll(wanted)
+
+    def _number_frames(self) -> None:
+        """Number the trained frames as they were when they were trained, the others as the settings say now."""
+        opened, filmed = self.player.opened, self.workspace.assessment.numbers
+        trained = opened.numbers.known if opened is not None else ()
+        of = (trained, filmed, self.player.transport)
+        if any(one is not other for one, other in zip(of, self._numbered, strict=True)):
+            self._numbered = of
+            numbers = FrameNumbers((*trained, *filmed[len(trained) :]))
+            self.player.transport.numbers = self.editor.numbers = numbers
 
     @property
     def settled(self) -> bool:

@@ -10,6 +10,7 @@ from open3d.visualization import gui
 from gui.models.camera_path import PathEditor
 from gui.widgets.path_list import HINTS, PathList
 from gui.widgets.picture import ImagePanel
+from pipelines.takes.frame_numbers import FrameNumbers
 
 
 class PathPanel:
@@ -47,20 +48,29 @@ class PathPanel:
         middles = self._list.areas.middles(self.picture.size)
         return {f"{name} {row}" if row >= 0 else name: at for (name, row), at in middles.items()}
 
-    def update(self, thumbnails: Sequence[np.ndarray | None], previewing: bool) -> bool:
-        """Draw what has changed; returns whether anything did."""
+    def update(self, thumbnails: Sequence[np.ndarray | None], previewing: bool, numbers: FrameNumbers) -> bool:
+        """Draw what has changed; returns whether anything did.
+
+        Args:
+            thumbnails: one per view; None while it is being drawn.
+            previewing: whether the path is being played.
+            numbers: of the take's frames.
+        """
         if not self.picture.widget.visible:
             return False
         editor, size = self._editor, self.picture.size
         state = (
-            size, editor.keys, editor.selected, editor.error, previewing, self._down, [id(one) for one in thumbnails],
+            size, editor.keys, editor.selected, editor.error, previewing, self._down, id(numbers),
+            [id(one) for one in thumbnails],
         )  # fmt: skip
         if state == self._drawn:
             return False
         self._drawn = state
         self._list = PathList(*size, self._em, self._down)
         self._down = self._list.down = min(self._down, self._list.most_down(len(editor.keys)))
-        self.picture.show(self._list.draw(editor.keys, thumbnails, editor.selected, previewing, editor.error))
+        self.picture.show(
+            self._list.draw(editor.keys, thumbnails, editor.selected, previewing, editor.error, numbers.number)
+        )
         return True
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:

@@ -84,6 +84,7 @@ class TimelinePanel:
             self._picture_size[1] if has_pictures(self._player) else 0,
             transport.span,
             transport.fps,
+            transport.numbers,
         )
 
     @property
@@ -112,6 +113,7 @@ class TimelinePanel:
             self.picture.size,
             transport.frame_count,
             transport.group_starts,
+            id(transport.numbers),
             id(self.plots),
             self.marks,
             self._keys,

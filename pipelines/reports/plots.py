@@ -24,10 +24,10 @@ def plots(take: Take, groups: Sequence[Group], evaluation: Evaluation, marks: Ma
         take: the take.
         groups: its groups.
         evaluation: its evaluation.
-        marks: notes by frame, counted from 0.
+        marks: notes by frame number in the footage.
     """
     rows = evaluation.frames
-    marked = [row.frame for row in rows if row.index in marks]
+    marked = [row.frame for row in rows if row.frame in marks]
     return {
         "quality": _svg(_quality_plot, rows, marked),
         "flicker": _svg(_flicker_plot, rows, marked),
@@ -47,7 +47,7 @@ class MarkRow:
 
 def mark_rows(evaluation: Evaluation, marks: Mapping[int, str]) -> list[MarkRow]:
     """The table of marks, in order."""
-    rows = {row.index: row for row in evaluation.frames}
+    rows = {row.frame: row for row in evaluation.frames}
     return [MarkRow(frame, marks[frame], rows.get(frame)) for frame in sorted(marks)]
 
 

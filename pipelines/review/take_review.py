@@ -12,6 +12,7 @@ import numpy as np
 from pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
 from pipelines.stages.footage import TakeFootage, performer_over
 from pipelines.takes.evaluation import Evaluation, measured_earlier_bake, read_evaluation
+from pipelines.takes.frame_numbers import trained_numbers
 from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
 from pipelines.takes.take import Take
 from pipelines.takes.videos import capture_place
@@ -118,7 +119,8 @@ class TakeReview:
         """
         if change.frame >= self.frame_count:
             raise StudioError("review.no_frame", "the take has no such frame", value=change.frame)
-        frame, back = self.place.first_frame + change.frame, self.place.world.inverse
+        frame = trained_numbers(self.take).number(self.place.first_frame + change.frame)
+        back = self.place.world.inverse
         new, old = (
             None
             if one is None
@@ -130,11 +132,12 @@ class TakeReview:
     def _in_stream(self, marks: dict[int, Mark]) -> tuple[Mark, ...]:
         """Marks of a take, with frames and positions of its stream; those of frames that it does not have are left
         out."""
-        first, world = self.place.first_frame, self.place.world
+        first, world, numbers = self.place.first_frame, self.place.world, trained_numbers(self.take)
+        indices = {numbers.index(frame): mark for frame, mark in sorted(marks.items())}
         return tuple(
-            mark.model_copy(update={"frame": frame - first, "view": _seen_from(mark.view, world)})
-            for frame, mark in sorted(marks.items())
-            if 0 <= frame - first < self.frame_count
+            mark.model_copy(update={"frame": index - first, "view": _seen_from(mark.view, world)})
+            for index, mark in indices.items()
+            if index is not None and 0 <= index - first < self.frame_count
         )
 
     def _stream(self) -> tuple[int, CapturePlace]:

@@ -59,7 +59,8 @@ class Mark(Result):
     """A marked frame."""
 
     frame: int = Field(ge=0, strict=True)
-    """Counted from 0 in the take."""
+    """Frame number in the footage (`pipelines.takes.frame_numbers`); what browsers exchange is counted from 0 in the
+    stream."""
 
     note: str
 
@@ -82,7 +83,7 @@ class Marks(Result):
 
 
 def read_marks(path: Path) -> dict[int, Mark]:
-    """Marks by frame, counted from 0 in the take; empty if the file does not exist.
+    """Marks by frame number; empty if the file does not exist.
 
     Raises:
         StudioError: the file is not what this module writes (`take.marks_damaged`).
@@ -95,7 +96,7 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
 
     Args:
         path: marks.json, which may not exist yet.
-        frame: counted from 0 in the take.
+        frame: its number.
         mark: the new mark; None removes it. Note and author are made plain (`plain_text`).
         replaces: the frame's mark as it was when the change was begun; None for none.
 

@@ -107,7 +107,7 @@ def in_region(region: Region, paths: Paths) -> np.ndarray:
     frames = [at for at, index in enumerate(paths.indices) if first <= index <= last]
     if not frames:
         return np.zeros(paths.means.shape[1], bool)
-    if region.drawn in paths.indices:
+    if region.drawn is not None and region.drawn in paths.indices:
         return _inside(region, paths.means[paths.indices.index(region.drawn)])
     return _mostly(np.stack([_inside(region, paths.means[at]) for at in frames]))
 

@@ -47,7 +47,6 @@ class PlayerPresenter(Viewpoint):
         read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
 
     Attributes:
-        filmed: frame numbers in the footage's files; empty if unknown.
         filmed_groups: first frame of each group of the footage; empty if unknown.
         audio: the sound of the open stream; None if it has none.
         on_screen: whether the viewport shows the player.
@@ -71,7 +70,6 @@ class PlayerPresenter(Viewpoint):
         self._wanted = "decoded"  # what was chosen, also while there is no such source, as during a bake
         self._shown = Rate(now)
         self._contents: tuple[object, ...] = ()
-        self.filmed: Sequence[int] = ()
         self.filmed_groups: Sequence[int] = ()
         self.wipe = 0.5
         self.transport = Transport(1, FALLBACK_FPS, now=now)
@@ -114,6 +112,7 @@ class PlayerPresenter(Viewpoint):
         self.mode, self.camera = "single", ""
         self.what = self._wanted = opened.default.name if opened.default is not None else "decoded"
         self.transport = Transport(1, FALLBACK_FPS, now=self._now)
+        self.transport.numbers = opened.numbers
         self._fit_transport()
         self._look_home(first)
         self.picture = None
@@ -307,7 +306,7 @@ class PlayerPresenter(Viewpoint):
         done = self._worker.take()
         picture = self._received(done) if done is not None else None
         if self._left_out is not None and (self.picture is None or not self.transport.playing):
-            self._problem = f"Frame {self._left_out[0]}: {self._left_out[1]}"
+            self._problem = f"Frame {self.transport.number(self._left_out[0])}: {self._left_out[1]}"
         return picture
 
     def _request(self) -> RenderRequest | None:
@@ -401,7 +400,7 @@ class PlayerPresenter(Viewpoint):
             return None
         if done.error is not None:
             what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
-            self._problem = f"Frame {done.request.frame}: {what}"
+            self._problem = f"Frame {self.transport.number(done.request.frame)}: {what}"
             self.transport.pause()
             return None
         wanted = self._request()
@@ -433,10 +432,10 @@ class PlayerPresenter(Viewpoint):
         if self.picture is None or self.source is None:
             return ""
         picture = self.picture
-        frame, current = self.frame, self.current
+        frame, current, number = self.frame, self.current, self.transport.number
         parts = [
             self._shown_label() if self.mode == "single" else self.mode,
-            f"frame {frame} (0 to {self.transport.last})",
+            f"frame {number(frame)} ({number(0)} to {number(self.transport.last)})",
             f"{frame / self.transport.fps:.2f} s",
             self.camera or "free view",
         ]

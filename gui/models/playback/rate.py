@@ -13,21 +13,16 @@ SPAN = 2.0
 class Rate:
     """Count with `hit`, read `value`.
 
-    Attributes:
-        hits: total number of events.
-
     Args:
         now: a clock in seconds that never runs backwards.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
-        self.hits = 0
         self._times: deque[float] = deque(maxlen=240)
 
     def hit(self) -> None:
         """Count an event now."""
-        self.hits += 1
         self._times.append(self._now())
 
     @property

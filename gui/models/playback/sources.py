@@ -16,6 +16,7 @@ from gui.models.playback.stream_source import StreamSource
 from pipelines.takes.edited import EditedGroup
 from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
 from pipelines.takes.take import Take
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.cameras import Camera, Rig
@@ -58,6 +59,7 @@ class Opened:
         view: the initial camera; None if unknown.
         up: (3,) world up direction; z if no camera is known.
         trim: the frames that the take's edits keep; None for all.
+        numbers: of the trained frames, as people know them.
         reach: (N, 3) points of the performer in frames spread over the take, world coordinates; none for a bare stream.
     """
 
@@ -70,6 +72,7 @@ class Opened:
     take: Take | None = None
     message: str = ""
     trim: Trim | None = None
+    numbers: FrameNumbers = field(default_factory=FrameNumbers)
     reach: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
@@ -221,6 +224,7 @@ def _open_take(path: Path) -> Opened:
     if take.trained_files()[0]:
         try:
             trained = TrainedSource(take, _fps(take, opened))
+            opened.numbers = trained_numbers(take)
             opened.sources[trained.name] = trained
         except StudioError as error:
             problems.append(str(error))

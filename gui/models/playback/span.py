@@ -14,17 +14,20 @@ SPANNED = (QUALITY, "bytes", FLICKER.name)
 """What the figures are made of."""
 
 
-def span_rows(series: Series, first: int, last: int, other: Series | None = None) -> list[tuple[str, str]]:
+def span_rows(
+    series: Series, first: int, last: int, other: Series | None = None, number: Callable[[int], int] = int
+) -> list[tuple[str, str]]:
     """(name, value) of each figure of the frames from `first` to `last` that is known.
 
     Args:
         series: values of every frame by name of `SPANNED`; None where nothing was measured.
         first, last: frames, both inclusive.
         other: the same of what it is compared with, whose figures follow a slash.
+        number: gives the number by which people know a frame.
     """
     frames = slice(first, last + 1)
     measured = [(value, first + at) for at, value in enumerate(series.get(QUALITY, ())[frames]) if value is not None]
-    where = f", frame {min(measured)[1]}" if measured else ""
+    where = f", frame {number(min(measured)[1])}" if measured else ""
     quality, flicker = f".{MAIN.digits}f", f".{FLICKER.digits}f"
     figures: tuple[tuple[str, str, Callable[[list[float]], float], str, str], ...] = (
         (f"{MAIN.title}, mean", QUALITY, fmean, quality, MAIN.unit),

@@ -87,7 +87,7 @@ class StreamSource:
             StudioError: `playback.nothing_playable`, `playback.closed`, or the server does not respond.
         """
         if frame < self.first:
-            raise LeftOut("playback.trimmed", f"the stream begins with frame {self.first} of the take", frame=frame)
+            raise LeftOut("playback.trimmed", "trimmed off: the stream does not have it", frame=frame)
         frame -= self.first
         with self._changed:
             self._wanted = frame

@@ -10,6 +10,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, text_width
 from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from gui.models.playback.timeline import Timeline
+from pipelines.takes.frame_numbers import FrameNumbers
 from studio.comparison.metrics import FLICKER, MAIN
 from studio.edits.edit_list import Trim
 
@@ -145,6 +146,7 @@ class TimelinePlots:
         strip: height of the strip of images above the plots, pixels; 0 for none.
         span: first and last frame of the selected span; None for none.
         fps: frame rate, for times beside the numbers of frames; 0 for none.
+        numbers: by which people know the frames.
     """
 
     width: int
@@ -158,6 +160,7 @@ class TimelinePlots:
     strip: int = 0
     span: tuple[int, int] | None = None
     fps: float = 0.0
+    numbers: FrameNumbers = field(default_factory=FrameNumbers)
 
     @property
     def left(self) -> int:
@@ -220,7 +223,8 @@ class TimelinePlots:
         self._span_marks(canvas, timeline)
         words = "Frame"
         if self.shown is not None:
-            words = f"Frame, {timeline.frame_at(0)} to {timeline.frame_at(timeline.width - 1)} in view"
+            first, last = (self.numbers.number(timeline.frame_at(x)) for x in (0, timeline.width - 1))
+            words = f"Frame, {first} to {last} in view"
         canvas.text(0, self._track + self.track_height / 2 - self._size(99) * 0.62, words, self._size(99), DIM)
         for mark in marks:
             if mark < self.frame_count and timeline.shows(mark):
@@ -254,9 +258,9 @@ class TimelinePlots:
         canvas.pixels[self._track :, self.left :][shown] = marks[shown]
         if frame is None:
             return canvas.pixels
-        size = self._size(99)
+        size, number = self._size(99), str(self.numbers.number(frame))
         right = self.left - 8
-        canvas.text(right, self._track + self.track_height / 2 - size * 0.62, str(frame), size, TEXT, align="right")
+        canvas.text(right, self._track + self.track_height / 2 - size * 0.62, number, size, TEXT, align="right")
         for plot, (y, height) in zip(plots, self._rows(len(plots)), strict=True):
             value = plot.values[frame] if frame < len(plot.values) else None
             if value is None:
@@ -298,7 +302,7 @@ class TimelinePlots:
         column = self.left + (first + last - 1) // 2
         canvas.rect(column, GAP, 1, self.height - GAP, TEXT)
         rows = [(self._words(plot, frame), y + height / 2) for plot, (y, height) in self._placed(plots)]
-        rows.append((f"frame {frame}", self._track + self.track_height / 2))
+        rows.append((f"frame {self.numbers.number(frame)}", self._track + self.track_height / 2))
         size, end = self._size(99), self.left + self.timeline.width  # right of it are the ends of the axes
         widest = max(text_width(words, size) for words, _ in rows) + 10
         for words, middle in rows:
@@ -333,9 +337,9 @@ class TimelinePlots:
         """Numbers of frames above the track, with their times where there is room for all of them."""
         size = max(round(0.64 * self.em), 8)
         y = self._track - round(RULER * self.em)
-        labels = {frame: str(frame) for frame in self.numbered}
+        labels = {frame: str(self.numbers.number(frame)) for frame in self.numbered}
         if self.fps > 0 and len(labels) > 1:
-            timed = {frame: f"{frame} · {clock_words(frame / self.fps)}" for frame in labels}
+            timed = {frame: f"{words} · {clock_words(frame / self.fps)}" for frame, words in labels.items()}
             first, second, *_ = labels
             apart = timeline.span(second)[0] - timeline.span(first)[0]
             if max(text_width(words, size) for words in timed.values()) + self.em <= apart:

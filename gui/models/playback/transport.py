@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from pipelines.takes.frame_numbers import FrameNumbers
 from studio.playback.clock import Leader
 
 
 class Transport:
-    """Which frame is current.
+    """Which frame is current. Frames are counted from 0; `numbers` are those that people know them by.
 
     Args:
         frame_count: number of frames, at least 1; valid frames are 0 to frame_count - 1.
@@ -31,6 +32,7 @@ class Transport:
         self.fps = fps
         self.group_starts = tuple(group_starts) or (0,)
         self.loop = True
+        self.numbers = FrameNumbers()
         self._span: tuple[int, int] | None = None
         self._span_begin: int | None = None
         self._now = now
@@ -45,6 +47,14 @@ class Transport:
     def last(self) -> int:
         """The last frame's index."""
         return self.frame_count - 1
+
+    def number(self, frame: int) -> int:
+        """The number of a frame, see `FrameNumbers`."""
+        return self.numbers.number(frame)
+
+    def range_words(self, first: int, last: int) -> str:
+        """Frames in words: "Frames 62 to 70"."""
+        return f"Frames {self.number(first)} to {self.number(last)}"
 
     @property
     def playing(self) -> bool:
@@ -95,10 +105,10 @@ class Transport:
             return "No span is selected."
         if self._span_begin is None:
             self._span_begin = frame
-            return f"The span begins at frame {frame}. Go to its end and press T again."
+            return f"The span begins at frame {self.number(frame)}. Go to its end and press T again."
         self.select_span(self._span_begin, frame)
-        first, last = self._span or (frame, frame)
-        return f"Frames {first} to {last} are selected: playback repeats them. Press T again for all."
+        words = self.range_words(*(self._span or (frame, frame)))
+        return f"{words} are selected: playback repeats them. Press T again for all."
 
     def _back_in_span(self, due: int, first: int, last: int) -> int:
         frame = first + (due - first) % (last - first + 1)

@@ -42,17 +42,17 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     if player.opened is None:
         return []
     frame = player.frame
+    number = transport.number(frame)
     blocks = [
         Block(
             "Frame",
             [
-                ("frame", f"{frame} (0 to {transport.last})"),
+                ("frame", f"{number} ({transport.number(0)} to {transport.number(transport.last)})"),
                 ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} fps"),
-                *([("footage frame", str(player.filmed[frame]))] if filmed_otherwise(player) else []),
                 *camera_rows(player),
                 *splat_rows(player),
             ],
-            f"Mark: {marks.notes[frame] or '(no note)'}" if frame in marks.notes else "",
+            f"Mark: {marks.notes[number] or '(no note)'}" if number in marks.notes else "",
         ),
     ]  # fmt: skip
     figures, whose = evaluation.figures(frame, camera)
@@ -94,20 +94,15 @@ def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, fir
     own_camera = camera if camera in evaluation.cameras else ""
     own = {name: evaluation.series(name, frames, own_camera) for name in SPANNED}
     against = None if other is None else {name: other.series(name, camera) for name in SPANNED}
-    rows = span_rows(own, first, last, against)
+    transport = player.transport
+    rows = span_rows(own, first, last, against, transport.number)
     count = last - first + 1
     note = "" if other is None else f"After the slash: {other.label}."
     return Block(
-        f"Frames {first} to {last}",
-        [("length", f"{count} frame{'s' * (count != 1)}, {count / player.transport.fps:.2f} s"), *rows],
+        transport.range_words(first, last),
+        [("length", f"{count} frame{'s' * (count != 1)}, {count / transport.fps:.2f} s"), *rows],
         note if rows else "Not evaluated yet.",
     )
-
-
-def filmed_otherwise(player: PlayerPresenter) -> bool:
-    """Whether the footage's frame number differs from the take's."""
-    frame = player.frame
-    return frame < len(player.filmed) and player.filmed[frame] != frame
 
 
 def run_blocks(workspace: Workspace, stage: str) -> list[Block]:

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
+from pipelines.takes.frame_numbers import FrameNumbers
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Trim, World
 from studio.errors import violation
 from studio.rotations import matrices_to_quats
@@ -23,17 +24,18 @@ TITLES = {
         "Detail",
         "The last one that was marked. Weight: how much more it counts in training. Empty: no such detail.",
     ),
-    "trim": ("Trim", "First and last frame to keep, counted from 0. Empty: all."),
+    "trim": ("Trim", "First and last frame to keep. Empty: all."),
 }
 
 
-def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
+def fields_of(edits: EditList, kind: str, up: np.ndarray, frames: FrameNumbers) -> list[Field]:
     """Key, label and text of each number of an edit.
 
     Args:
         edits: of the take, with what is selected.
         kind: a key of `TITLES`.
         up: (3,) unit vector: up in the world of the capture.
+        frames: numbers of the take's frames.
     """
     world = edits.similarity
     if kind == "crop":
@@ -72,8 +74,8 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
         ]
     trim = edits.trim
     return [
-        ("first", "In point", "" if trim is None else str(trim.first)),
-        ("last", "Out point", "" if trim is None else str(trim.last)),
+        ("first", "In point", "" if trim is None else str(frames.number(trim.first))),
+        ("last", "Out point", "" if trim is None else str(frames.number(trim.last))),
     ]
 
 
@@ -93,15 +95,17 @@ def brush_of(text: str) -> float | str:
     return radius
 
 
-def with_numbers(edits: EditList, kind: str, texts: Mapping[str, str], up: np.ndarray) -> EditList | str:
+def with_numbers(
+    edits: EditList, kind: str, texts: Mapping[str, str], up: np.ndarray, frames: FrameNumbers
+) -> EditList | str:
     """The edits with what was typed into the fields; a sentence if it makes no sense.
 
     Args:
-        edits, kind, up: as for `fields_of`.
+        edits, kind, up, frames: as for `fields_of`.
         texts: by key.
     """
     try:
-        return _with_numbers(edits, kind, {key: text.strip() for key, text in texts.items()}, up)
+        return _with_numbers(edits, kind, {key: text.strip() for key, text in texts.items()}, up, frames)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or kind
@@ -110,7 +114,7 @@ def with_numbers(edits: EditList, kind: str, texts: Mapping[str, str], up: np.nd
         return f"{error}."
 
 
-def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndarray) -> EditList:
+def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndarray, frames: FrameNumbers) -> EditList:
     if kind == "details":
         return _with_detail(edits, texts)
     if not any(texts.values()):
@@ -121,8 +125,8 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
         box = edits.crop
         if (
             box is not None
-            and fields_of(edits, kind, up)[0][2] == texts["low"]
-            and (fields_of(edits, kind, up)[1][2] == texts["high"])
+            and fields_of(edits, kind, up, frames)[0][2] == texts["low"]
+            and (fields_of(edits, kind, up, frames)[1][2] == texts["high"])
         ):
             return edits  # a turned box has no such corners
         return edits.with_(
@@ -150,7 +154,15 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
         }
         world = World.model_validate(placed)
         return edits.with_(world=None if world == World() else world)
-    return edits.with_(trim=Trim.model_validate({key: _number(texts[key], key) for key in ("first", "last")}))
+    first, last = (_index(_number(texts[key], key), frames) for key in ("first", "last"))
+    return edits.with_(trim=Trim(first=first, last=last))
+
+
+def _index(number: float, frames: FrameNumbers) -> int:
+    index = frames.index(int(number)) if number.is_integer() else None
+    if index is None:
+        raise ValueError(f"the take has no frame {number:g}")
+    return index
 
 
 def _with_detail(edits: EditList, texts: dict[str, str]) -> EditList:

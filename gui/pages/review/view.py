@@ -39,6 +39,7 @@ from gui.pages.review.session import change, edits_of
 from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
 from gui.pages.stage_view import OrbitView, Size
 from pipelines.takes.edits import describe
+from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.counts import counted
@@ -89,6 +90,7 @@ class EditView(OrbitView):
         refusal: emitted with `refused`.
         background: name of the background.
         captured_up: (3,) up of the capture.
+        numbers: of the take's frames.
     """
 
     modes: ClassVar[tuple[str, ...]] = ("edit",)
@@ -103,6 +105,7 @@ class EditView(OrbitView):
         self.two_points: Signal[[np.ndarray, np.ndarray]] = Signal()
         self.refused, self.background = "", "dark"
         self.refusal: Signal[[str]] = Signal()
+        self.numbers = FrameNumbers()
         self.captured_up = np.array([0.0, 0.0, 1.0])
         self.brush = BRUSH
         self.pointer: tuple[float, float] | None = None
@@ -249,7 +252,8 @@ class EditView(OrbitView):
             first, end = (first, last) if key == "in" else (0, end)
         whole = (first, end) == (0, last)
         self.commit(
-            edits.with_(trim=None if whole else Trim(first=first, last=end)), f"trim to frames {first} to {end}"
+            edits.with_(trim=None if whole else Trim(first=first, last=end)),
+            f"trim to frames {self.numbers.number(first)} to {self.numbers.number(end)}",
         )
 
     def set_scale(self, start: np.ndarray, end: np.ndarray, distance: float) -> bool:
@@ -521,7 +525,7 @@ class EditView(OrbitView):
     @property
     def status(self) -> str:
         """See `StageView`."""
-        found = describe(self.edits)
+        found = describe(self.edits, numbers=self.numbers)
         if not found:
             return "No edits. They change what is baked and exported."
         # in a narrow window, more would not fit; List shows all

@@ -14,6 +14,7 @@ from open3d.visualization import gui
 from gui.actions.edits import EditActions
 from gui.models.loop import LOOP, Signal
 from gui.models.notices import Notices
+from gui.models.playback.transport import Transport
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
 from gui.pages.review.view import EditView
@@ -41,7 +42,7 @@ def window(workspace: Workspace, take_copy: Path) -> Iterator[SimpleNamespace]:
     yield SimpleNamespace(
         workspace=workspace, views=views, dialogs=Chosen(), start=SimpleNamespace(shown=False),
         viewport=SimpleNamespace(picture=view), input=SimpleNamespace(pointer=None),
-        notices=Notices(), player=SimpleNamespace(refresh=lambda: None),
+        notices=Notices(), player=SimpleNamespace(refresh=lambda: None, transport=Transport(5, 25.0)),
         over_view=lambda x, y: False,
     )  # fmt: skip
     editor.close()

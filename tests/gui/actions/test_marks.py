@@ -14,6 +14,8 @@ from gui.models.history import History
 from gui.models.marks import Marks
 from gui.models.notices import Notices
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.transport import Transport
+from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.marks import Mark, change_mark, read_marks
 
 ANNAS = Mark(frame=0, note="foot", author="Anna")
@@ -25,7 +27,7 @@ class Window:
     def __init__(self, path: Path) -> None:
         self.marks = Marks(path)
         self.player = PlayerPresenter()
-        self.player.opened = SimpleNamespace()  # type: ignore[assignment]
+        self.player.opened = SimpleNamespace(rig=None, sources={})  # type: ignore[assignment]
         self.workspace, self.notices = SimpleNamespace(history=History()), Notices()
         self.dialogs = SimpleNamespace(line=self._line)
         self.answers: dict[str, Callable[[str], None]] = {}
@@ -33,13 +35,26 @@ class Window:
     def _line(self, kind: str, title: str, text: str, note: str, answers: Any) -> None:
         self.answers = {name: act for name, _, act in answers}
 
-    def marks_changed(self) -> None:
-        """Nothing to draw."""
-
 
 @pytest.fixture
 def window(tmp_path: Path) -> Window:
     return Window(tmp_path / "marks.json")
+
+
+def test_a_mark_stays_with_the_footage_when_the_take_begins_later(window: Window, tmp_path: Path) -> None:
+    window.player.transport = Transport(5, 25.0)
+    window.player.transport.numbers = FrameNumbers((60, 61, 62, 63, 64))
+    window.player.transport.seek(3)
+    MarkActions(window).ask()  # type: ignore[arg-type]
+    window.answers["save"]("hand")
+    assert list(read_marks(tmp_path / "marks.json")) == [63]
+    window.player.transport.numbers = FrameNumbers((62, 63, 64))  # capture.start is 62 now
+    window.player.transport.seek(0)
+    MarkActions(window).go(1)  # type: ignore[arg-type]
+    assert window.player.transport.frame == 1
+    window.player.transport.numbers = FrameNumbers((64,))
+    MarkActions(window).go(-1)  # type: ignore[arg-type]
+    assert "does not have frame 63" in window.notices.text
 
 
 @pytest.mark.parametrize("answer", ["save", "remove"])
