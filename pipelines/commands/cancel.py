@@ -15,8 +15,8 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     parser = commands.add_parser(
         "cancel",
-        help="stop the run in progress on a take, on whichever machine it is",
-        description="Stop the run in progress on a take, on whichever machine it is. Finished work is kept.",
+        help="stop the run in progress on a take, on any machine",
+        description="Stop the run in progress on a take, on any machine. Finished work is kept.",
     )
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
     parser.set_defaults(command=_cancel)

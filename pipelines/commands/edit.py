@@ -85,12 +85,10 @@ def register(commands: Any) -> None:
     _vector(world, "--to", "another point")
     world.add_argument("--distance", type=float, metavar="D", help="distance of the two points in new units")
 
-    region = _kind(kinds, "region", "remove what is in the region of a JSON file, as the window draws them", _region)
+    region = _kind(kinds, "region", "remove what is in a region from a JSON file, as drawn in the window", _region)
     region.add_argument("file", type=Path, metavar="FILE", help="as in `v3studio edit list --json`, one of `regions`")
 
-    detail = _kind(
-        kinds, "detail", "mark a part of the performer (face, hand) that training gives more splats", _detail
-    )
+    detail = _kind(kinds, "detail", "mark a part of the performer (face, hand) for training in more detail", _detail)
     detail.add_argument(
         "--frame", type=int, default=0, metavar="F", help="trained frame, counted from 0 in the take (default: 0)"
     )
@@ -112,7 +110,7 @@ def register(commands: Any) -> None:
     )
 
     _kind(kinds, "undo", "undo the last change", _undo)
-    _kind(kinds, "redo", "make the change that was undone last again", _redo)
+    _kind(kinds, "redo", "redo the last undone change", _redo)
 
 
 def _kind(kinds: Any, name: str, text: str, command: Any) -> argparse.ArgumentParser:

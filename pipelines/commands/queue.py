@@ -20,8 +20,8 @@ def register(commands: Any) -> None:
     """Add the command and its subcommands to the command line."""
     command = commands.add_parser(
         "queue",
-        help="line up takes, and run them one after the other",
-        description="Line up takes, and run them one after the other. A failed take does not stop the next one; an "
+        help="queue takes, and run them one after the other",
+        description="Queue takes, and run them one after the other. A failed take does not stop the next one; an "
         "interrupted one resumes where it stopped.",
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
@@ -35,22 +35,22 @@ def register(commands: Any) -> None:
     add_json(listing)
     listing.set_defaults(command=_list)
 
-    run = _kind(kinds, "run", "run all takes that wait, also those that are added meanwhile")
+    run = _kind(kinds, "run", "run all waiting takes, including those added meanwhile")
     run.set_defaults(command=_run)
 
-    stop = _kind(kinds, "stop", "stop the program that runs the queue; its take keeps finished work and waits again")
+    stop = _kind(kinds, "stop", "stop the program that runs the queue; its take resumes when it runs again")
     stop.set_defaults(command=_stop)
 
-    move = _kind(kinds, "move", "move a take that waits")
+    move = _kind(kinds, "move", "move a waiting take")
     move.add_argument("number", type=int, metavar="NUMBER", help="number of the take, from `v3studio queue list`")
-    move.add_argument("place", type=int, metavar="PLACE", help="1: it is the next one")
+    move.add_argument("place", type=int, metavar="PLACE", help="new place in the queue; 1 is next")
     move.set_defaults(command=_move)
 
     remove = _kind(kinds, "remove", "remove takes from the queue; their folders are not touched")
     remove.add_argument("number", type=int, nargs="+", metavar="NUMBER", help="number of the take")
     remove.set_defaults(command=_remove)
 
-    retry = _kind(kinds, "retry", "let a take that has ended wait again")
+    retry = _kind(kinds, "retry", "queue a finished or failed take again")
     retry.add_argument("number", type=int, metavar="NUMBER", help="number of the take")
     retry.set_defaults(command=_retry)
 

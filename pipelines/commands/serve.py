@@ -66,13 +66,13 @@ def register(commands: Any) -> None:
         "--intro",
         type=Path,
         metavar="FILE",
-        help="camera path with which the pages begin, until the viewer takes over, as for `v3studio share`",
+        help="camera path that the pages play until the viewer takes over, as for `v3studio share`",
     )
     add_view_option(serve)
     serve.add_argument(
         "--review",
         action="store_true",
-        help="also serve what a review of the take needs, below a secret link that is printed: quality and size per "
+        help="also serve a review of the take below a secret link, which is printed: quality and size per "
         "frame, footage of held-out cameras, marks, which anyone with the link may change",
     )
     serve.add_argument(

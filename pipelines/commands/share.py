@@ -39,20 +39,20 @@ def add_page_options(share: argparse.ArgumentParser) -> None:
     """What the page says of the stream, as options; `page_text` reads them."""
     share.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
     share.add_argument("--credits", metavar="TEXT", help='credits line; example: "Jane Doe, Studio X"')
-    share.add_argument("--license", metavar="TEXT", help='of the footage; example: "CC BY 4.0"')
-    share.add_argument("--description", metavar="TEXT", help="what is to be seen, for screen readers and link previews")
+    share.add_argument("--license", metavar="TEXT", help='license of the footage; example: "CC BY 4.0"')
+    share.add_argument("--description", metavar="TEXT", help="description for screen readers and link previews")
     share.add_argument(
         "--intro",
         type=Path,
         metavar="FILE",
-        help="camera path with which the page begins, until the viewer takes over: keyframes as for `v3studio export "
+        help="camera path that the page plays until the viewer takes over: keyframes as for `v3studio export "
         "--format camera-path`, or a rig.json",
     )
     add_view_option(share)
     share.add_argument(
         "--address",
         metavar="URL",
-        help="where the page will be; link previews show the poster only if this is given",
+        help="address where the page will be; link previews need it to show the poster",
     )
 
 

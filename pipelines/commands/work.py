@@ -26,8 +26,8 @@ def register(commands: Any) -> None:
     """Add the command to the parser."""
     parser = commands.add_parser(
         "work",
-        help="do the work on one group of a take, or print the commands for all groups",
-        description="Do the work on one group of a take. Does nothing where the results are up to date, and continues "
+        help="process one group of a take, or print the commands for all groups",
+        description="Process one group of a take. Does nothing where the results are up to date, and continues "
         "from the last finished frame or checkpoint, so it can be started again anywhere that sees the take and the "
         "footage.",
         epilog=_EPILOG,

@@ -73,6 +73,8 @@ def test_a_run_whose_stage_prints_gives_events_only(take_of: Callable[[], Path])
     events = [parse_event(line) for line in done.stdout.decode().splitlines()]
     assert any(isinstance(event, StageFinished) for event in events)
     assert isinstance(events[-1], Finished)
+    assert events[-1].result["stages"]["bake"]["bytes_per_frame"] > 0
+    assert events[-1].result["stages"]["evaluate"]["psnr_decoded"] > 10
     for words in WORDS:
         assert words in done.stderr.decode("utf-8", "replace"), "shown, not lost"
 

@@ -87,6 +87,8 @@ def read_settings(
     if source is None or is_footage(source):
         there = take is not None and (is_take(take) or (source is None and take.is_dir()))
         file = Take.open(take).config if take is not None and there else None
+        if source is not None and file is not None and not file.is_file():  # killed before the settings were written
+            file = None
     elif source.is_dir():
         file = Take.open(source).config
     if source is not None and is_footage(source):

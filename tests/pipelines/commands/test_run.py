@@ -9,6 +9,7 @@ import pytest
 
 from pipelines.config import load_config, presets
 from pipelines.config.presets import preset_of
+from pipelines.takes.take import Take
 from studio.yaml_text import parse_yaml
 from tests.support.events import result_of
 
@@ -31,6 +32,15 @@ def test_a_folder_of_footage_is_enough(
     assert load_config(take / "config.yaml").capture.held_out == ("cam4",), "the take's settings stay"
     assert here("calibrate", take, "--preset", "preview").returncode == 0
     assert preset_of(load_config(take / "config.yaml")) == "preview"
+
+
+def test_a_take_that_was_killed_at_once_is_begun_again(here: Callable, project: Path) -> None:
+    take = project / "take"
+    Take.create(take)
+    assert here("calibrate", take).returncode == 1, "where its footage is, is not known"
+    done = here("calibrate", project / "capture", "--take", take)
+    assert done.returncode == 0, done.stderr
+    assert load_config(take / "config.yaml").capture.root == project / "capture"
 
 
 def test_the_setting_of_the_footage_is_enough_for_a_new_take(here: Callable, project: Path) -> None:
