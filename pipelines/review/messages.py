@@ -25,6 +25,9 @@ class MetricCurves(_Message):
     by_camera: dict[str, tuple[float | None, ...]]
     """Of the decoded stream by camera."""
 
+    words: tuple[float, float] | None
+    """`Metric.words`."""
+
 
 class QualityCurves(_Message):
     """Figures by frame of the stream; null where a frame was not measured."""

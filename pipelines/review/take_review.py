@@ -188,6 +188,7 @@ class TakeReview:
                     title=metric.title,
                     unit=metric.unit,
                     digits=metric.digits,
+                    words=metric.words,
                     trained=curve(f"{metric.name}_trained"),
                     decoded=curve(f"{metric.name}_decoded"),
                     by_camera={name: curve(f"{metric.name}_decoded", name) for name in evaluation.protocol.cameras},
@@ -215,8 +216,9 @@ def _seen_from(view: MarkView | None, world: Similarity) -> MarkView | None:
     """A view in another world."""
     if view is None or world.is_identity:
         return view
-    eye, target = world.points(np.array([view.eye, view.target])).tolist()
-    return view.model_copy(update={"eye": tuple(eye), "target": tuple(target)})
+    points = {name: point for name in ("eye", "target", "place") if (point := getattr(view, name)) is not None}
+    moved = world.points(np.array(list(points.values()))).tolist()
+    return view.model_copy(update={name: tuple(point) for name, point in zip(points, moved, strict=True)})
 
 
 def _camera(footage: Footage, name: str, place: CapturePlace) -> ReviewCamera:

@@ -48,6 +48,9 @@ class MarkView(Result):
     whole: bool = False
     """Whether the whole image of `camera` was shown, not only the performer."""
 
+    place: tuple[float, float, float] | None = None
+    """The point that the note is about; None: the whole image."""
+
     @model_validator(mode="after")
     def _has_direction(self) -> MarkView:
         if self.eye == self.target:

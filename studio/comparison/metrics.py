@@ -37,6 +37,8 @@ class Metric:
         higher_is_better: False: lower values are better.
         measure: its value for a pair of images; None if it is not measured. None for flicker, which compares frames.
         evaluated: the evaluation of a take measures it, of trained and of decoded frames; False: only `compare` does.
+        words: the values from which an image is good, and from which its loss is visible rather than bad; None: the
+            metric has no words.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Metric:
     higher_is_better: bool
     measure: Callable[[ViewPair, Distance | None], float | None] | None
     evaluated: bool = True
+    words: tuple[float, float] | None = None
 
     def text(self, value: float | None, unit: bool = True) -> str:
         """A value with its digits and unit; "-" for None."""
@@ -90,13 +93,16 @@ def _tensor(image: np.ndarray) -> Any:
 
 
 METRICS = (
-    Metric("psnr", "PSNR", "dB", 2, True, _psnr),
+    Metric("psnr", "PSNR", "dB", 2, True, _psnr, words=(31.0, 25.0)),
     Metric("psnr_color_fit", "color fit", "dB", 2, True, _psnr_color_fit, evaluated=False),
     Metric("ssim", "SSIM", "", 4, True, _ssim),
     Metric("lpips", "LPIPS", "", 4, False, _lpips),
 )
 """Of a view, in the order in which they are shown. PSNR as filmed; after the best 3x4 color matrix of the view, since
-the colors of a camera that was not trained on are not known; SSIM; LPIPS, if it is asked for."""
+the colors of a camera that was not trained on are not known; SSIM; LPIPS, if it is asked for.
+
+The words for PSNR follow the scale of EvalVid (J. Klaue et al., 2003): from 31 dB "good", from 25 dB "fair", below
+"poor" and "bad"."""
 
 MAIN = METRICS[0]
 """Stands for quality where there is room for one: above the timeline, on the start page, in lists."""

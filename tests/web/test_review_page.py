@@ -60,7 +60,7 @@ def review(chromium: Any, address: str) -> Iterator[Page]:
 def page(review: Page, browser: Any) -> Page:
     """The review, paused at the first frame without a comparison; the tests of this file mark different frames."""
     review.handle.set_viewport_size({"width": 640, "height": 900})
-    review.handle.wait_for_selector(".v3-review .plot")
+    review.handle.wait_for_selector(".v3-review .plot", state="attached")
     for name in ("End comparison", "Cancel"):
         if (button := review.handle.get_by_role("button", name=name, exact=True)).is_visible():
             button.click()
@@ -80,6 +80,8 @@ def curve(page: Page, kind: str, low: float, high: float) -> list[float]:
 
 def test_curves_and_figures_are_those_of_the_evaluation(page, take):
     values = json.loads(take.evaluation.read_text())
+    assert not page.handle.locator(".v3-review .readout").is_visible(), "numbers are shown on request"
+    page.handle.get_by_text("Numbers", exact=True).click()
     low, high = map(
         float, page.handle.locator(".v3-review .range").first.inner_text().removesuffix(" dB").split(" to ")
     )
@@ -97,15 +99,63 @@ def test_curves_and_figures_are_those_of_the_evaluation(page, take):
     box = page.handle.locator(".v3-review .area").bounding_box()
     page.handle.mouse.click(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * 0.5)
     page.wait("player.state.frame === 2")
+    shown = page.handle.locator(".v3-review .plot.quality .tick").all_inner_texts()
+    assert len(shown) >= 2
+    assert all(low <= float(one) <= high for one in shown)
+    page.handle.get_by_text("Numbers", exact=True).click()
+
+
+def test_plain_words_come_first_and_the_worst_moments_are_marked(page, take):
+    values = [row["psnr_decoded"] for row in json.loads(take.evaluation.read_text())["frames"]]
+    for frame, value in ((0, values[0]), (3, values[3])):
+        page.seek_frame(frame)
+        word = "good" if value >= 31 else "visible loss" if value >= 25 else "bad"
+        assert page.handle.locator(".v3-review .now").inner_text().endswith(word)
+    assert "% of the time" in page.handle.locator(".v3-review .words").inner_text()
+    moments = page.handle.locator(".v3-review .worst button")
+    if min(values) >= 31:
+        assert moments.count() == 0
+        return
+    assert page.handle.locator("v3-player .moments i").count() == moments.count()
+    moments.first.click()
+    page.wait("player.state.frame === argument", min(range(len(values)), key=values.__getitem__))
+
+
+def test_a_comment_at_a_place_in_the_image(page, take):
+    page.seek_frame(4)
+    page.handle.get_by_role("button", name="Mark this frame").click()
+    page.handle.get_by_placeholder("Note").fill("finger")
+    box = page.handle.locator("v3-player .stage").bounding_box()
+    x, y = box["x"] + box["width"] * 0.6, box["y"] + box["height"] * 0.4
+    page.handle.mouse.click(x, y)
+    pin = page.handle.locator("v3-player .pins i")
+
+    def at():
+        found = pin.bounding_box()
+        return [found["x"] + found["width"] / 2, found["y"] + found["height"] / 2]
+
+    assert at() == pytest.approx([x, y], abs=1)
+    page.handle.get_by_role("button", name="Save").click()
+    page.handle.get_by_role("button", name="Go to frame 4").wait_for()
+    saved = read_marks(take.marks)[4].view
+    assert saved is not None
+    assert saved.place is not None
+    page.seek_frame(0)
+    assert pin.count() == 0
+    page.call("setView", {"azimuth": 60})
+    page.handle.get_by_role("button", name="Go to frame 4").click()
+    pin.wait_for()
+    box = page.handle.locator("v3-player .stage").bounding_box()
+    assert at() == pytest.approx([x, box["y"] + box["height"] * 0.4], abs=12), "the form has changed the image's shape"
 
 
 def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page, take):
     compare = page.handle.get_by_role("button", name="Compare with footage")
     compare.click()
     assert page.handle.input_value(".v3-review select") == "cam4"
-    page.handle.get_by_label("whole picture").check()
+    page.handle.get_by_label("whole image").check()
     page.wait(f"{WIPE}.dataset.frame === '0'")
-    assert "footage of cam4" in page.evaluate(f"() => {WIPE}.textContent")
+    assert "Footage of cam4" in page.evaluate(f"() => {WIPE}.textContent")
     assert page.evaluate(LOOK, [0.45, 0.5])[3] == 255
     assert page.evaluate(LOOK, [0.55, 0.5])[3] == 0, "the decoded stream, which is drawn below"
 

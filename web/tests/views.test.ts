@@ -8,6 +8,9 @@ import type { Camera, Vector } from "../src/stream/metadata.ts";
 import { clock, plural } from "../src/ui/format.ts";
 import { readPath, spline } from "../src/ui/intro.ts";
 import { parseView } from "../src/ui/link.ts";
+import { ticks } from "../src/review/curves.ts";
+import { placeIn, pointAt } from "../src/review/pins.ts";
+import { summaryOf, wordOf, worstFrames } from "../src/review/words.ts";
 
 /** A figure of 1.8 m that walks 1.4 m; z is up. */
 const BOX = { min: [-0.7, -0.5, 0] as Vector, max: [0.7, 0.5, 1.8] as Vector };
@@ -132,4 +135,27 @@ void test("the picture fades where no camera filmed from nearby", () => {
   for (const outside of [-61, 151, 225]) assert.equal(visibility(range, from(outside)), 0, String(outside));
   assert.equal(visibility(range, [1, 2, 9]), 0, "from above");
   assert.equal(visibility(range, range.center), 1);
+});
+
+void test("quality is said in words, and the worst moment of each passage is found", () => {
+  const decoded = [33, 30, 26, 30, 33, null, 20, 24, 33, 30.5, 33, 29];
+  const rated = { decoded, words: [31, 25] as const };
+  assert.deepEqual([0, 1, 5, 6].map((frame) => wordOf(rated, frame)), ["good", "visible loss", null, "bad"]);
+  assert.deepEqual(worstFrames(rated, 3), [2, 6, 11]);
+  assert.deepEqual(worstFrames({ decoded: [33, 34], words: [31, 25] }, 3), []);
+  assert.equal(summaryOf({ decoded: [33, 33, 33, 20], words: [31, 25] }), "Quality: good 75% of the time, bad 25% of the time.");
+});
+
+void test("axes have round ticks", () => {
+  assert.deepEqual(ticks(27, 34, 3), [30]);
+  assert.deepEqual(ticks(0, 1.16, 5), [0, 0.5, 1]);
+  assert.deepEqual(ticks(0, 30, 3), [0, 10, 20, 30]);
+});
+
+void test("a place in the image is the same place from the same view", () => {
+  const pinhole = opened().pinhole(390, 844);
+  const point = pointAt(pinhole, 100, 300, [0, 0, 0.9]);
+  const place = placeIn(pinhole, point)!;
+  assert.ok(Math.hypot(place[0] - 100, place[1] - 300) < 1e-6);
+  assert.ok(Math.abs(point[1]) < 0.2, "at the depth of the performer");
 });

@@ -288,6 +288,11 @@ export class Player extends Emitter {
     return this.camera.view;
   }
 
+  /** The camera of the image on the canvas, in pixels of any size. */
+  get pinhole(): Pinhole {
+    return this.screen.pinhole();
+  }
+
   /** How much of the image to show from this view, 0 to 1: below 1, no camera filmed from near here. */
   get visibility(): number {
     const range = this.info?.viewRange ?? null;

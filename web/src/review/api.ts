@@ -12,6 +12,8 @@ export interface MetricCurves {
   readonly trained: readonly (number | null)[];
   readonly decoded: readonly (number | null)[];
   readonly by_camera: Readonly<Record<string, readonly (number | null)[]>>;
+  /** The values from which an image is good, and from which its loss is visible rather than bad; null: no words. */
+  readonly words: readonly [good: number, visible: number] | null;
 }
 
 export interface QualityCurves {
@@ -51,6 +53,8 @@ export interface MarkView {
   readonly wipe: number | null;
   /** Whether the camera's whole image was shown, rather than the performer. */
   readonly whole: boolean;
+  /** The point that the note is about, in world coordinates; null: the whole image. */
+  readonly place: Vector | null;
 }
 
 export interface MarkContent {
@@ -110,7 +114,7 @@ export class ReviewServer {
    * @throws Refused - the server did not accept it
    */
   async change(change: Change): Promise<readonly Mark[]> {
-    const answer = await fetch(new URL("marks", this.base), {
+    const answer = await this.ask("marks", {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(change),
@@ -124,8 +128,18 @@ export class ReviewServer {
   }
 
   private async get(path: string, options: RequestInit = {}): Promise<Response> {
-    const answer = await fetch(new URL(path, this.base), options);
+    const answer = await this.ask(path, options);
     if (!answer.ok && answer.status !== 304) throw new Error(`The server answers ${answer.status}.`);
     return answer;
+  }
+
+  private async ask(path: string, options: RequestInit): Promise<Response> {
+    try {
+      return await fetch(new URL(path, this.base), options);
+    } catch (error) {
+      if (options.signal?.aborted === true) throw error;
+      // The browser's own words, such as "Failed to fetch", help nobody.
+      throw new Error("The server cannot be reached; check the connection.", { cause: error });
+    }
   }
 }

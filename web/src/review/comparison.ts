@@ -32,7 +32,7 @@ export class Comparison {
   ) {
     this.cameras = data.cameras;
     this.select.append(...data.cameras.map(({ name }) => make("option", { value: name }, name)));
-    this.choices = make("span", { class: "row", hidden: "" }, this.select, make("label", {}, this.all, " whole picture"));
+    this.choices = make("span", { class: "row", hidden: "" }, this.select, make("label", {}, this.all, " whole image"));
     this.button.hidden = data.cameras.length === 0;
     this.wipe = new Wipe(player, server, data.background, () => this.end());
     this.button.addEventListener("click", () => this.toggle());
@@ -97,6 +97,7 @@ export class Comparison {
       camera: camera?.name ?? "",
       wipe: camera === null ? null : this.wipe.position,
       whole: this.all.checked,
+      place: null,
     };
   }
 

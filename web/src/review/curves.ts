@@ -27,6 +27,17 @@ export function sizeRange(series: Series): [number, number] | null {
   return [0, factor * power];
 }
 
+/** Round values from low to high: steps of 1, 2 or 5 times a power of ten, about `count` of them. */
+export function ticks(low: number, high: number, count: number): number[] {
+  const least = (high - low) / count;
+  if (!(least > 0)) return [low];
+  const power = 10 ** Math.floor(Math.log10(least));
+  const step = power * ([1, 2, 5, 10].find((one) => one * power >= least * (1 - 1e-9)) ?? 10);
+  const first = Math.ceil(low / step - 1e-9);
+  const last = Math.floor(high / step + 1e-9);
+  return Array.from({ length: last - first + 1 }, (_, i) => Number(((first + i) * step).toPrecision(12)));
+}
+
 /** A curve through the known values in a box of `width` by 100; gaps where values are missing. */
 export function linePath(series: Series, [low, high]: readonly [number, number], width: number): string {
   let path = "";

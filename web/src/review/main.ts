@@ -11,8 +11,10 @@ import { Comparison } from "./comparison.ts";
 import { make } from "./dom.ts";
 import { fitToKeyboard } from "./keyboard.ts";
 import { Marks } from "./marks.ts";
+import { Pins } from "./pins.ts";
 import { Plots } from "./plots.ts";
 import css from "./style.css";
+import { wordsPanel } from "./words_panel.ts";
 
 function build(panel: HTMLElement, element: V3PlayerElement, player: Player, server: ReviewServer, data: ReviewData): void {
   const fps = player.info?.fps ?? 25;
@@ -22,6 +24,7 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
   };
   const plots = new Plots(data.quality, data.frame_count, fps, seek);
   plots.show(player.frame);
+  const pins = new Pins(player);
   const comparison = new Comparison(element, player, server, data, (camera) => plots.compare(camera));
   const goTo = ({ frame, view }: Mark): void => {
     seek(frame);
@@ -32,15 +35,22 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
     view: () => comparison.view,
     goTo,
     seek,
-    changed: (all: readonly Mark[]) => plots.mark(all, goTo),
-    writing: (writing) => {
+    changed: (all: readonly Mark[]) => {
+      plots.mark(all, goTo);
+      pins.show(all);
+    },
+    place: () => pins.chosen,
+    writing: (writing, place) => {
+      if (writing) pins.begin(place);
+      else pins.end();
       panel.classList.toggle("writing", writing);
       fitToKeyboard(writing);
     },
   });
-  const tools = make("div", { class: "row tools" }, comparison.button, marks.add, comparison.choices, plots.readout);
+  const words = wordsPanel(data.quality, fps, player, element, seek);
+  const tools = make("div", { class: "row tools" }, comparison.button, marks.add, comparison.choices, words.now);
   const problems = data.problems.map((text) => make("p", { class: "problem" }, text));
-  panel.replaceChildren(tools, marks.form, marks.problem, plots.element, ...problems, marks.element);
+  panel.replaceChildren(tools, marks.form, marks.problem, words.element, plots.element, ...problems, marks.element);
   player.on("frame", ({ frame }) => plots.show(frame));
   const compared = new URLSearchParams(location.search).get("compare");
   if (compared !== null) comparison.begin(compared);

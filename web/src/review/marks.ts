@@ -2,6 +2,7 @@
 
 import { messageOf } from "../stream/errors.ts";
 import { clock } from "../ui/format.ts";
+import type { Vector } from "../stream/metadata.ts";
 import { type Mark, type MarkContent, type MarkView, Refused, type ReviewServer } from "./api.ts";
 import { make } from "./dom.ts";
 
@@ -36,8 +37,10 @@ export interface MarksHost {
   readonly seek: (frame: number) => void;
   /** Other marks are to be shown. */
   readonly changed: (marks: readonly Mark[]) => void;
-  /** The form is open, or closed. */
-  readonly writing: (writing: boolean) => void;
+  /** The form is open, with the place that its note is about, or closed. */
+  readonly writing: (writing: boolean, place: Vector | null) => void;
+  /** The place in the image that the viewer has chosen for the note. */
+  readonly place: () => Vector | null;
 }
 
 export class Marks {
@@ -62,7 +65,7 @@ export class Marks {
 
   constructor(private readonly server: ReviewServer, private readonly fps: number, private readonly host: MarksHost) {
     const cancel = make("button", { type: "button" }, "Cancel");
-    const kept = make("small", {}, "with this view");
+    const kept = make("small", {}, "Tap the image to point at a place.");
     this.form.append(
       make("div", { class: "row" }, this.heading, kept, this.remove),
       this.note,
@@ -75,7 +78,7 @@ export class Marks {
       event.preventDefault();
       const author = this.author.value.trim();
       remembered(author);
-      void this.send({ note: this.note.value, author, view: this.view() });
+      void this.send({ note: this.note.value, author, view: { ...this.view(), place: this.host.place() } });
     });
     this.note.addEventListener("keydown", (event) => {
       if (event.key === "Enter" && !event.shiftKey) {
@@ -130,7 +133,7 @@ export class Marks {
     this.problem.textContent = "";
     this.form.hidden = false;
     this.add.hidden = true;
-    this.host.writing(true);
+    this.host.writing(true, mark?.view?.place ?? null);
     this.note.focus();
   }
 
@@ -145,7 +148,7 @@ export class Marks {
     this.editing = null;
     this.form.hidden = true;
     this.add.hidden = false;
-    this.host.writing(false);
+    this.host.writing(false, null);
     this.problem.textContent = "";
   }
 

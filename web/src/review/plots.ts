@@ -1,8 +1,8 @@
-/** Quality and size of each frame below the timeline, on the same time axis; a click seeks. */
+/** Quality and size of each frame below the timeline, on the same time axis, on request; a click seeks. */
 
 import { clock } from "../ui/format.ts";
 import type { Mark, MetricCurves, QualityCurves } from "./api.ts";
-import { areaPath, curveRange, frameAt, linePath, placeOf, type Series, sizeRange } from "./curves.ts";
+import { areaPath, curveRange, frameAt, linePath, placeOf, type Series, sizeRange, ticks } from "./curves.ts";
 import { draw, make } from "./dom.ts";
 
 const WIDTH = 1000;
@@ -12,8 +12,9 @@ const key = (kind: string, name: string): HTMLElement => make("span", {}, make("
 
 export class Plots {
   readonly element = make("div", { class: "plots" });
+  private readonly numbers = make("details", { class: "numbers" }, make("summary", {}, "Numbers"));
   /** Figures of a frame as text. */
-  readonly readout = make("p", { class: "readout" });
+  private readonly readout = make("p", { class: "readout" });
   private readonly area = make("div", { class: "area" });
   private readonly head = make("div", { class: "line head" });
   private readonly pointer = make("div", { class: "line pointer", hidden: "" });
@@ -33,7 +34,8 @@ export class Plots {
     private readonly fps: number,
     seek: (frame: number) => void,
   ) {
-    this.element.append(this.area, this.axis, this.strip);
+    this.numbers.append(this.readout, this.area, this.axis);
+    this.element.append(this.strip, this.numbers);
     if (quality !== null) {
       const { plotted } = this;
       const range = plotted === null ? null : curveRange(plotted.trained, plotted.decoded, ...Object.values(plotted.by_camera));
@@ -43,7 +45,7 @@ export class Plots {
         const legend = [
           `${plotted.title}, ${this.cameras}:`, " ", key("decoded", "decoded"), " ", key("trained", "trained (before baking)"), " ", this.ownLegend,
         ];
-        const plot = this.plot("quality", title, legend, limits);
+        const plot = this.plot("quality", title, legend, limits, range);
         plot.append(
           draw("path", { class: "trained", d: linePath(plotted.trained, range, WIDTH) }),
           draw("path", { class: "decoded", d: linePath(plotted.decoded, range, WIDTH) }),
@@ -55,12 +57,15 @@ export class Plots {
       const sizes = sizeRange(kilobytes);
       if (sizes !== null) {
         const title = `Size of each frame, 0 to ${sizes[1]} kB`;
-        const plot = this.plot("size", title, ["size: the group's files, divided by its frames"], `0 to ${sizes[1]} kB`);
+        const plot = this.plot("size", title, ["size: the group's files, divided by its frames"], `0 to ${sizes[1]} kB`, sizes);
         plot.append(draw("path", { class: "bytes", d: areaPath(kilobytes, sizes[1], WIDTH) }));
       }
     }
-    const ends = [0, count - 1].map((frame) => make("span", {}, `frame ${frame} · ${clock(frame / fps)}`));
-    this.axis.append(...ends);
+    for (const seconds of ticks(0, (count - 1) / fps, 5)) {
+      const tick = make("span", {}, clock(seconds));
+      tick.style.left = `${(100 * placeOf(seconds * fps, count)).toFixed(2)}%`;
+      this.axis.append(tick);
+    }
     this.area.append(this.head, this.pointer);
     const at = (event: PointerEvent): number => {
       const box = this.area.getBoundingClientRect();
@@ -135,10 +140,21 @@ export class Plots {
     );
   }
 
-  private plot(kind: string, title: string, legend: readonly (Node | string)[], range: string): SVGElement {
+  private plot(
+    kind: string,
+    title: string,
+    legend: readonly (Node | string)[],
+    range: string,
+    [low, high]: readonly [number, number],
+  ): SVGElement {
     const svg = draw("svg", { viewBox: `0 0 ${WIDTH} 100`, preserveAspectRatio: "none", role: "img", "aria-label": title });
     const name = make("div", { class: "name" }, make("span", {}, ...legend), make("span", { class: "range" }, range));
-    this.area.append(name, make("div", { class: `plot ${kind}` }, svg));
+    const lines = ticks(low, high, 4).map((value) => {
+      const line = make("span", { class: "tick" }, String(value));
+      line.style.bottom = `${((100 * (value - low)) / (high - low)).toFixed(2)}%`;
+      return line;
+    });
+    this.area.append(name, make("div", { class: `plot ${kind}` }, ...lines, svg));
     return svg;
   }
 

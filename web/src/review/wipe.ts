@@ -20,7 +20,8 @@ export class Wipe {
   private readonly canvas = make("canvas");
   private readonly line: HTMLElement;
   private readonly left = make("span");
-  private readonly right = make("span", {}, "decoded stream");
+  private readonly right = make("span", {}, "3D video");
+  private readonly names: HTMLElement;
   private camera: ReviewCamera | null = null;
   private part: Part | null = null;
   private before: Vector | null = null;
@@ -40,12 +41,12 @@ export class Wipe {
     this.line = make("div", {
       role: "slider",
       tabindex: "0",
-      "aria-label": "Wipe between footage and decoded stream",
+      "aria-label": "Wipe between footage and 3D video",
       "aria-valuemin": "0",
       "aria-valuemax": "100",
     });
-    const names = make("div", { class: "names" }, this.left, this.right);
-    this.layer = make("div", { class: "wipe", hidden: "" }, make("style", {}, css), this.canvas, names, this.line);
+    this.names = make("div", { class: "names" }, this.left, this.right);
+    this.layer = make("div", { class: "wipe", hidden: "" }, make("style", {}, css), this.canvas, this.names, this.line);
     (player.canvas.parentElement ?? document.body).append(this.layer);
     // The view behind must not turn meanwhile.
     for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel", "wheel", "dblclick", "touchstart", "gesturestart"])
@@ -166,13 +167,15 @@ export class Wipe {
       context.drawImage(picture, box.x, box.y, box.width, box.height);
       context.restore();
     }
-    // The camera saw nothing beyond its image.
+    // The camera saw nothing beyond its image, and the labels are in it.
     const [right, bottom] = [box.x + box.width, box.y + box.height];
+    const edges = { "--left": box.x, "--top": box.y, "--right": width - right };
+    for (const [name, edge] of Object.entries(edges)) this.names.style.setProperty(name, `${Math.max(0, edge / ratio)}px`);
     context.fillRect(0, 0, width, box.y);
     context.fillRect(0, bottom, width, height - bottom);
     context.fillRect(0, 0, box.x, height);
     context.fillRect(right, 0, width - right, height);
-    const what = `footage of ${camera.name}${camera.undistorted ? ", without lens distortion" : ""}`;
+    const what = `Footage of ${camera.name}${camera.undistorted ? ", without lens distortion" : ""}`;
     const missing = this.pictures.problem === "" ? "loading" : `not available: ${this.pictures.problem}`;
     this.left.textContent = picture === null ? `${what}: ${missing}` : what;
     this.layer.dataset["frame"] = picture === null ? "" : String(frame);

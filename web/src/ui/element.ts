@@ -214,6 +214,11 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.root.querySelector(".help tbody")!.insertAdjacentHTML("afterbegin", lines.map(helpRow).join(""));
   }
 
+  /** Marks frames on the timeline. */
+  markFrames(frames: readonly number[]): void {
+    this.controls?.timeline.mark(frames);
+  }
+
   notice(message: string): void {
     this.controls?.notice(message);
   }

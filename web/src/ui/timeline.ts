@@ -16,7 +16,7 @@ export class Timeline {
   private seeking = false;
 
   constructor(readonly element: HTMLElement, private readonly player: Player) {
-    element.innerHTML = `<div class="track"><div class="buffered"></div><div class="played"></div></div><div class="knob"></div><div class="bubble"><canvas hidden></canvas><span></span></div>`;
+    element.innerHTML = `<div class="track"><div class="buffered"></div><div class="played"></div></div><div class="moments"></div><div class="knob"></div><div class="bubble"><canvas hidden></canvas><span></span></div>`;
     this.track = element.querySelector<HTMLElement>(".track")!;
     this.buffered = element.querySelector<HTMLElement>(".buffered")!;
     this.bubble = element.querySelector<HTMLElement>(".bubble")!;
@@ -113,6 +113,17 @@ export class Timeline {
       stops.push(`${color} ${from} ${to}`);
     });
     this.buffered.style.background = `linear-gradient(90deg, ${stops.join(", ")})`;
+  }
+
+  /** Marks frames, such as the worst ones of a review. */
+  mark(frames: readonly number[]): void {
+    const last = Math.max(1, (this.player.info?.frameCount ?? 1) - 1);
+    const moments = frames.map((frame) => {
+      const moment = document.createElement("i");
+      moment.style.left = `${((100 * frame) / last).toFixed(2)}%`;
+      return moment;
+    });
+    this.element.querySelector(".moments")!.replaceChildren(...moments);
   }
 
   private show(frame: number): void {

@@ -1,0 +1,96 @@
+/** Points at places in the image: of the note that is being written, and of the marks of the frame on the screen. */
+
+import type { Player } from "../player/player.ts";
+import { add, centerOf, dot, type Pinhole } from "../render/camera.ts";
+import type { Vector } from "../stream/metadata.ts";
+import type { Mark } from "./api.ts";
+import { make } from "./dom.ts";
+import css from "./pins.css";
+
+/** Pixels that a finger may move in a tap. */
+const NEAR = 8;
+
+/** The world point behind a place in the image, at the depth of another point. */
+export function pointAt({ rotation: r, fx, fy, cx, cy, ...pinhole }: Pinhole, x: number, y: number, near: Vector): Vector {
+  const eye = centerOf({ rotation: r, fx, fy, cx, cy, ...pinhole });
+  const depth = Math.max(dot(r.slice(6, 9) as unknown as Vector, add(near, eye, -1)), 1e-3);
+  const [a, b] = [((x - cx) / fx) * depth, ((y - cy) / fy) * depth];
+  return [0, 1, 2].map((k) => eye[k] + r[k] * a + r[3 + k] * b + r[6 + k] * depth) as unknown as Vector;
+}
+
+/** Where a world point is in the image; null if it is behind the camera. */
+export function placeIn({ rotation: r, translation: t, fx, fy, cx, cy }: Pinhole, point: Vector): [number, number] | null {
+  const [x, y, z] = [0, 1, 2].map((k) => r[3 * k] * point[0] + r[3 * k + 1] * point[1] + r[3 * k + 2] * point[2] + t[k]);
+  return z <= 1e-6 ? null : [(fx * x) / z + cx, (fy * y) / z + cy];
+}
+
+export class Pins {
+  private readonly layer = make("div", { class: "pins" });
+  private marks: readonly Mark[] = [];
+  private writing = false;
+  private chosen_: Vector | null = null;
+
+  constructor(private readonly player: Player) {
+    const stage = player.canvas.parentElement!;
+    stage.append(this.layer, make("style", {}, css));
+    let began: PointerEvent | null = null;
+    // Before the view and the comparison, which may keep the events to themselves.
+    stage.addEventListener("pointerdown", (event) => {
+      began = event;
+    }, { capture: true });
+    stage.addEventListener("pointerup", (event) => {
+      const moved = began === null ? Infinity : Math.hypot(event.clientX - began.clientX, event.clientY - began.clientY);
+      if (this.writing && moved < NEAR) this.choose(event.clientX, event.clientY);
+    }, { capture: true });
+    player.on("rendered", () => this.draw());
+    player.on("frame", () => this.draw());
+  }
+
+  /** Of the note that is being written; null for none. */
+  get chosen(): Vector | null {
+    return this.chosen_;
+  }
+
+  /** Lets the viewer choose a place, beginning with this one. */
+  begin(place: Vector | null): void {
+    [this.writing, this.chosen_] = [true, place];
+    this.draw();
+  }
+
+  end(): void {
+    [this.writing, this.chosen_] = [false, null];
+    this.draw();
+  }
+
+  show(marks: readonly Mark[]): void {
+    this.marks = marks;
+    this.draw();
+  }
+
+  private choose(x: number, y: number): void {
+    const { player } = this;
+    const { left, top, width, height } = this.layer.getBoundingClientRect();
+    const { pinhole, info } = player;
+    if (info === null || width === 0 || height === 0) return;
+    const middle = add(info.box.min, info.box.max).map((value) => value / 2) as unknown as Vector;
+    const [u, v] = [((x - left) / width) * pinhole.width, ((y - top) / height) * pinhole.height];
+    this.chosen_ = pointAt(pinhole, u, v, middle);
+    this.draw();
+  }
+
+  private draw(): void {
+    const { player } = this;
+    const { pinhole } = player;
+    const noted = this.marks.flatMap(({ frame, view }) => (frame === player.frame && view?.place ? [view.place] : []));
+    const places = this.writing ? (this.chosen_ === null ? [] : [this.chosen_]) : noted;
+    const pins = places.flatMap((point) => {
+      const place = placeIn(pinhole, point);
+      if (place === null) return [];
+      const pin = make("i");
+      pin.style.left = `${((100 * place[0]) / pinhole.width).toFixed(2)}%`;
+      pin.style.top = `${((100 * place[1]) / pinhole.height).toFixed(2)}%`;
+      return [pin];
+    });
+    if (pins.length > 0 || this.layer.childElementCount > 0) this.layer.replaceChildren(...pins);
+  }
+}

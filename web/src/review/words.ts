@@ -1,0 +1,41 @@
+/** Quality in plain words, and the moments that are worst. */
+
+import type { MetricCurves } from "./api.ts";
+
+export type Word = "good" | "visible loss" | "bad";
+
+type Rated = Pick<MetricCurves, "decoded" | "words">;
+
+/** A frame's quality; null if it was not measured. */
+export function wordOf({ decoded, words }: Rated, frame: number): Word | null {
+  const value = decoded[frame] ?? null;
+  if (value === null || words === null) return null;
+  return value >= words[0] ? "good" : value >= words[1] ? "visible loss" : "bad";
+}
+
+/** The worst frame of each of the worst passages that are not good, at most `most`, in the order of time. */
+export function worstFrames(rated: Rated, most: number): number[] {
+  const { decoded } = rated;
+  const worst: number[] = [];
+  let open = false;
+  decoded.forEach((value, frame) => {
+    const word = wordOf(rated, frame);
+    const lossy = word !== null && word !== "good";
+    if (lossy && !open) worst.push(frame);
+    else if (lossy && value! < decoded[worst.at(-1)!]!) worst[worst.length - 1] = frame;
+    open = lossy;
+  });
+  const value = (frame: number): number => decoded[frame]!;
+  return worst.sort((a, b) => value(a) - value(b)).slice(0, most).sort((a, b) => a - b);
+}
+
+/** How many frames are how good, for the whole take. */
+export function summaryOf(rated: Rated): string {
+  const words = rated.decoded.map((_, frame) => wordOf(rated, frame)).filter((word) => word !== null);
+  if (words.length === 0) return "Not measured yet.";
+  const parts = (["good", "visible loss", "bad"] as const).flatMap((word) => {
+    const share = Math.round((100 * words.filter((one) => one === word).length) / words.length);
+    return words.includes(word) ? [`${word} ${share < 1 ? "below 1" : share}% of the time`] : [];
+  });
+  return `Quality: ${parts.join(", ")}.`;
+}
