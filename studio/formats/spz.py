@@ -194,6 +194,8 @@ def read(path: Path, note: Note) -> Gaussians:
     axes = _AXES[_axes(path, records, note)]
     if head.flags & _ANTIALIASED:
         note("trained with antialiasing, which is not rendered: thin splats look bolder")
+    if others := head.flags & ~(_ANTIALIASED | _EXTENSIONS):
+        note(f"flags 0x{others:02X} of the SPZ file are not known and ignored")
     count = head.count
     positions, opacities, colors, scales, rotations, harmonics = (
         np.frombuffer(data, np.uint8).reshape(count, -1) for data in attributes
@@ -339,6 +341,7 @@ def _checked_head(path: Path, head: bytes) -> Head:
             "degree 0 to 3 and 0 to 23 bits",
             file=path,
             value=(count, degree, bits),
+            fix="Export it again, with SH of degree 3 at most.",
         )
     return Head(version, count, degree, bits, flags)
 

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import torch
 import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from studio.errors import StudioError
@@ -232,3 +234,32 @@ def test_extensions_after_the_attributes_of_version_3_and_damaged_ones(tmp_path,
             continue
         with refuses(code, file=path):
             read_splats(path)
+
+
+@given(
+    kind=st.integers(0, 2**32 - 1) | st.integers(0xADBE0000, 0xADBE0008),
+    body=st.binary(max_size=12),
+    flags=st.integers(0, 255),
+)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_other_records_and_flags_are_never_misread(tmp_path_factory, make_splats, kind, body, flags):
+    """The same splats and a note that names what was ignored, or an error."""
+    path = tmp_path_factory.mktemp("spz") / "a.spz"
+    write_splats(path, make_splats(20))
+    meant, data = read_splats(path), bytearray(path.read_bytes())
+    record = struct.pack("<II", kind, len(body)) + body
+    data[14] = flags | 2
+    struct.pack_into("<I", data, 16, 32 + len(record))
+    path.write_bytes(bytes(data[:32]) + record + bytes(data[32:]))
+    notes = []
+    try:
+        found = read_splats(path, notes.append)
+    except StudioError:
+        assert kind in (0xADBE0001, 0xADBE0003)
+        return
+    if kind == 0xADBE0003:
+        torch.testing.assert_close(found.means.abs().sum(), meant.means.abs().sum())
+    else:
+        torch.testing.assert_close(found.means, meant.means)
+        assert any(f"{kind:08X}" in note for note in notes) == (kind != 0xADBE0002)
+    assert any("flags" in note for note in notes) == bool(flags & 0xFC)
