@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from studio.capture import Footage
 
 
-_VERSION = 2
+_NAMED_PLACES = 3
+"""Cameras of which the place is named where their masks contradict the others, the worst first."""
+
+_VERSION = 3
 """Of the judgment: another one judges again."""
 
 
@@ -115,4 +118,16 @@ def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
         shapes = Silhouettes(views, max_pixels=PIXELS * len(names))
         agreement = mask_agreement(shapes, max(3, len(names) // 3))
         errors, disagreeing = {name: one.error for name, one in agreement.items()}, contradicting(agreement)
-    return judge(cameras, pairs, errors, disagreeing)
+    verdict = judge(cameras, pairs, errors, disagreeing)
+    if not disagreeing or "masks" not in verdict.blamed:
+        return verdict
+    places = places_of({name: agreement[name].box for name in disagreeing[:_NAMED_PLACES]}, frame)
+    return verdict.model_copy(update={"reason": f"{verdict.reason} {places}"})
+
+
+def places_of(boxes: Mapping[str, tuple[int, int, int, int] | None], frame: int) -> str:
+    """A sentence on where masks contradict the others: by camera, left, top, right and bottom in pixels."""
+    places = [
+        f"{name} at x {box[0]} to {box[2]}, y {box[1]} to {box[3]}" for name, box in boxes.items() if box is not None
+    ]
+    return f"Where most, in pixels of frame {frame}: {'; '.join(places)}."

@@ -35,10 +35,13 @@ class MaskAgreement:
         missing: fraction of the mask that the volume does not reach, 0..1: none of a performer that all cameras see.
         extra: fraction of the volume's silhouette that is outside of the mask, 0..1. A volume of few cameras is larger
             than the performer, so correct rigs have some.
+        box: left, top, right and bottom of the largest area that contradicts, in pixels of the view; None: no area
+            does.
     """
 
     missing: float
     extra: float
+    box: tuple[int, int, int, int] | None = None
 
     @property
     def error(self) -> float:
@@ -121,4 +124,20 @@ def _compare(shapes: Silhouettes, index: int, volume: torch.Tensor, voxel: float
     cover = np.asarray(cv2.morphologyEx(cover, cv2.MORPH_CLOSE, disk), np.uint8)
     missing = (mask > 0) & (cv2.dilate(cover, disk) == 0)
     extra = (cover > 0) & (cv2.dilate(mask, disk) == 0)
-    return MaskAgreement(int(missing.sum()) / max(int(mask.sum()), 1), int(extra.sum()) / max(int(cover.sum()), 1))
+    return MaskAgreement(
+        int(missing.sum()) / max(int(mask.sum()), 1),
+        int(extra.sum()) / max(int(cover.sum()), 1),
+        _largest_box(missing | extra, shapes.footprints[index] / max(camera.fx, camera.fy)),
+    )
+
+
+def _largest_box(area: np.ndarray, enlarged: float) -> tuple[int, int, int, int] | None:
+    """The box of the largest connected part of an area (H, W) bool, in pixels of an image enlarged by that factor."""
+    import cv2
+
+    count, _, stats, _ = cv2.connectedComponentsWithStats(area.astype(np.uint8), connectivity=8)
+    if count == 1:
+        return None
+    left, top, width, height, _ = stats[1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())]
+    left, top, right, bottom = (round(enlarged * float(one)) for one in (left, top, left + width, top + height))
+    return left, top, right, bottom

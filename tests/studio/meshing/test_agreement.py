@@ -45,3 +45,17 @@ def test_masks_of_another_rig_have_no_common_volume(two_balls: Callable[..., lis
         views[number] = replace(view, mask=mask)
     agreement = mask_agreement(Silhouettes(views), 4)
     assert not agreement or len(contradicting(agreement)) > 4
+
+
+@pytest.mark.parametrize("pixels", [1e9, 4000.0])
+def test_the_place_of_a_contradiction_is_named(two_balls: Callable[..., list[Any]], pixels: float) -> None:
+    """In pixels of the view, also if the masks are compared at a smaller size."""
+    views = two_balls(12)
+    mask = views[4].mask.copy()
+    patch = (4, 6, 44, 30)
+    assert not mask[patch[1] : patch[3], patch[0] : patch[2]].any()
+    mask[patch[1] : patch[3], patch[0] : patch[2]] = 255
+    views[4] = replace(views[4], mask=mask)
+    box = mask_agreement(Silhouettes(views, max_pixels=pixels * 12), 4)["cam04"].box
+    assert box is not None
+    assert np.abs(np.subtract(box, patch)).max() <= 6
