@@ -109,23 +109,19 @@ def wrong(views: Views, later: Views) -> Iterator[Trial]:
     a, b, c, d = (order[int(len(order) * part)] for part in (0.1, 0.35, 0.6, 0.85))
     poses = {name: view.camera.world_to_camera for name, view in views.items()}
 
-    def every(change: Callable[[FootageView], FootageView]) -> Views:
-        return {name: change(view) for name, view in views.items()}
-
     for degrees in (25, 60, 100):
         folded = views | {name: turned(views[name], middle, up, degrees) for name in order[::2]}
         yield Trial(f"folded by {degrees} degrees", folded, True, whole("This rig is wrong"))
     for first, second in ((a, b), (b, d), (c, order[order.index(c) + 1])):
         yield Trial("two cameras exchanged", exchanged(views, first, second), True, names(first, second, blamed="cam"))
     for factor in (0.7, 1.1, 1.3):
-        yield Trial(
-            f"all focal lengths x {factor}", every(lambda v, f=factor: zoomed(v, f)), True, whole("focal lengths")
-        )
+        scaled = {name: zoomed(view, factor) for name, view in views.items()}
+        yield Trial(f"all focal lengths x {factor}", scaled, True, whole("focal lengths"))
     for name, factor in ((b, 1.2), (d, 0.8)):
         yield Trial(
             f"one focal length x {factor}", views | {name: zoomed(views[name], factor)}, True, names(name, blamed="cam")
         )
-    yield Trial("all images mirrored", every(mirrored), False, whole("This rig is wrong", "contradict"))
+    yield Trial("all images mirrored", {name: mirrored(view) for name, view in views.items()}, False, whole("mirrored"))
     yield Trial("one image mirrored", views | {c: mirrored(views[c])}, False, names(c))
     inverse = {name: posed(view, np.linalg.inv(poses[name])) for name, view in views.items()}
     yield Trial("camera-to-world", inverse, True, whole("camera-to-world"))
@@ -194,11 +190,10 @@ def main() -> int:
                 totals[broken][0] += right
                 totals[broken][1] += 1
                 print(f"{'ok' if right else 'MISSED':7} {trial.what:34} {found.grade:7} {found.reason}", flush=True)
-    (found, of), (kept, good) = totals[True], totals[False]
-    print(
-        f"wrong rigs: {found} of {of} called wrong for the right reason; correct rigs: {kept} of {good} not suspected"
-    )
-    return 0 if (found, kept) == (of, good) else 1
+    called, kept = totals[True], totals[False]
+    print(f"wrong rigs: {called[0]} of {called[1]} called wrong for the right reason")
+    print(f"correct rigs: {kept[0]} of {kept[1]} not suspected")
+    return 0 if called[0] == called[1] and kept[0] == kept[1] else 1
 
 
 if __name__ == "__main__":

@@ -229,19 +229,29 @@ def _masks(known: bool, some: bool, contradicting: Collection[str]) -> RigVerdic
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
-_POSES: tuple[tuple[str, Callable[[np.ndarray], np.ndarray]], ...] = (
-    ("Taken as camera-to-world, the poses fit", np.linalg.inv),
-    ("With the axes of OpenGL (y up, z backward), the poses fit", lambda pose: _FLIP @ pose),
-    ("Taken as camera-to-world with the axes of OpenGL, the poses fit", lambda pose: _FLIP @ np.linalg.inv(pose)),
+_CONVERT = "Convert the poses in the camera file."
+_POSES: tuple[tuple[str, str, Callable[[np.ndarray], np.ndarray]], ...] = (
+    ("Taken as camera-to-world, the poses fit", _CONVERT, np.linalg.inv),
+    (
+        # epipolar lines cannot tell these two apart
+        "With the axes of OpenGL (y up, z backward), or with mirrored images, the poses fit",
+        "Convert the poses in the camera file, or mirror the images back.",
+        lambda pose: _FLIP @ pose,
+    ),
+    (
+        "Taken as camera-to-world with the axes of OpenGL, the poses fit",
+        _CONVERT,
+        lambda pose: _FLIP @ np.linalg.inv(pose),
+    ),
 )
 
 
 def _causes(evidence: _Evidence) -> Iterator[tuple[str, str] | None]:
     """Ways in which the whole rig may be wrong, tried on the matches: what is said of each that fits, and the fix."""
     cameras = evidence.cameras
-    for words, change in _POSES:
+    for words, fix, change in _POSES:
         changed = {name: replace(c, world_to_camera=change(c.world_to_camera)) for name, c in cameras.items()}
-        yield _cause(evidence, changed, words, "Convert the poses in the camera file.")
+        yield _cause(evidence, changed, words, fix)
     best, share = _best_scale(evidence, cameras)
     if share >= FITS:
         yield (
