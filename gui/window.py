@@ -361,7 +361,7 @@ class MainWindow:
             marked = map(self.player.transport.numbers.index, sorted(self.marks.notes))
             self.timeline.marks = tuple(index for index in marked if index is not None)
             self._quality.update()
-            self.timeline.look(self.input.pointer, self._user.covered)
+            self.timeline.look(self.input.pointer, self._user.covered or self.hints.listing)
             changed |= self.timeline.update()
             changed |= self.path_panel.update(
                 self.actions.path.pictures(), self.actions.path.previewing, self.player.transport.numbers

@@ -55,6 +55,7 @@ class TimelinePanel:
         self.frame: int | None = None
         self._hover: int | None = None
         self._hover_until = 0.0
+        self._covered = False
         self.explanation = ""
         self._base: np.ndarray | None = None
         self._resume = False
@@ -138,8 +139,9 @@ class TimelinePanel:
 
         Args:
             pointer: its position in the window, pixels; None if it is not known.
-            covered: whether a dialog or a menu is open, which may lie over the timeline.
+            covered: whether a dialog, a menu or a list is open, which may lie over the timeline.
         """
+        self._covered = covered
         if covered or (pointer is not None and not holds(self.picture.widget, *pointer)):
             self._hover = None
 
@@ -155,6 +157,8 @@ class TimelinePanel:
         kind = gui.MouseEvent.Type
         view = self.plots_view
         frames, width = self._player.transport.frame_count, view.timeline.width
+        if event.type == kind.WHEEL and self._covered:
+            return True  # the list that lies over it scrolls
         if event.type == kind.WHEEL:
             share = min(max((x - view.left) / width, 0.0), 1.0)
             self.zoom = self.zoom.within(frames).zoomed(event.wheel_dy, share, frames)

@@ -14,6 +14,7 @@ import numpy as np
 from studio.cameras import Camera
 
 _WIDEST = math.radians(75.0)  # field of view of a first view
+_STEEPEST = math.radians(10.0)  # of a first view, above or below the horizon
 _MAX_PITCH = math.radians(89.0)
 _TURN = math.radians(0.4)  # per pixel dragged
 FILLED = 0.92
@@ -89,7 +90,8 @@ class OrbitCamera:
 
     @classmethod
     def showing(cls, points: np.ndarray, up: np.ndarray, camera: Camera | None) -> OrbitCamera:
-        """The first view of a take: from a camera's place, with everybody in the image, however narrow it is.
+        """The first view of a take: from a camera's place, but at eye level, with everybody in the image, as in the
+        browser player.
 
         Args:
             points: (N, 3) world coordinates of everybody; see `around`.
@@ -103,7 +105,8 @@ class OrbitCamera:
         apart = max(float(np.linalg.norm(away)), 1e-9)
         radius = orbit.distance * math.sin(0.5 * orbit.fov)
         half = min(math.asin(min(radius / apart, 1.0)), 0.5 * _WIDEST)
-        return cls.from_to(orbit.target + away * (radius / math.sin(half) / apart), orbit.target, up, 2.0 * half)
+        found = cls.from_to(orbit.target + away * (radius / math.sin(half) / apart), orbit.target, up, 2.0 * half)
+        return replace(found, pitch=float(np.clip(found.pitch, -_STEEPEST, _STEEPEST)))
 
     @classmethod
     def from_to(cls, eye: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float) -> OrbitCamera:

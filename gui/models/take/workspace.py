@@ -133,6 +133,9 @@ class Workspace:
             self.context, self._unread = self._new_context(load_config(self.take.config)), ""
         except StudioError as error:
             self.context, self._unread = None, str(error)
+            if not self.take.root.is_dir():
+                self.assessment = Assessment()
+                self._unread = f"{self.take.root}: the folder of this take is gone. It was moved or deleted."
         self._unchecked()
 
     def _unchecked(self) -> None:

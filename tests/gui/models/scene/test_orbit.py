@@ -85,6 +85,7 @@ def test_the_first_view_shows_everybody_from_the_place_of_a_camera(away: float, 
     orbit = OrbitCamera.showing(points, UP, aimed.camera(1920, 1080))
     pixels, depth = orbit.camera(*size).project(points)
     assert ((depth > 0) & (pixels >= 0).all(1) & (pixels < size).all(1)).mean() > 0.99
+    assert abs(orbit.pitch) <= math.radians(10.01)
     if away > 3:
         assert orbit.eye == pytest.approx(aimed.eye), "where the camera is"
     assert orbit.eye[1] < 0

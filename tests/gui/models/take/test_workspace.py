@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -294,6 +295,16 @@ def test_damaged_settings_are_a_sentence_until_they_are_repaired(workspace: Work
     (take_copy / "config.yaml").write_text(written)
     wait(workspace, "repaired", lambda: workspace.problem == "")
     assert workspace.config is not None
+
+
+def test_a_take_whose_folder_is_removed_says_so_and_has_no_results(workspace: Workspace, take_copy: Path) -> None:
+    workspace.open(Take.open(take_copy))
+    wait(workspace, "assessed", lambda: states(workspace)["train"] == "done")
+    shutil.rmtree(take_copy)
+    wait(workspace, "noticed", lambda: "is gone" in workspace.problem)
+    assert "done" not in states(workspace).values()
+    assert not workspace.start("all")
+    assert not take_copy.exists()
 
 
 def test_a_run_on_a_cluster_is_not_paused(workspace: Workspace, take_copy: Path) -> None:
