@@ -21,7 +21,6 @@ def register(commands: Any) -> None:
         "layout into a stream. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json "
         "with its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the "
         "previous frame.",
-        formatter_class=argparse.HelpFormatter,
         epilog="--set bake.quality=22 or --bake.quality 22 overrides a setting; `v3studio config` lists all settings.",
     )
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")

@@ -34,6 +34,13 @@ class WrongUsage(SystemExit):
         self.problem = problem
 
 
+class _HelpFormatter(argparse.HelpFormatter):
+    """Wraps descriptions, and shows notes of several lines as they are written."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text.rstrip() if "\n" in text.strip() else super()._fill_text(text, width, indent)
+
+
 class CommandParser(argparse.ArgumentParser):
     """Gives clear errors for numbers and typos, takes no abbreviated options, and shows an epilog as it is written.
 
@@ -42,9 +49,8 @@ class CommandParser(argparse.ArgumentParser):
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        as_written = argparse.RawDescriptionHelpFormatter if options.get("epilog") else argparse.HelpFormatter
         self.arguments: list[argparse.Action] = []
-        super().__init__(*arguments, **{"allow_abbrev": False, "formatter_class": as_written, **options})
+        super().__init__(*arguments, **{"allow_abbrev": False, "formatter_class": _HelpFormatter, **options})
         self.register("type", int, _integer)
         self.register("type", float, _number)
 

@@ -33,7 +33,6 @@ def add_source(parser: argparse.ArgumentParser, nargs: str | None = None, note: 
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.epilog = f"{parser.epilog}\n{SETTINGS_NOTE}" if parser.epilog else SETTINGS_NOTE
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
 
 
 def add_preset(parser: argparse.ArgumentParser) -> None:
