@@ -15,6 +15,7 @@ ICONS: Mapping[str, str] = {
     "mask overlay": "layers",
     "images": "image",
     "performer": "person-standing",
+    "evidence": "radar",
     "garbage masks": "pentagon",
     "cameras": "camera",
     "coverage": "radar",

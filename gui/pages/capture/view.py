@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,18 @@ from gui.models.take.inspector import Block
 from gui.models.take.workspace import Workspace
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
+from studio.camera_files import read_rig
 from studio.capture import Footage, check_footage, open_footage
 from studio.capture.checks import ColorDrift
 from studio.errors import Cancelled, StudioError
+from studio.masks.agreement.source import AgreedMaskSource
 from studio.memory_cache import image_cache
 
 GARBAGE = "garbage masks"
 """The mode in which they are drawn."""
+
+EVIDENCE = "evidence"
+"""The mode that shows what each camera alone takes for the performer."""
 
 DRAWING = "click corners, the first again to close; right click takes back or deletes; Escape: all cameras"
 
@@ -48,7 +54,7 @@ class CaptureView(StageView):
         image_at: where the image of the camera that is shown alone is; None without one.
     """
 
-    modes = ("mask overlay", "images", "performer", GARBAGE)
+    modes = ("mask overlay", "images", "performer", EVIDENCE, GARBAGE)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -100,18 +106,26 @@ class CaptureView(StageView):
         if context is None:
             return None
         config = context.config
-        of = (context.take.root, config.capture, config.run.paths, self.garbage.stamp)
+        rig = context.take.rig
+        calibrated = rig.stat().st_mtime_ns if rig.is_file() else 0
+        of = (context.take.root, config.capture, config.run.paths, self.garbage.stamp, calibrated)
         if self._reduced is None or self._reduced_of != of:
             self._reduced = None
-            footage = open_footage(
+            opening = partial(
+                open_footage,
                 context.footage.capture,
-                None,
                 strict=False,
                 cache_folder=self._cache_folder(),
                 device=config.run.device,
                 threads=config.run.threads,
                 most_cached=DECODED_BYTES,
             )
+            try:
+                footage = opening(read_rig(rig) if calibrated else None)
+            except StudioError:
+                if not calibrated:
+                    raise
+                footage = opening(None)  # cameras that no longer fit the footage: as before calibration
             self._reduced, self._reduced_of = _Reduced(footage), of
         return self._reduced
 
@@ -156,6 +170,8 @@ class CaptureView(StageView):
                 lines = shortened(str(error), self._small, width - 18, room, "...")
                 canvas.lines(x + 9, y + 9, lines, self._small, BAD)
             label = f"{name}, held out" if held_out else name
+            if self.mode == EVIDENCE:
+                label += opened.own_share(name, frame)
             label += f": {DRAWING}" if draws else "; click for all cameras" if alone else ""
             canvas.text(x + width / 2, y + row - self._small - 7, label, self._small, TEXT, align="middle", width=width)
         self.places, self.image_at = places, image_at
@@ -164,6 +180,9 @@ class CaptureView(StageView):
         small = opened.image(name, frame, widest)
         if self.mode == "images":
             return small
+        if self.mode == EVIDENCE:
+            evidence = opened.evidence(name, frame)
+            return np.repeat((255 * evidence).astype(np.uint8)[..., None], 3, axis=2)
         mask = opened.mask(name, frame, widest)
         if self.mode == GARBAGE:  # bright, since one looks for what is not the performer
             return outlined(small, mask)
@@ -227,6 +246,28 @@ class _Reduced:
     def mask(self, camera: str, frame: int, widest: int) -> np.ndarray:
         """(h, w) uint8, 255 = foreground. Raises StudioError as `Footage.raw_mask`."""
         return self._small(("mask", camera, frame, widest), widest, lambda: self.footage.raw_mask(camera, frame))
+
+    def evidence(self, camera: str, frame: int) -> np.ndarray:
+        """(h, w) float32 in 0..1, what the camera alone takes for the performer; without a vote, its mask."""
+        source = self.footage.mask_source
+        if not isinstance(source, AgreedMaskSource):
+            return self.mask(camera, frame, WIDE) / np.float32(255)
+        key = ("evidence", camera, frame)
+        found = self._kept.get(key)
+        if found is None:
+            found = (1 / (1 + np.exp(-source.evidence(camera, frame))),)
+            self._kept.put(key, found)
+        return found[0]
+
+    def own_share(self, camera: str, frame: int) -> str:
+        """What to add to the camera's name: IoU of its own mask with the agreed one; "" without a vote."""
+        import cv2
+
+        if not isinstance(self.footage.mask_source, AgreedMaskSource):
+            return ""
+        own = self.evidence(camera, frame) > 0.5
+        agreed = cv2.resize(self.mask(camera, frame, WIDE), own.shape[::-1], interpolation=cv2.INTER_AREA) > 127
+        return f": {(own & agreed).sum() / max((own | agreed).sum(), 1):.0%} as agreed"
 
     def _small(self, key: Hashable, widest: int, read: Callable[[], np.ndarray]) -> np.ndarray:
         import cv2

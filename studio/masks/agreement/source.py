@@ -191,21 +191,17 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     """Masks on which all cameras agree: see `studio.masks.sources`.
 
     Raises:
-        StudioError: `mask.too_few_cameras`, `mask.not_calibrated`, or as `open_median_background` and `open_model`.
+        StudioError: `mask.too_few_cameras`, or as `open_median_background` and `open_model`.
     """
     voters = len(inputs.names) - len(inputs.held_out)
     if not required and (inputs.cameras is None or voters < FEWEST_CAMERAS):
         return None
-    fix = "Set capture.masks to median_background, which looks at each camera alone."
-    if inputs.cameras is None:
-        problem = "capture.masks is agreed, which needs calibrated cameras, but there are none yet"
-        raise StudioError("mask.not_calibrated", problem, fix=fix, setting="capture.masks")
     if voters < FEWEST_CAMERAS:
         raise StudioError(
             "mask.too_few_cameras",
             f"capture.masks is agreed, which needs {FEWEST_CAMERAS} cameras for training, but there are {voters}",
             value=voters,
-            fix=fix,
+            fix="Set capture.masks to median_background, which looks at each camera alone.",
             expected=FEWEST_CAMERAS,
             setting="capture.masks",
         )
@@ -213,6 +209,8 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     if found is None:
         return None
     plates, phrase = found
+    if inputs.cameras is None:
+        return plates, f"those of each camera alone until the cameras are calibrated, {phrase}"
     assert isinstance(plates, PlateMaskSource)
     model = open_model(inputs, True)[0] if inputs.spec.mask_model else None
     cameras = inputs.cameras()

@@ -36,7 +36,7 @@ def test_what_capture_keeps_is_bounded_and_its_pictures_stay_the_same(
     usual = CaptureView(workspace)
     wanted = {
         (mode, frame): drawn(usual, mode, frame)
-        for mode in ("images", "mask overlay", "performer")
+        for mode in ("images", "mask overlay", "performer", "evidence")
         for frame in range(4)
     }
     used = kept() - before
