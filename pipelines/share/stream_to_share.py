@@ -67,7 +67,8 @@ class StreamToShare:
         ).plain()
 
     def poster(self) -> Poster:
-        """The first frame from the suggested camera, or from the front, over the stream's background.
+        """The first frame as the player begins: from the suggested camera at eye level, or from the front, over the
+        stream's background.
 
         Raises:
             StudioError: the first group is missing or damaged.
@@ -75,9 +76,13 @@ class StreamToShare:
         from pipelines.reports.images import encode, render
         from pipelines.takes.videos import decoded_video
         from studio.formats.camera_path import turntable
+        from studio.stream.suggested_view import eye_level_view
 
         video = decoded_video(self.reader)
         camera = video.view or turntable(video, *_POSTER_SIZE)(0.0)
+        if video.view is not None and video.up is not None:
+            box = self.reader.manifest.bounding_box
+            camera = eye_level_view(camera, box.min, box.max, video.up)
         image = render(video.read(0), camera, video.background, width=POSTER_WIDTH)
         return Poster(encode(image, ".jpg", _QUALITY), (image.shape[1], image.shape[0]))
 

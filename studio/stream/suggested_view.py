@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -15,6 +16,9 @@ MARGIN = 1.08
 
 _EDGES = np.array([place for place in product((-1, 0, 1), repeat=3) if place.count(0) == 1])
 """(12, 3) middles of the edges of a cube from -1 to 1."""
+
+EYE_LEVEL = np.radians(10.0)
+"""Radians above the horizon at which players begin at most (docs/WEB.md)."""
 
 _NARROWEST = 0.02  # tangent of half the field of view, where the box is a point
 
@@ -66,3 +70,27 @@ def suggested_view(camera: Camera, low: Sequence[float], high: Sequence[float], 
     focal = min(camera.width / 2 / across, camera.height / 2 / along)
     K = np.array([[focal, 0, camera.width / 2], [0, focal, camera.height / 2], [0, 0, 1.0]])
     return Camera(camera.name, camera.width, camera.height, K, pose)
+
+
+def eye_level_view(view: Camera, low: Sequence[float], high: Sequence[float], up: np.ndarray) -> Camera:
+    """The first view of the browser player: a suggested view, lowered or raised to eye level around the box's middle.
+
+    Args:
+        view: a suggested view, without distortion.
+        low, high: (3,) least and greatest corner of the whole stream's box, world units.
+        up: (3,) direction that points up in the world, any length.
+
+    Returns:
+        `view` itself if it is at eye level, or looks straight up or down.
+    """
+    upright = up / np.linalg.norm(up)
+    forward = view.rotation[2]
+    elevation = float(np.arcsin(np.clip(-forward @ upright, -1, 1)))
+    flat = forward - (forward @ upright) * upright
+    if abs(elevation) <= EYE_LEVEL or np.linalg.norm(flat) < 0.05:
+        return view
+    middle = (np.array(low) + np.array(high)) / 2
+    level = np.sign(elevation) * EYE_LEVEL
+    towards = np.cos(level) * flat / np.linalg.norm(flat) - np.sin(level) * upright
+    eye = middle - np.linalg.norm(middle - view.center) * towards
+    return suggested_view(replace(view, world_to_camera=look_at_pose(eye, middle, upright)), low, high, upright)

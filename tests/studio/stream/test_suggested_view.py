@@ -8,7 +8,7 @@ import torch
 
 from studio.cameras import Camera, look_at_pose
 from studio.gaussians import Gaussians
-from studio.stream.suggested_view import seen_box, suggested_view
+from studio.stream.suggested_view import eye_level_view, seen_box, suggested_view
 
 UP = np.array([0.0, 0.0, 2.0])
 LOW, HIGH = (-0.5, -0.3, 0.0), (0.7, 0.4, 1.8)
@@ -76,3 +76,16 @@ def test_strays_and_faint_splats_are_not_framed():
 
 def test_where_nothing_can_be_seen_there_is_no_box():
     assert seen_box([splats(np.zeros((5, 3)), torch.full((5,), 0.001))]) is None
+
+
+def test_a_view_from_the_ceiling_is_lowered_to_eye_level():
+    level = suggested_view(camera((3.0, -1.0, 1.2)), LOW, HIGH, UP)
+    assert eye_level_view(level, LOW, HIGH, UP) is level
+    high = suggested_view(camera((3.0, -1.0, 4.0)), LOW, HIGH, UP)
+    view = eye_level_view(high, LOW, HIGH, UP)
+    assert np.degrees(np.arcsin(-view.rotation[2, 2])) == pytest.approx(10)
+    middle = (np.array(LOW) + HIGH) / 2
+    assert np.linalg.norm(view.center - middle) == pytest.approx(np.linalg.norm(high.center - middle))
+    parts = edges(view) / (view.width, view.height)
+    assert parts.min() > 0
+    assert parts.max() < 1
