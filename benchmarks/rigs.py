@@ -121,7 +121,9 @@ def wrong(views: Views, later: Views) -> Iterator[Trial]:
         yield Trial(
             f"one focal length x {factor}", views | {name: zoomed(views[name], factor)}, True, names(name, blamed="cam")
         )
-    yield Trial("all images mirrored", {name: mirrored(view) for name, view in views.items()}, False, whole("mirrored"))
+    yield Trial(
+        "all images mirrored", {name: mirrored(view) for name, view in views.items()}, False, whole("This rig is wrong")
+    )
     yield Trial("one image mirrored", views | {c: mirrored(views[c])}, False, names(c))
     inverse = {name: posed(view, np.linalg.inv(poses[name])) for name, view in views.items()}
     yield Trial("camera-to-world", inverse, True, whole("camera-to-world"))
