@@ -61,8 +61,8 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
 
 def _naming(error: StudioError, temporary: Path, path: Path) -> StudioError:
     """The error with the final name, if it has the temporary one, or that of a file inside."""
-    file = error.file and Path(error.file)
-    if not file or not file.is_relative_to(temporary):
+    file = Path(error.file) if error.file else None
+    if file is None or not file.is_relative_to(temporary):
         return error
     message = error.message
     file = path / file.relative_to(temporary)

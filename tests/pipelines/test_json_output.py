@@ -130,7 +130,13 @@ def test_every_command_that_knows_json_is_tried_above(cli: Callable) -> None:
     parsers = _parser()[1]
     knowing = {name for name, parser in parsers.items() if "--json" in parser.format_help()}
     stages = {"run", "calibrate", "initialize", "train", "bake", "evaluate"}  # one function, tried with bake
-    elsewhere = {"serve": "commands", "work": "runs", "estimate": "estimate"}
+    elsewhere = {
+        "serve": "commands",
+        "work": "runs",
+        "estimate": "estimate",
+        "models list": "models",
+        "models get": "models",
+    }
     assert knowing == stages | set(COMMANDS) | set(elsewhere)
 
 

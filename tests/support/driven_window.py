@@ -110,7 +110,7 @@ def main(paths: Path, results: Path) -> int:
                             late.append(stage)
                             break
                         yield
-                    said += [self.views.message, self.workspace.message, self.message.text]
+                    said += [self.views.message, self.message.text]
                     said += [self.stages.error.text, *self.player.left_out]
                 said += [words for row in self.workspace.rows() for words in (row.words, row.detail)]
                 said.append(self.notices.text)  # what failed since

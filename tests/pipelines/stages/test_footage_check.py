@@ -35,7 +35,7 @@ REPORTER = StageReporter("train")
 
 def context_of(folder: Path) -> Any:
     footage = open_footage(CaptureSettings(root=folder, masks="files"))
-    return cast(Any, SimpleNamespace(footage=SimpleNamespace(calibrated=footage)))
+    return cast(Any, SimpleNamespace(footage=SimpleNamespace(trained=footage)))
 
 
 def test_sound_footage_does_not_disturb(folders: Path) -> None:

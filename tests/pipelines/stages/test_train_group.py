@@ -28,7 +28,7 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
     config = config.model_copy(update={"train": config.train.model_copy(update={"use_plates": use_plates})})
     context = SimpleNamespace(
         config=config,
-        footage=SimpleNamespace(calibrated=footage, raw=SimpleNamespace(frames=range(1))),
+        footage=SimpleNamespace(trained=footage, raw=SimpleNamespace(frames=range(1))),
         edits=EditList(),
         training_box=None,
         device="cpu",

@@ -69,5 +69,5 @@ def test_there_are_none_at_full_size(project: Path) -> None:
 
 
 def test_the_colors_of_cameras_do_not_depend_on_details(project: Path) -> None:
-    found = views_of(project, HALF, colored=False)
+    found = views_of(project, HALF, colored=False, detailed=False)
     assert not any(view.details or view.closer for view in found)

@@ -77,6 +77,6 @@ def test_the_command_checks_a_folder_a_file_and_refuses_to_remove(ladder, tmp_pa
         lines = capsys.readouterr().out.splitlines()
         assert lines[0].startswith(f"files/{video.name} (group")
         assert "1 damaged" in lines[1]
-    assert execute(["check", str(ladder), "--remove"]) == 1
+    assert execute(["check", str(ladder), "--remove"]) == 2
     assert video.exists()
     assert "--remove" in capsys.readouterr().err
