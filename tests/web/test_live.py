@@ -70,11 +70,14 @@ def test_a_paused_page_gets_the_best_rendition(site, baked, open_page):
 
 def replacing(site, new, served):
     """A page's setup: as the bake does, another stream takes the place of the site's after so many of its files."""
-    asked = []
+    asked, replaced = [], []
 
-    def answer(route):
+    def answer(handle, route):
         asked.append(route.request.url)
-        if len(asked) == served + 1:
+        if served and len(asked) > served and not replaced:  # a page without an image opens the new stream unasked
+            handle.wait_for_function("() => (window.seen?.time ?? []).length > 0")
+        if len(asked) > served and not replaced:
+            replaced.append(True)
             old = set((site.stream / "files").iterdir())
             shutil.copytree(new / "files", site.stream / "files", dirs_exist_ok=True)
             shutil.copy2(new / "manifest.json", site.folder / "manifest.json")
@@ -83,7 +86,7 @@ def replacing(site, new, served):
                 path.unlink()
         route.continue_()
 
-    return lambda handle: handle.route("**/stream/files/*", answer)
+    return lambda handle: handle.route("**/stream/files/*", lambda route: answer(handle, route))
 
 
 def test_a_stream_that_is_baked_again_before_its_first_image(site, baked, open_page):

@@ -24,12 +24,16 @@ def project(finished: Path, tmp_path: Path) -> Path:
     return tmp_path / "project"
 
 
-def views_of(project: Path, *options: str, details: int = 1, colored: bool = True) -> list[TrainingView]:
+def views_of(
+    project: Path, *options: str, details: int = 1, colored: bool = True, detailed: bool = True
+) -> list[TrainingView]:
     take = Take.open(project / "take")
     mark = DetailMark(radius=0.1, path=((0, (0.0, 0.0, 0.0)),))
     change_edits(take.edits, EditList(details=(mark,) * details), "details")
     context = Inputs(take, load_config(project / "ball.yaml", [parse_override(one) for one in options]))
-    return training_views(context, StageReporter("train"), 0, lambda number, images: None, colored=colored)
+    return training_views(
+        context, StageReporter("train"), 0, lambda number, images: None, colored=colored, detailed=detailed
+    )
 
 
 HALF = "capture.scale=0.5"
