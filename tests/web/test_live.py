@@ -104,8 +104,10 @@ def test_a_stream_that_is_baked_again_during_playback(site, baked, open_page):
     page.call("setView", {"azimuth": 40})
     button = page.handle.get_by_role("button", name="Show the new version")
     button.wait_for()
-    page.wait("player.state.frame === 5")  # the last one that is there
-    page.handle.wait_for_timeout(700)  # in which the others would have been tried
+    page.wait("player.state.frame >= 3")  # in the last group that is there
+    page.handle.wait_for_timeout(1500)  # in which the others would have been tried
+    stopped = page.state["frame"]
+    assert stopped <= 5
     assert page.seen("notice") == []
     assert len(page.seen("updated")) == 1
     assert page.evaluate("() => document.querySelector('v3-player').engine.leftOut.size") == 0
@@ -113,7 +115,7 @@ def test_a_stream_that_is_baked_again_during_playback(site, baked, open_page):
     page.evaluate("() => { window.seen.time = []; window.seen.ready = []; }")
     button.click()
     page.wait("seen.ready.length")
-    assert page.seen("time")[0]["frame"] == 5
+    assert page.seen("time")[0]["frame"] == stopped
     assert page.state["playing"]
     assert page.state["view"]["azimuth"] == 40
     assert not button.is_visible()
