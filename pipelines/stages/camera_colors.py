@@ -7,17 +7,16 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.group_scheduler import run_groups, threads_of_groups
+from pipelines.stages.camera_fit import check_first_points, ensure_fitted, fit_key
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, derived_seed, key_of
+from pipelines.stages.params import Params, derived_seed
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
-from pipelines.takes.atomic_files import read_model, write_model
+from pipelines.takes.atomic_files import write_model
 from pipelines.takes.point_files import read_points
-from pipelines.takes.records import result_of
-from pipelines.takes.stage_files import CameraColors, InitialPointsReport
+from pipelines.takes.stage_files import CameraColors
 from studio.counts import counted
-from studio.errors import Message, StudioError
+from studio.errors import Message
 
 if TYPE_CHECKING:
     from studio.training import TrainingView
@@ -35,10 +34,7 @@ def camera_colors_key(inputs: Inputs, recipe: Params) -> str:
         inputs: of the stage `train`.
         recipe: settings and inputs of keyframes.
     """
-    first = inputs.groups[0]
-    points = inputs.take.initialize_group(first.index) / "report.json"
-    files = read_model(points, InitialPointsReport).files if points.is_file() else None
-    return key_of("camera colors", VERSION, recipe, result_of(inputs.take, "calibrate"), files, first.keyframe)
+    return fit_key(inputs, "camera colors", VERSION, recipe)
 
 
 def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
@@ -50,25 +46,10 @@ def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop
             training diverged.
         Cancelled: the run was cancelled.
     """
-
-    def check() -> None:
-        stop.check()
-        reporter.check()
-
-    points = inputs.take.initialize_group(inputs.groups[0].index) / "points.ply"
-    if inputs.config.train.color_chart_frame is None and not points.is_file():
-        raise StudioError(
-            "training.no_first_points",
-            "the colors of the cameras are fitted to the first group, which has no initial points yet",
-            file=points,
-            fix="Run `v3studio initialize`.",
-            stage="initialize",
-        )
-    with inputs.take.group_locked("camera_colors", 0, check):
-        if _key_of_file(inputs) == key:
-            return
-        # with the threads of the first group, so that other workers get the same bits
-        run_groups({0: partial(_fit, inputs, reporter, key)}, 1, threads_of_groups(inputs), stop)
+    if inputs.config.train.color_chart_frame is None:
+        check_first_points(inputs, "the colors of the cameras are fitted to")
+    fit = partial(_fit, inputs, reporter, key)
+    ensure_fitted(inputs, reporter, stop, inputs.take.camera_colors, CameraColors, key, fit)
 
 
 def _fit(inputs: Inputs, reporter: StageReporter, key: str) -> None:
@@ -173,13 +154,3 @@ def _log_differences(reporter: StageReporter, colors: CameraColors) -> None:
         f"{sum(off.values()) / len(off):.0f} levels of 255 (mean), {max(off.values()):.0f} (most)"
         + (f"; most in {', '.join(far[:5])}" if far else "")
     )
-
-
-def _key_of_file(inputs: Inputs) -> str | None:
-    path = inputs.take.camera_colors
-    if not path.is_file():
-        return None
-    try:
-        return read_model(path, CameraColors).key
-    except StudioError:
-        return None

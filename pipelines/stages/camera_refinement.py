@@ -11,16 +11,14 @@ import numpy as np
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.calibration import write_calibration_page
 from pipelines.stages.calibrate import has_camera_file
-from pipelines.stages.group_scheduler import run_groups, threads_of_groups
+from pipelines.stages.camera_fit import check_first_points, ensure_fitted, fit_key
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, derived_seed, key_of
+from pipelines.stages.params import Params, derived_seed
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
-from pipelines.takes.atomic_files import atomic_path, read_model, remove, write_model
+from pipelines.takes.atomic_files import atomic_path, remove, write_model
 from pipelines.takes.point_files import read_points
-from pipelines.takes.records import result_of
-from pipelines.takes.stage_files import CameraChange, CameraRefinement, InitialPointsReport
-from studio.errors import StudioError
+from pipelines.takes.stage_files import CameraChange, CameraRefinement
 
 if TYPE_CHECKING:
     from studio.cameras import Camera, Rig
@@ -45,12 +43,7 @@ def refinement_key(inputs: Inputs, recipe: Params, *more: Any) -> str:
         recipe: settings and inputs of keyframes.
         more: what else they are refined from.
     """
-    first = inputs.groups[0]
-    points = inputs.take.initialize_group(first.index) / "report.json"
-    files = read_model(points, InitialPointsReport).files if points.is_file() else None
-    return key_of(
-        "camera refinement", VERSION, recipe, result_of(inputs.take, "calibrate"), files, first.keyframe, *more
-    )
+    return fit_key(inputs, "camera refinement", VERSION, recipe, *more)
 
 
 def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
@@ -62,25 +55,9 @@ def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, st
             training diverged.
         Cancelled: the run was cancelled.
     """
-
-    def check() -> None:
-        stop.check()
-        reporter.check()
-
-    points = inputs.take.initialize_group(inputs.groups[0].index) / "points.ply"
-    if not points.is_file():
-        raise StudioError(
-            "training.no_first_points",
-            "the cameras are refined with the first group, which has no initial points yet",
-            file=points,
-            fix="Run `v3studio initialize`.",
-            stage="initialize",
-        )
-    with inputs.take.group_locked("camera_refinement", 0, check):
-        if _key_of_file(inputs) != key:
-            drop_refined_cameras(inputs)
-            # with the threads of the first group, so that other workers get the same bits
-            run_groups({0: partial(_refine, inputs, reporter, key)}, 1, threads_of_groups(inputs), stop)
+    check_first_points(inputs, "the cameras are refined with")
+    fit = partial(_refine, inputs, reporter, key)
+    ensure_fitted(inputs, reporter, stop, inputs.take.camera_refinement, CameraRefinement, key, fit)
     inputs.footage.forget_cameras()
 
 
@@ -99,6 +76,7 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     from studio.training import refine_cameras
     from studio.training.camera_refinement import WORTH
 
+    drop_refined_cameras(inputs)
     group, device, footage = inputs.groups[0], inputs.device, inputs.footage.calibrated
 
     def reading(number: int, images: int) -> None:
@@ -202,13 +180,3 @@ def _radial(camera: Camera) -> float:
 
 def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 3)
-
-
-def _key_of_file(inputs: Inputs) -> str | None:
-    path = inputs.take.camera_refinement
-    if not path.is_file():
-        return None
-    try:
-        return read_model(path, CameraRefinement).key
-    except StudioError:
-        return None

@@ -1,0 +1,97 @@
+"""What is fitted to all cameras once, with the first group, before groups are trained: colors, refined cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.group_scheduler import run_groups, threads_of_groups
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.params import Params, key_of
+from pipelines.stages.reporter import StageReporter
+from pipelines.takes.atomic_files import read_model
+from pipelines.takes.records import result_of
+from pipelines.takes.stage_files import CameraColors, CameraRefinement, InitialPointsReport
+from studio.errors import StudioError
+
+_Fitted = CameraColors | CameraRefinement
+
+
+def fit_key(inputs: Inputs, what: str, version: int, recipe: Params, *more: Any) -> str:
+    """Digest of what is fitted to the cameras.
+
+    Args:
+        inputs: of the stage `train`.
+        what: is fitted.
+        version: of the algorithm.
+        recipe: settings and inputs of keyframes.
+        more: what else it is made from.
+    """
+    first = inputs.groups[0]
+    points = inputs.take.initialize_group(first.index) / "report.json"
+    files = read_model(points, InitialPointsReport).files if points.is_file() else None
+    return key_of(what, version, recipe, result_of(inputs.take, "calibrate"), files, first.keyframe, *more)
+
+
+def check_first_points(inputs: Inputs, what: str) -> None:
+    """Raise StudioError `training.no_first_points` if the first group has no initial points.
+
+    Args:
+        inputs: of the stage `train`.
+        what: begins the sentence, up to "the first group".
+    """
+    points = inputs.take.initialize_group(inputs.groups[0].index) / "points.ply"
+    if not points.is_file():
+        raise StudioError(
+            "training.no_first_points",
+            f"{what} the first group, which has no initial points yet",
+            file=points,
+            fix="Run `v3studio initialize`.",
+            stage="initialize",
+        )
+
+
+def ensure_fitted(
+    inputs: Inputs,
+    reporter: StageReporter,
+    stop: Cancellation,
+    file: Path,
+    kind: type[_Fitted],
+    key: str,
+    fit: Callable[[], None],
+) -> None:
+    """Fit unless the result is there. Any worker may do it: the same inputs give the same bytes.
+
+    Args:
+        inputs: of the stage `train`.
+        reporter: of the stage.
+        stop: of the run.
+        file: of the result, in the take.
+        kind: of the result.
+        key: its `fit_key`.
+        fit: makes the result and writes it to the file.
+
+    Raises:
+        StudioError: raised by `fit`.
+        Cancelled: the run was cancelled.
+    """
+
+    def check() -> None:
+        stop.check()
+        reporter.check()
+
+    with inputs.take.group_locked(file.stem, 0, check):
+        if _stored_key(file, kind) != key:
+            # with the threads of the first group, so that other workers get the same bits
+            run_groups({0: fit}, 1, threads_of_groups(inputs), stop)
+
+
+def _stored_key(file: Path, kind: type[_Fitted]) -> str | None:
+    if not file.is_file():
+        return None
+    try:
+        return read_model(file, kind).key
+    except StudioError:
+        return None
