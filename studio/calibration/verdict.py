@@ -300,26 +300,22 @@ def _best_scale(
     evidence: _Evidence, names: Collection[str], of: Collection[str] = (), without: Collection[str] = ()
 ) -> tuple[float, float]:
     """The factor of the focal lengths of some cameras with which most matches fit, and their fraction."""
-    best = 1.0, 0.0
+    return _best_factor(lambda scale: evidence.share(_scaled(evidence.cameras, names, scale), of, without) or 0.0)
+
+
+def _best_factor(score: Callable[[float], float]) -> tuple[float, float]:
+    """The factor of focal lengths with the highest score, and that score."""
+    best = 1.0
     for around in (_SCALES, _NEAR):
-        scales = [best[0] * float(factor) for factor in around]
-        shares = [
-            (scale, evidence.share(_scaled(evidence.cameras, names, scale), of, without) or 0.0) for scale in scales
-        ]
-        best = max(shares, key=lambda found: found[1])
-    return best
+        best, highest = max(((scale, score(scale)) for scale in (best * around).tolist()), key=lambda found: found[1])
+    return best, highest
 
 
 def _wrong_scale(evidence: _Evidence) -> float | None:
     """The factor by which all focal lengths are wrong, though most matches fit: cameras that nearly face one point
     tolerate 10%. None if they are not."""
-
-    def off(scale: float) -> float:
-        return evidence.median(_scaled(evidence.cameras, evidence.cameras, scale))
-
-    best = min(_SCALES, key=off)
-    best = float(min((best * near for near in _NEAR), key=off))
-    return best if abs(np.log(best)) > _SCALE_OFF and off(best) < off(1.0) / 2 else None
+    best, score = _best_factor(lambda scale: -evidence.median(_scaled(evidence.cameras, evidence.cameras, scale)))
+    return best if abs(np.log(best)) > _SCALE_OFF and -score < evidence.median(evidence.cameras) / 2 else None
 
 
 def _scaled(cameras: Cameras, names: Collection[str], scale: float) -> Cameras:

@@ -102,12 +102,15 @@ class AgreedMaskSource:
         image = self._image(camera, frame)
         behind = _reduced_background(self._plates.background(camera))
         odds = evidence_of(image, [self._image(camera, one) for one in near], behind, self._inputs.spec)
+        garbage = self._inputs.garbage
+        if self._model is None and garbage is None:
+            return odds
+        full = self._inputs.image(camera, frame)
         if self._model is not None:
-            share = self._model.mask(camera, frame, self._inputs.image(camera, frame)) / np.float32(255)
+            share = self._model.mask(camera, frame, full) / np.float32(255)
             share = np.clip(_reduced(share), _MODEL_CLIP, 1 - _MODEL_CLIP)
             odds = np.clip(odds + _MODEL * np.log(share / (1 - share)), -LIMIT, LIMIT)
-        garbage = self._inputs.garbage
-        inside = garbage.inside(camera, frame, self._inputs.image(camera, frame)) if garbage is not None else None
+        inside = garbage.inside(camera, frame, full) if garbage is not None else None
         return odds if inside is None else np.where(_reduced(inside.astype(np.float32)) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
