@@ -83,14 +83,14 @@ export class Pins {
     const { pinhole } = player;
     const noted = this.marks.flatMap(({ frame, view }) => (frame === player.frame && view?.place ? [view.place] : []));
     const places = this.writing ? (this.chosen_ === null ? [] : [this.chosen_]) : noted;
-    const pins = places.flatMap((point) => {
-      const place = placeIn(pinhole, point);
-      if (place === null) return [];
-      const pin = make("i");
-      pin.style.left = `${((100 * place[0]) / pinhole.width).toFixed(2)}%`;
-      pin.style.top = `${((100 * place[1]) / pinhole.height).toFixed(2)}%`;
-      return [pin];
-    });
-    if (pins.length > 0 || this.layer.childElementCount > 0) this.layer.replaceChildren(...pins);
+    const pins = places.map((point) => placeIn(pinhole, point)).filter((place) => place !== null);
+    // The elements stay: this is called for each image.
+    while (this.layer.childElementCount > pins.length) this.layer.lastElementChild!.remove();
+    while (this.layer.childElementCount < pins.length) this.layer.append(make("i"));
+    for (const [k, [x, y]] of pins.entries()) {
+      const { style } = this.layer.children[k] as HTMLElement;
+      style.left = `${((100 * x) / pinhole.width).toFixed(2)}%`;
+      style.top = `${((100 * y) / pinhole.height).toFixed(2)}%`;
+    }
   }
 }
