@@ -362,7 +362,7 @@ def _intrinsics_files(inputs: Inputs) -> Params:
 
 def _keep_points(inputs: Inputs, points: np.ndarray, colors: np.ndarray) -> None:
     with atomic_path(inputs.take.calibration_points) as temporary:
-        write_points(temporary, points, None, colors)
+        write_points(temporary, points, None, colors, doubles=True)
 
 
 @dataclass(frozen=True)

@@ -27,18 +27,27 @@ _MAX_BYTES = 4 << 30
 _POINT = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [(name, "u1") for name in ("red", "green", "blue")]
 )
+_FAR_POINT = np.dtype([(name, "<f8" if name in "xyz" else _POINT[name]) for name in _POINT.names or ()])
+_WORDS = {"<f4": "float", "<f8": "double", "|u1": "uchar"}
 
 
-def write_points(path: Path, points: np.ndarray, normals: np.ndarray | None, colors: np.ndarray) -> None:
-    """Write positions (N, 3), normals (N, 3) (None: zeros) and colors (N, 3), 0 to 255."""
-    rows = np.zeros(len(points), dtype=_POINT)
+def write_points(
+    path: Path, points: np.ndarray, normals: np.ndarray | None, colors: np.ndarray, doubles: bool = False
+) -> None:
+    """Write positions (N, 3), normals (N, 3) (None: zeros) and colors (N, 3), 0 to 255.
+
+    Args:
+        doubles: write positions with 64 bits, for points that may be far from zero.
+    """
+    kinds = _FAR_POINT if doubles else _POINT
+    rows = np.zeros(len(points), dtype=kinds)
     for column, name in enumerate(("x", "y", "z")):
         rows[name] = points[:, column]
         if normals is not None:
             rows["n" + name] = normals[:, column]
     for column, name in enumerate(("red", "green", "blue")):
         rows[name] = np.clip(colors[:, column], 0, 255)
-    names = [f"property {'uchar' if _POINT[name] == np.uint8 else 'float'} {name}" for name in _POINT.names or ()]
+    names = [f"property {_WORDS[kinds[name].str]} {name}" for name in kinds.names or ()]
     header = "\n".join(
         ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *names, "end_header", ""]
     )
@@ -46,13 +55,30 @@ def write_points(path: Path, points: np.ndarray, normals: np.ndarray | None, col
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read what `write_points` wrote: positions (N, 3) float32, colors (N, 3) float32 in 0 to 1.
+    """Read what `write_points` wrote: positions (N, 3) as written, colors (N, 3) float32 in 0 to 1.
 
     Raises:
         StudioError: `take.damaged`.
     """
     rows = _rows(path)
     return _columns(rows, "x", "y", "z"), _columns(rows, "red", "green", "blue").astype(np.float32) / 255
+
+
+def read_sparse_points(path: Path, rig: Path) -> tuple[np.ndarray, np.ndarray]:
+    """As `read_points`, for those of a calibration: float32, in the take's own frame.
+
+    Args:
+        path: calibrate/points.ply.
+        rig: calibrate/rig.json.
+
+    Raises:
+        StudioError: `take.damaged`, or the cameras cannot be read.
+    """
+    from studio.camera_files import read_rig
+    from studio.own_frame import own_frame
+
+    points, colors = read_points(path)
+    return own_frame(read_rig(rig)).points(points).astype(np.float32), colors
 
 
 def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -79,6 +105,7 @@ def _rows(path: Path) -> np.ndarray:
         ) from None
     found = re.search(rb"^element vertex ([0-9]{1,12})$", header, re.MULTILINE)
     count = int(found[1]) if found else -1
-    if count < 0 or len(body) != count * _POINT.itemsize:
+    kinds = _FAR_POINT if b"property double x" in header else _POINT
+    if count < 0 or len(body) != count * kinds.itemsize:
         raise StudioError("take.damaged", "the file is damaged", file=path, fix=fix, stage="initialize")
-    return np.frombuffer(body, dtype=_POINT)
+    return np.frombuffer(body, dtype=kinds)

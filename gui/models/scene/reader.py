@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Hashable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -14,7 +15,7 @@ from gui.models.scene import contents as scene
 from gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneWanted, Surface
 from gui.models.scene.handles import up_of
 from pipelines.takes.edits import read_edits
-from pipelines.takes.point_files import read_points
+from pipelines.takes.point_files import read_points, read_sparse_points
 from studio.cameras import Camera, Rig
 from studio.counts import counted
 from studio.edits.edit_list import EditList
@@ -59,7 +60,8 @@ class SceneReader:
             edits = self._file(wanted.take.edits, read_edits, edits)
             points = self._file(folder / "points.ply", read_points, points)
             if "points" in wanted.parts:
-                sparse = self._file(wanted.take.calibration_points, read_points, points)
+                rig = wanted.take.rig
+                sparse = self._file(wanted.take.calibration_points, partial(read_sparse_points, rig=rig), points)
                 words.append(counted(len(sparse[0]), "initial point" if sparse is points else "sparse point"))
             if "mesh" in wanted.parts:
                 mesh = self._file(folder / "mesh.ply", self._maybe_mesh, None)

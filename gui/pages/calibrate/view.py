@@ -20,7 +20,7 @@ from gui.pages.calibrate.rig_coverage import RigCoverage
 from gui.pages.report_table import CAMERA, Sorting, table_text
 from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
 from pipelines.takes.checked_cameras import CheckedCameras, checked_cameras
-from pipelines.takes.point_files import read_points, read_surface
+from pipelines.takes.point_files import read_sparse_points, read_surface
 from pipelines.takes.stage_files import CamerasFromFile
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, CameraReport
@@ -109,15 +109,13 @@ class CalibrateView(OrbitView):
         if stamp == self._read_of:
             return
         from studio.camera_files import read_rig
-        from studio.own_frame import in_own_frame, own_frame
+        from studio.own_frame import in_own_frame
 
-        rig = read_rig(take.rig)
-        self._rig = in_own_frame(rig)
+        self._rig = in_own_frame(read_rig(take.rig))
         self._checked = checked_cameras(take)
         self._points = None
         if take.calibration_points.is_file():
-            points, colors = read_points(take.calibration_points)
-            self._points = own_frame(rig).points(points).astype(np.float32), colors
+            self._points = read_sparse_points(take.calibration_points, take.rig)
         self._thumbnails.clear()
         self.home = _overview(self._rig)
         self._read_of = stamp
