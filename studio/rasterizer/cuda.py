@@ -157,7 +157,8 @@ def rasterize_cuda(
     means = torch.where(finite[:, None], means, torch.zeros_like(means))
     log_scales = torch.where(finite[:, None], gaussians.log_scales, torch.zeros_like(gaussians.log_scales))
     sh = torch.where(finite[:, None, None], gaussians.sh, torch.zeros_like(gaussians.sh))
-    opacities = torch.where(finite, gaussians.opacities, torch.zeros_like(gaussians.logit_opacities))
+    logits = torch.where(finite, gaussians.logit_opacities, torch.zeros_like(gaussians.logit_opacities))
+    opacities = torch.where(finite, logits.sigmoid(), torch.zeros_like(logits))
 
     view = camera_tensors(pinhole, means.device)
     # One camera: C = 1. radii (1, N, 2) int, means2d (1, N, 2), depths (1, N), conics (1, N, 3).
