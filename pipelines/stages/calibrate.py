@@ -128,18 +128,14 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
 
 def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
     from studio.camera_files import read_rig
-    from studio.cameras import Rig
-    from studio.capture import cameras_left_out, match_rig, rig_notes
+    from studio.capture import rig_of_footage
     from studio.own_frame import frame_sentence, own_frame
 
     footage = inputs.footage.raw
-    given = read_rig(path)
-    notes = rig_notes(given, inputs.config.capture, footage.camera_names)
-    left_out = cameras_left_out(given, footage.camera_names)
-    rig = Rig(tuple(match_rig(given, footage.camera_names).values()), left_out=left_out)
+    rig = rig_of_footage(read_rig(path), inputs.config.capture, footage.camera_names)
     check_sizes(inputs, rig, path)
     framed = frame_sentence(own_frame(rig))
-    notes = notes if framed is None else (*notes, framed)
+    notes = rig.notes if framed is None else (*rig.notes, framed)
     return rig, CamerasFromFile(source="file", file=str(path), notes=notes)
 
 

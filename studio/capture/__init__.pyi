@@ -1,13 +1,11 @@
 from .checks import check_footage
 from .footage import Footage, FootageView
+from .matching import match_rig, rig_of_footage
 from .open_footage import (
-    cameras_left_out,
     find_cameras,
     held_out_cameras,
-    match_rig,
     open_footage,
     refuse_unknown_cameras,
-    rig_notes,
 )
 from .settings import CaptureSettings
 
@@ -15,12 +13,11 @@ __all__ = [
     "CaptureSettings",
     "Footage",
     "FootageView",
-    "cameras_left_out",
     "check_footage",
     "find_cameras",
     "held_out_cameras",
     "match_rig",
     "open_footage",
     "refuse_unknown_cameras",
-    "rig_notes",
+    "rig_of_footage",
 ]

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from studio.cameras import Camera, Rig
 from studio.capture.detect import detect_images, parts_pattern
 from studio.capture.footage import Footage
 from studio.capture.frame_sources import DecoderPool, FrameSource, ImageSource, decoder_limit, make_sources
-from studio.capture.patterns import Match, find_files, natural_key, number_ranges, without_extension
+from studio.capture.matching import refuse_missing, rig_of_footage
+from studio.capture.patterns import Match, find_files, number_ranges
 from studio.capture.settings import EVERY, CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
@@ -83,12 +82,12 @@ def open_footage(
     matches = _chosen(spec, matches)
     found = tuple(dict.fromkeys(match.camera for match in matches))
     if every_camera and rig is not None and not spec.cameras:
-        _refuse_missing(rig, found)
+        refuse_missing(rig, found)
     held_out = held_out_cameras(spec, found)
     if rig is not None:
-        without = cameras_left_out(rig, found)
-        matches = [match for match in matches if match.camera not in without]
-        held_out = tuple(name for name in held_out if name not in without)
+        rig = rig_of_footage(rig, spec, found)
+        matches = [match for match in matches if match.camera in rig]
+        held_out = tuple(name for name in held_out if name in rig)
     pool = DecoderPool(4)
     try:
         sources = make_sources(matches, pool, spec.color_matrix, spec.offsets, spec.transfer)
@@ -348,118 +347,13 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
     return found
 
 
-def _stem(name: str) -> str:
-    return PurePosixPath(without_extension(name)).name
-
-
-def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
-    """Match the cameras of a rig with those of the footage, by name, else by name without folder and extension, else by
-    the number in the name if that is unambiguous and both have the same numbers.
-
-    Args:
-        rig: the calibrated cameras.
-        names: cameras of the footage.
-
-    Returns:
-        name in the footage to the camera of the rig, renamed to the name in the footage; without those that the rig's
-        file leaves out (`Rig.left_out`).
-
-    Raises:
-        StudioError: `calibration.camera_missing`: a camera of the footage is not in the rig. Other cameras of the rig
-            are left out.
-    """
-    matched = _matched(rig, names)
-    without = [name for name in names if name not in matched]
-    if without:
-        known = sorted(rig.names, key=natural_key)
-        shared = [name for name in names if name in matched]
-        others = (
-            f"Set capture.cameras to {inline_yaml(shared)} to use only the others, or rename" if shared else "Rename"
-        )
-        raise StudioError(
-            "calibration.camera_missing",
-            f"{cameras_listed(without, 'Camera')} of the footage not found in the calibration, "
-            f"which has {', '.join(known)}",
-            value=without[0],
-            fix=f"{others} the files, or calibrate again.",
-            cameras=tuple(without),
-            known=tuple(known),
-            setting="capture.cameras",
-        )
-    return {name: replace(rig[own], name=name) for name, own in matched.items() if own in rig}
-
-
-def cameras_left_out(rig: Rig, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the footage's cameras that the rig's file leaves out, matched as in `match_rig`."""
-    return tuple(name for name, own in _matched(rig, names).items() if own not in rig)
-
-
-def _matched(rig: Rig, names: Sequence[str]) -> dict[str, str]:
-    """Name in the footage to that in the rig or its `left_out`, of those that have one."""
-    known = dict.fromkeys((*rig.names, *rig.left_out))
-    found = {name: name for name in known}
-    if not set(names) <= set(found):
-        stems = {_stem(name): name for name in known}
-        if len(stems) == len(known) and len(set(names) & set(stems)) > len(set(names) & set(found)):
-            found = stems
-    if not set(names) <= set(found):
-        found = _by_number(found, names) or found
-    return {name: found[name] for name in names if name in found}
-
-
-def _refuse_missing(rig: Rig, names: Sequence[str]) -> None:
-    missing = [name for name in rig.names if name not in names]
-    if missing:
-        raise StudioError(
-            "footage.camera_missing",
-            f"{cameras_listed(missing, 'Camera')} of the take's cameras not found in the footage",
-            value=missing[0],
-            fix=f"Add the missing files, or set capture.cameras to {inline_yaml(list(names))}.",
-            cameras=tuple(missing),
-            setting="capture.cameras",
-        )
-
-
-def rig_notes(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> tuple[str, ...]:
-    """What the reader of a rig assumed, and which cameras are left out of the rig or of the footage, one sentence
-    each."""
-    notes = list(rig.notes)
-    if rig.left_out:
-        notes.append(f"Not used, since the camera file has no pose for them: {cameras_listed(rig.left_out)}.")
-    used = set(_matched(rig, names).values())
-    unused = [name for name in rig.names if name not in used]
-    if unused and not spec.cameras:
-        notes.append(f"{cameras_listed(unused, 'Camera')} of the calibration: not in the footage that is used.")
-    return tuple(notes)
-
-
-def _by_number(cameras: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
-    """Names of cameras by the name in the footage that has the same numbers, as in `00000007` and `cam_7` or `hd_00_03`
-    and `00_03`; empty unless this is unambiguous and holds for all of the footage.
-
-    Of names with a single number, the rig must have no other: it may count from 0 and the footage from 1.
-    """
-    mine, others = ({_numbers(name): name for name in group} for group in (names, cameras))
-    ambiguous = len(mine) != len(names) or len(others) != len(cameras) or () in mine
-    if ambiguous or not set(mine) <= set(others):
-        return {}
-    if set(mine) != set(others) and min(map(len, mine)) < 2:
-        return {}
-    return {name: cameras[others[numbers]] for numbers, name in mine.items()}
-
-
-def _numbers(name: str) -> tuple[int, ...]:
-    return tuple(map(int, re.findall(r"\d+", name)))
-
-
 def _warps(
     spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
 ) -> dict[str, Warp]:
-    names = tuple(sources)
-    notes.extend(rig_notes(rig, spec, names))
+    notes.extend(rig.notes)
     warps = {}
-    for name, camera in match_rig(rig, names).items():
-        source = sources[name]
+    for name, source in sources.items():
+        camera = rig[name]
         same = source.width * camera.height == source.height * camera.width
         image = None if same else source.read(source.frames[0])[:, :, :3]
         try:

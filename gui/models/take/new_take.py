@@ -155,15 +155,14 @@ class NewTake:
 def _of_camera_file(path: Path, footage: Footage) -> str:
     """What is known about a camera file, one sentence per line; or why it cannot be used."""
     from studio.camera_files import read_rig
-    from studio.capture import match_rig, rig_notes
+    from studio.capture import rig_of_footage
 
     name = os.path.relpath(path, footage.spec.root)  # it may be beside the footage's folder
     try:
-        rig = read_rig(path)
-        match_rig(rig, footage.camera_names)
+        rig = rig_of_footage(read_rig(path), footage.spec, footage.camera_names)
     except StudioError as error:
         return f"Camera file: {name}.\n{error}"
-    return "\n".join([f"Camera file: {name}.", *rig_notes(rig, footage.spec, footage.camera_names)])
+    return "\n".join([f"Camera file: {name}.", *rig.notes])
 
 
 def _footage_folder(typed: str) -> str:

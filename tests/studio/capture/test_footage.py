@@ -170,8 +170,14 @@ def test_rig_and_footage_must_have_the_same_cameras(three_videos: Path, make: Si
     assert open_footage(spec, rig).rig.names == ("cam1", "cam2", "cam10")
     with_extension = Rig(tuple(make.camera(f"{name}.png") for name in ("cam1", "cam2", "cam10")))
     assert open_footage(spec, with_extension).rig.names == ("cam1", "cam2", "cam10")
-    with refuses("calibration.camera_missing", value="cam10", cameras=("cam10",), known=("cam1", "cam2")):
-        open_footage(spec, rig.subset(["cam1", "cam2"]))
+    fewer = open_footage(spec, rig.subset(["cam1", "cam2"]))
+    assert fewer.camera_names == ("cam1", "cam2")
+    assert "'cam10'" in fewer.description
+    with refuses("calibration.camera_missing", cameras=("cam2", "cam10"), known=("cam1",)):  # a single one remains
+        open_footage(spec, rig.subset(["cam1"]))
+    shifted = Rig(tuple(make.camera(name) for name in ("cam0", "cam1", "cam2")))
+    with refuses("calibration.camera_missing", value="cam10", cameras=("cam10",), known=("cam0", "cam1", "cam2")):
+        open_footage(spec, shifted)
     assert open_footage(spec.replace(cameras=("cam1", "cam2")), rig).rig.names == ("cam1", "cam2")
     larger = Rig((*rig.cameras, make.camera("cam11")))
     more = open_footage(spec, larger)
@@ -184,7 +190,7 @@ def test_rig_and_footage_must_have_the_same_cameras(three_videos: Path, make: Si
 def test_the_suggested_cameras_work(three_videos: Path, make: SimpleNamespace) -> None:
     """The list in the error can be pasted into the settings."""
     spec = CaptureSettings(root=three_videos, masks="none")
-    rig = Rig((make.camera("cam10"), make.camera("cam2")))
+    rig = Rig((make.camera("cam10"), make.camera("cam2"), make.camera("cam3")))
     with refuses("calibration.camera_missing", value="cam1") as caught:
         open_footage(spec, rig)
     found = re.search(r"capture\.cameras to (\[.*?\])", str(caught.value))

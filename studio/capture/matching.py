@@ -1,0 +1,146 @@
+"""Matches the cameras of a camera file with those of the footage, by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import PurePosixPath
+
+from studio.cameras import Camera, Rig
+from studio.capture.patterns import natural_key, without_extension
+from studio.capture.settings import CaptureSettings
+from studio.counts import cameras_listed
+from studio.errors import StudioError
+from studio.yaml_text import inline_yaml
+
+_LEAST_CAMERAS = 2
+"""A visual hull and triangulation need so many."""
+
+
+def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig:
+    """The cameras that the footage and a camera file share, matched as in `match_rig`.
+
+    Footage of cameras that the file does not have, or has without a pose, is not used. The former is refused if the
+    file has other cameras that the footage lacks, since names may then differ or count from another number; if fewer
+    than two cameras would remain; and if `spec.cameras` asks for these cameras.
+
+    Args:
+        rig: of the camera file.
+        spec: settings of the footage.
+        names: cameras of the footage.
+
+    Returns:
+        the cameras with their names in the footage; `left_out` are those of the footage that are not used; `notes` also
+        say which cameras of either are not used.
+
+    Raises:
+        StudioError: `calibration.camera_missing`.
+    """
+    matched = _matched(rig, names)
+    posed = [name for name, own in matched.items() if own in rig]
+    unused = [name for name in rig.names if name not in matched.values()]
+    absent = [name for name in names if name not in matched]
+    if not unused and len(posed) >= _LEAST_CAMERAS and not spec.cameras:
+        names = list(matched)
+    cameras = tuple(match_rig(rig, names).values())
+    notes = list(rig.notes)
+    if rig.left_out:
+        notes.append(f"Not used, since the camera file has no pose for them: {cameras_listed(rig.left_out)}.")
+    if absent:
+        notes.append(f"Footage that is not used, since the camera file does not have it: {cameras_listed(absent)}.")
+    if unused and not spec.cameras:
+        notes.append(f"{cameras_listed(unused, 'Camera')} of the calibration: not in the footage that is used.")
+    left_out = [*(name for name, own in matched.items() if own not in rig), *absent]
+    return Rig(cameras, tuple(notes), tuple(left_out))
+
+
+def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
+    """Match the cameras of a rig with those of the footage, by name, else by name without folder and extension, else by
+    the number in the name if that is unambiguous and both have the same numbers.
+
+    Args:
+        rig: the calibrated cameras.
+        names: cameras of the footage.
+
+    Returns:
+        name in the footage to the camera of the rig, renamed to the name in the footage; without those that the rig's
+        file leaves out (`Rig.left_out`).
+
+    Raises:
+        StudioError: `calibration.camera_missing`: a camera of the footage is not in the rig. Other cameras of the rig
+            are left out.
+    """
+    matched = _matched(rig, names)
+    without = [name for name in names if name not in matched]
+    if without:
+        known = sorted(rig.names, key=natural_key)
+        shared = [name for name in names if name in matched]
+        others = (
+            f"Set capture.cameras to {inline_yaml(shared)} to use only the others, or rename" if shared else "Rename"
+        )
+        raise StudioError(
+            "calibration.camera_missing",
+            f"{cameras_listed(without, 'Camera')} of the footage not found in the calibration, "
+            f"which has {', '.join(known)}",
+            value=without[0],
+            fix=f"{others} the files, or calibrate again.",
+            cameras=tuple(without),
+            known=tuple(known),
+            setting="capture.cameras",
+        )
+    return {name: replace(rig[own], name=name) for name, own in matched.items() if own in rig}
+
+
+def refuse_missing(rig: Rig, names: Sequence[str]) -> None:
+    """Check that the footage has all cameras of a take's rig.
+
+    Raises:
+        StudioError: `footage.camera_missing`.
+    """
+    missing = [name for name in rig.names if name not in names]
+    if missing:
+        raise StudioError(
+            "footage.camera_missing",
+            f"{cameras_listed(missing, 'Camera')} of the take's cameras not found in the footage",
+            value=missing[0],
+            fix=f"Add the missing files, or set capture.cameras to {inline_yaml(list(names))}.",
+            cameras=tuple(missing),
+            setting="capture.cameras",
+        )
+
+
+def _matched(rig: Rig, names: Sequence[str]) -> dict[str, str]:
+    """Name in the footage to that in the rig or its `left_out`, of those that have one."""
+    known = dict.fromkeys((*rig.names, *rig.left_out))
+    found = {name: name for name in known}
+    if not set(names) <= set(found):
+        stems = {_stem(name): name for name in known}
+        if len(stems) == len(known) and len(set(names) & set(stems)) > len(set(names) & set(found)):
+            found = stems
+    if not set(names) <= set(found):
+        found = _by_number(found, names) or found
+    return {name: found[name] for name in names if name in found}
+
+
+def _stem(name: str) -> str:
+    return PurePosixPath(without_extension(name)).name
+
+
+def _by_number(cameras: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
+    """Names of cameras by the name in the footage that has the same numbers, as in `00000007` and `cam_7` or `hd_00_03`
+    and `00_03`; empty unless this is unambiguous and holds for all of the footage.
+
+    Of names with a single number, the rig must have no other: it may count from 0 and the footage from 1.
+    """
+    mine, others = ({_numbers(name): name for name in group} for group in (names, cameras))
+    ambiguous = len(mine) != len(names) or len(others) != len(cameras) or () in mine
+    if ambiguous or not set(mine) <= set(others):
+        return {}
+    if set(mine) != set(others) and min(map(len, mine)) < 2:
+        return {}
+    return {name: cameras[others[numbers]] for numbers, name in mine.items()}
+
+
+def _numbers(name: str) -> tuple[int, ...]:
+    return tuple(map(int, re.findall(r"\d+", name)))
