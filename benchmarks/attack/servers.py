@@ -8,7 +8,7 @@ import struct
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from outcome import Outcome
 
 from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader
-from studio.stream.sources import http as http_source
+from studio.stream.sources.http import HttpSource
 from tests.support.streams import bake_numbered
 
 LIMIT = 100.0
@@ -199,14 +199,18 @@ def serving(behavior: Behavior) -> Iterator[int]:
                 connection.close()
 
 
-def read(port: int) -> str:
+def read(port: int, deadlines: Mapping[str, float]) -> str:
     """What comes of opening a stream and reading a frame: "read", or the code of the refusal.
+
+    Args:
+        port: of the server.
+        deadlines: `stall`, `patience` and `first_patience` of `HttpSource`; its own where they are missing.
 
     Raises:
         ValueError: the sentence is not bounded, or has control characters.
     """
     try:
-        with StreamReader.open(f"http://127.0.0.1:{port}/", threads=1) as reader:
+        with StreamReader.open(HttpSource(f"http://127.0.0.1:{port}/", **deadlines), threads=1) as reader:
             reader.gaussians(0)
         return "read"
     except StudioError as error:
@@ -219,10 +223,8 @@ def read(port: int) -> str:
 
 
 def attack(folder: Path, share: float, outcome: Outcome) -> None:
-    """All behaviors at once; with a small share, a part of them, with shorter deadlines of the library."""
-    before = (http_source.STALL_SECONDS, http_source.PATIENCE, http_source.FIRST_PATIENCE)
-    if share < 1:
-        http_source.STALL_SECONDS, http_source.PATIENCE, http_source.FIRST_PATIENCE = 0.4, 0.8, 0.8
+    """All behaviors at once; with a small share, a part of them, with shorter deadlines."""
+    deadlines = {"stall": 0.4, "patience": 0.8, "first_patience": 0.8} if share < 1 else {}
     stream = bake_numbered(folder / "honest", (2,), 25, 40, BakeSettings(preset="ultrafast"))
     slowest: list[tuple[float, str]] = []
 
@@ -230,7 +232,7 @@ def attack(folder: Path, share: float, outcome: Outcome) -> None:
         began = time.monotonic()
         try:
             with serving(behavior) as port:
-                result = read(port)
+                result = read(port, deadlines)
             if result == "read":
                 outcome.failed(f"{name}: was read")
         except BaseException:
@@ -247,5 +249,4 @@ def attack(folder: Path, share: float, outcome: Outcome) -> None:
         outcome.count += 1
         if thread.is_alive():
             outcome.failed(f"{name}: not given up after {LIMIT:g} s")
-    http_source.STALL_SECONDS, http_source.PATIENCE, http_source.FIRST_PATIENCE = before
     outcome.note(f"the slowest took {max(slowest)[0]:.1f} s ({max(slowest)[1]})")
