@@ -3,7 +3,7 @@
     python scripts/screens.py TAKE OUT [--size 1280x800] [--scale 1] [--only NAME ...]
 
 TAKE is a finished take of the sample capture (`make demo`); it is copied, since some screens change it. Writes
-OUT/NAME.png. Needs what the window's tests need (`make setup-tests`): Xvfb, xdotool and ImageMagick.
+OUT/NAME.png. Needs what the window's tests need (`make setup-tests`): Xvfb and xdotool.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def take_picture(window: RunningWindow, path: Path) -> None:
         window.send("mousemove", round(0.7 * width) + step % 2, round(0.967 * height))
         window.ticks(30, SECONDS)  # the panels follow later than the viewport
         time.sleep(width * height / 1e6)
-        window.screenshot(path)
+        window.screenshot().save(path)
         now = np.asarray(Image.open(path).convert("RGB"))
         # figures of the speed change with each draw
         same = same + 1 if before.shape == now.shape and (before != now).any(axis=2).mean() < CHANGING else 0

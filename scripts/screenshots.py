@@ -4,7 +4,7 @@
 
 TAKE is a finished take of the sample capture (`make demo`). The take of `--points` is one whose cameras were calibrated
 from docs/tie_points.yaml, which names the footage and the command; without it, gui_points.png is left as it is. Needs
-what the window's tests need (`make setup-tests`): Xvfb, xdotool and ImageMagick.
+what the window's tests need (`make setup-tests`): Xvfb and xdotool.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def save(window: RunningWindow, path: Path, **wanted: Any) -> None:
         str(wanted), lambda s: s["settled"] and all(s[name] == value for name, value in wanted.items()), SECONDS
     )
     window.ticks(100, SECONDS)  # the panels follow later than the viewport
-    window.screenshot(path)
+    window.screenshot().save(path)
     print(path)
 
 

@@ -48,7 +48,6 @@ if [ "${1:-}" = --tests ]; then
     need xvfb program Xvfb
     need xauth program xauth
     need xdotool program xdotool
-    need imagemagick program import
     need chromium program chromium # the browser player's tests
 fi
 [ ${#missing[@]} -eq 0 ] && exit 0

@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
-import cv2
 import numpy as np
 import pytest
 import torch
+from PIL import Image, ImageGrab
 
 from gui.actions.menus import MENUS
 from gui.models.playback.player import PlayerPresenter
@@ -121,7 +121,7 @@ def player(finished_project: Path) -> Iterator[PlayerPresenter]:
 @pytest.fixture(scope="session")
 def display() -> Iterator[str]:
     """A private X server's display name, for example ":101"."""
-    missing = [program for program in ("Xvfb", "xdotool", "import") if shutil.which(program) is None]
+    missing = [program for program in ("Xvfb", "xdotool") if shutil.which(program) is None]
     if missing:
         pytest.skip(f"the window's test needs {', '.join(missing)}; `make test` installs them")
     with x_server() as name:
@@ -204,7 +204,7 @@ class RunningWindow:
     def _fail(self, why: str) -> NoReturn:
         """End the test; the screen is kept in `ARTIFACTS`."""
         ARTIFACTS.mkdir(exist_ok=True)
-        self.screenshot(ARTIFACTS / f"{self.log.parent.name}.png")
+        self.screenshot().save(ARTIFACTS / f"{self.log.parent.name}.png")
         pytest.fail(why)
 
     def _story(self, changes: int = 12) -> str:
@@ -225,24 +225,24 @@ class RunningWindow:
         )
         return done.stdout
 
-    def point(self, widget: str, across: float = 0.5, down: float = 0.5) -> tuple[int, int]:
-        """Screen pixel of a position on a widget, 0 to 1 on both axes."""
+    def box(self, widget: str) -> tuple[int, int, int, int]:
+        """Left, top, width and height of a widget on the screen, once it is still."""
         left, top, width, height = self._place(widget)
         window = self.xdotool("search", "--name", "V3 Studio").split()[0]
         geometry = dict(
             line.split("=") for line in self.xdotool("getwindowgeometry", "--shell", window).splitlines() if "=" in line
         )
-        return (
-            int(geometry["X"]) + int(left + across * width),
-            int(geometry["Y"]) + int(top + down * height),
-        )
+        return int(geometry["X"]) + left, int(geometry["Y"]) + top, width, height
+
+    def point(self, widget: str, across: float = 0.5, down: float = 0.5) -> tuple[int, int]:
+        """Screen pixel of a position on a widget, 0 to 1 on both axes."""
+        left, top, width, height = self.box(widget)
+        return int(left + across * width), int(top + down * height)
 
     def pixels(self, widget: str) -> np.ndarray:
         """(H, W, 3) uint8 RGB: what the screen shows where a widget is."""
-        (left, top), (right, bottom) = self.point(widget, 0.0, 0.0), self.point(widget, 1.0, 1.0)  # once it is still
-        image = cv2.imread(str(self.screenshot(self.log.with_suffix(".png"))))
-        assert image is not None
-        return image[top:bottom, left:right, ::-1]
+        left, top, width, height = self.box(widget)
+        return np.array(self.screenshot())[top : top + height, left : left + width]
 
     def ticks(self, count: int = 3, seconds: float = 60.0) -> None:
         """Wait for a number of ticks of the window. It polls events in each tick, so pending X events have been handled
@@ -317,11 +317,8 @@ class RunningWindow:
         self.press(*self.point(widget, across, down))
 
     def press(self, x: int, y: int) -> None:
-        """Press and release the left button at a position on the screen. The toolkit loses a click if the press and the
-        release reach it between two drawn frames."""
-        self.send("mousemove", x, y)
-        self.send("mousedown", 1)
-        self.send("mouseup", 1)
+        """Press and release the left button at a position on the screen."""
+        self.send("mousemove", x, y, "mousedown", 1, "mouseup", 1)
 
     def send(self, *arguments: object) -> None:
         """Send an input event; return when the window has handled it and has been drawn. The query after the event
@@ -359,25 +356,26 @@ class RunningWindow:
         self.wait_for(f"{whole!r} in {widget}", lambda s: s["texts"].get(widget) == whole)
 
     def key(self, name: str) -> None:
-        """Press a key, with the pointer in the window, because there is no window manager to give it the focus."""
+        """Press a key."""
+        self._enter()
+        self.send("key", name)
+
+    def _enter(self) -> None:
+        """Bring the pointer into the window, because there is no window manager to give it the focus."""
         if not self._entered:
             self._entered = True
             self.send("mousemove", *self.point(self._whole, 0.9, 0.98))
-        self.send("key", name)
 
     def chord(self, name: str, *modifiers: str) -> None:
         """Press a key with Ctrl and other modifiers."""
         held = ("Control_L", *modifiers)
-        for modifier in held:
-            self.send("keydown", modifier)
-        self.key(name)
-        for modifier in held:
-            self.send("keyup", modifier)
+        down, up = (tuple(word for key in held for word in (way, key)) for way in ("keydown", "keyup"))
+        self._enter()
+        self.send(*down, "key", name, *up)
 
-    def screenshot(self, path: Path) -> Path:
-        """The whole screen as a PNG."""
-        subprocess.run(["import", "-window", "root", str(path)], env=self.environment, check=True, timeout=60)
-        return path
+    def screenshot(self) -> Image.Image:
+        """The whole screen, RGB."""
+        return ImageGrab.grab(xdisplay=self.environment["DISPLAY"])
 
     def close(self, seconds: float = 60.0) -> int:
         """SIGTERM; returns the exit status."""
