@@ -165,14 +165,18 @@ def numbered_models(folder: Path) -> list[Path]:
 
 
 def _read_one(folder: Path) -> Rig | None:
-    for suffix in (".bin", ".txt"):
-        cameras, images = folder / f"cameras{suffix}", folder / f"images{suffix}"
-        if cameras.is_file() and images.is_file():
-            binary = suffix == ".bin"
-            by_id = _intrinsics_binary(cameras) if binary else _intrinsics_text(cameras)
-            poses = _poses_binary(images) if binary else _poses_text(images)
-            return _rig(cameras, images, by_id, poses)
-    return None
+    forms = {suffix: (folder / f"cameras{suffix}", folder / f"images{suffix}") for suffix in (".bin", ".txt")}
+    found = [suffix for suffix, files in forms.items() if all(file.is_file() for file in files)]
+    if not found:
+        return None
+    cameras, images = forms[found[0]]
+    binary = found[0] == ".bin"
+    by_id = _intrinsics_binary(cameras) if binary else _intrinsics_text(cameras)
+    rig = _rig(cameras, images, by_id, _poses_binary(images) if binary else _poses_text(images))
+    if len(found) > 1:
+        note = "cameras.bin and images.bin are read; cameras.txt and images.txt in the same folder are not."
+        rig = replace(rig, notes=(*rig.notes, note))
+    return rig
 
 
 def _rig(camera_path: Path, image_path: Path, by_id: dict[int, _Intrinsics], poses: list[_Pose]) -> Rig:
@@ -256,6 +260,15 @@ def _intrinsics_text(path: Path) -> dict[int, _Intrinsics]:
         key, model, width, height = _fields(path, number, line, "isii")
         words = line.split()[4:]
         parameters = _fields(path, number, " ".join(words), "f" * len(words))
+        if int(key) in found:
+            raise StudioError(
+                "camera_file.camera_twice",
+                f"line {number} is another camera {key}",
+                file=path,
+                value=int(key),
+                fix="Export the model again.",
+                line=number,
+            )
         found[int(key)] = _Intrinsics(int(width), int(height), str(model), [float(p) for p in parameters])
     return found
 

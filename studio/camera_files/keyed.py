@@ -296,8 +296,16 @@ def _check_model(name: str, given: _Given) -> None:
         check_model(name, key, value)
 
 
-def _agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
-    """The first of several values, which must be equal up to the digits of the file."""
+def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
+    """The first of several values, which must be equal up to the digits of the file.
+
+    Args:
+        name: of the camera.
+        parsed: key and value of each; at least one. Shorter values count as continued with zeros.
+
+    Raises:
+        StudioError: camera.conflict.
+    """
     first_key, first = parsed[0]
     for key, value in parsed[1:]:
         size = max(first.size, value.size)
@@ -305,13 +313,17 @@ def _agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray
         if not np.allclose(one, other, rtol=1e-3, atol=1e-3):
             raise StudioError(
                 "camera.conflict",
-                f"Camera '{name}': '{first_key}' and '{key}' differ",
+                f"Camera '{name}': '{first_key}' and '{key}' differ: {_short(first)} and {_short(value)}",
                 fix="Delete the wrong one from the camera file.",
                 camera=name,
                 key=key,
                 other=first_key,
             )
     return first
+
+
+def _short(value: np.ndarray) -> str:
+    return ", ".join(f"{number:.6g}" for number in value.ravel())
 
 
 def _arrays(
@@ -339,14 +351,14 @@ def _K(name: str, given: _Given) -> np.ndarray:
         matrices.append(("fx", np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])))
     if not matrices:
         raise missing_key("K", name)
-    return _agreeing(name, matrices).copy()
+    return agreeing(name, matrices).copy()
 
 
 def _scalar(name: str, given: _Given, canonical: str) -> float:
     if canonical not in given:
         raise missing_key(canonical, name)
     parsed = [(key, np.array([number({key: value}, key, name)])) for key, value in given[canonical]]
-    return float(_agreeing(name, parsed)[0])
+    return float(agreeing(name, parsed)[0])
 
 
 def _distortion(name: str, given: _Given) -> np.ndarray | None:
@@ -356,7 +368,7 @@ def _distortion(name: str, given: _Given) -> np.ndarray | None:
         terms = np.array([_scalar(name, given, term) if term in given else 0.0 for term in TERMS])
         count = 8 if terms[5:].any() else 5 if terms[4] else 4
         lists.append((next(term for term in TERMS if term in given), terms[:count]))
-    return _agreeing(name, lists) if lists else None
+    return agreeing(name, lists) if lists else None
 
 
 def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
@@ -375,8 +387,8 @@ def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
             rotations.append((key, value if value.size == 9 else cv2.Rodrigues(value.reshape(3))[0]))
         translations = _arrays(name, given, "translation", ((3,), (3, 1), (1, 3)))
         pose = np.eye(4)
-        pose[:3, :3] = _agreeing(name, rotations)
-        pose[:3, 3] = _agreeing(name, translations).ravel()
+        pose[:3, :3] = agreeing(name, rotations)
+        pose[:3, 3] = agreeing(name, translations).ravel()
         poses.append((rotations[0][0], pose))
     for canonical in ("world_to_camera", "camera_to_world"):
         for key, value in _arrays(name, given, canonical, ((4, 4), (3, 4))):
@@ -385,7 +397,7 @@ def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
             poses.append((key, pose if canonical == "world_to_camera" else rigid_inverse(pose)))
     if not poses:
         return None
-    result = _agreeing(name, poses).copy()
+    result = agreeing(name, poses).copy()
     result[:3, 3] *= unit
     return result
 
@@ -411,10 +423,10 @@ def _size(name: str, given: _Given) -> tuple[int, int] | None:
         for canonical in ("width", "height"):
             if canonical not in given:
                 raise _half(name, given, "height" if canonical == "width" else "width", canonical)
-            key, value = given[canonical][0]
-            pair.append(whole({key: value}, key, name))
+            sides = [(key, np.array([whole({key: value}, key, name)])) for key, value in given[canonical]]
+            pair.append(int(agreeing(name, sides)[0]))
         sizes.append((given["width"][0][0], np.array(pair)))
     if not sizes:
         return None
-    width, height = (int(side) for side in _agreeing(name, sizes))
+    width, height = (int(side) for side in agreeing(name, sizes))
     return (width, height) if min(width, height) > 0 else None

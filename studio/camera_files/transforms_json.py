@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
@@ -31,11 +31,11 @@ from studio.camera_files.common import (
     write_atomic,
     wrong_shape,
 )
-from studio.camera_files.keyed import TERMS, Found, check_model
+from studio.camera_files.keyed import TERMS, Found, agreeing, check_model
 from studio.cameras import Camera, Rig
 from studio.capture.images import image_size
 from studio.capture.patterns import without_extension
-from studio.counts import cameras_listed
+from studio.counts import cameras_listed, listed
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, missing_key, number
@@ -47,6 +47,14 @@ _KNOWN = frozenset({
     "fl_x", "fl_y", "cx", "cy", "w", "h", "width", "height", "camera_angle_x", "camera_angle_y", "intrinsic_matrix",
     "K", "camera_model", "is_fisheye", "distortion_params", "transform_matrix", "file_path", "from_na",
 }) | set(TERMS)  # fmt: skip
+_SAME = (
+    {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"},
+    {"intrinsic_matrix", "K"},
+    {"w", "width"},
+    {"h", "height"},
+    {"distortion_params", *TERMS},
+)
+"""Keys of the same value: one in an entry replaces all of them beside `frames`."""
 _HARMLESS = frozenset({
     "frames", "aabb_scale", "aabb", "scale", "offset", "n_frames", "applied_transform", "applied_scale",
     "orientation_override", "up", "ply_file_path", "colmap_im_id", "sharpness", "time", "mask_path",
@@ -57,6 +65,10 @@ _HARMLESS = frozenset({
     "camera_label", "semantics", "panoptic_classes", "trajectory",
 })  # fmt: skip
 """Keys that do not change how a camera projects; `rotation` is the step between views of Blender's synthetic scenes."""
+
+
+_Given = list[tuple[str, float]]
+"""Keys and the value that each gives."""
 
 
 def _image_size(path: Path, file: str) -> tuple[int, int] | None:
@@ -74,48 +86,61 @@ def _image_size(path: Path, file: str) -> tuple[int, int] | None:
 
 
 def _size(values: JsonObject, path: Path, file: str, camera: str) -> tuple[int, int]:
-    width, height = values.get("w", values.get("width")), values.get("h", values.get("height"))
-    if width is None or height is None:
-        found = _image_size(path, file)
-        if found is None:
-            raise StudioError(
-                "camera.size_unknown",
-                f"Camera '{camera}': the file does not contain 'w' and 'h', and there is no image '{file}' next to it",
-                value=file,
-                fix="Add 'w' and 'h', or put the images next to the file.",
-                camera=camera,
-            )
-        return found
-    pair = {"w": width, "h": height}
-    return round(number(pair, "w", camera)), round(number(pair, "h", camera))
+    sides = []
+    for keys in (("w", "width"), ("h", "height")):
+        given = [(key, np.array([number(values, key, camera)])) for key in keys if values.get(key) is not None]
+        if given:
+            sides.append(round(float(agreeing(camera, given)[0])))
+    if len(sides) == 2:
+        return sides[0], sides[1]
+    found = _image_size(path, file)
+    if found is None:
+        raise StudioError(
+            "camera.size_unknown",
+            f"Camera '{camera}': the file does not contain 'w' and 'h', and there is no image '{file}' next to it",
+            value=file,
+            fix="Add 'w' and 'h', or put the images next to the file.",
+            camera=camera,
+        )
+    return found
 
 
 def _intrinsics(values: JsonObject, width: int, height: int, camera: str) -> np.ndarray:
+    """K (3, 3). Values under several keys must agree."""
+    fx = _focal(values, "fl_x", "camera_angle_x", width, camera)
+    fy = _focal(values, "fl_y", "camera_angle_y", height, camera)
+    cx: _Given = [("cx", number(values, "cx", camera))] if "cx" in values else []
+    cy: _Given = [("cy", number(values, "cy", camera))] if "cy" in values else []
+    K = None
     for key in ("intrinsic_matrix", "K"):
         if key in values:
             rows = values[key]
             columns = len(rows[0]) if isinstance(rows, list) and rows and isinstance(rows[0], list) else 3
-            return matrix(rows, (3, 4), 4 if columns == 4 else 3, key, camera)[:3, :3]
-    focal: dict[str, float] = {}
-    for key, angle, side in (("fl_x", "camera_angle_x", width), ("fl_y", "camera_angle_y", height)):
-        if key in values:
-            focal[key] = number(values, key, camera)
-        elif angle in values:
-            radians = number(values, angle, camera)
-            if not 0 < radians < np.pi:
-                raise StudioError(
-                    "camera.field_of_view",
-                    f"Camera '{camera}': '{angle}' is {radians:g}, expected a value between 0 and pi",
-                    value=radians,
-                    fix="Correct it in the camera file; angles are in radians.",
-                    camera=camera,
-                    key=angle,
-                )
-            focal[key] = 0.5 * side / np.tan(0.5 * radians)
-    if "fl_x" not in focal:
+            K = matrix(rows, (3, 4), 4 if columns == 4 else 3, key, camera)[:3, :3]
+            for value, given in ((K[0, 0], fx), (K[1, 1], fy), (K[0, 2], cx), (K[1, 2], cy)):
+                given.append((key, float(value)))
+    if not fx:
         raise missing_key("fl_x", camera)
-    cx, cy = number(values, "cx", camera, width / 2), number(values, "cy", camera, height / 2)
-    return np.array([[focal["fl_x"], 0, cx], [0, focal.get("fl_y", focal["fl_x"]), cy], [0, 0, 1]])
+    wanted = (fx, fy or fx, cx or [("w", width / 2)], cy or [("h", height / 2)])
+    x, y, u, v = (float(agreeing(camera, [(key, np.array([value])) for key, value in given])[0]) for given in wanted)
+    return np.array([[x, 0, u], [0, y, v], [0, 0, 1]]) if K is None else K
+
+
+def _focal(values: JsonObject, key: str, angle: str, side: int, camera: str) -> _Given:
+    found = [(key, number(values, key, camera))] if key in values else []
+    if angle in values:
+        radians = number(values, angle, camera)
+        if not 0 < radians < np.pi:
+            raise StudioError(
+                "camera.field_of_view",
+                f"Camera '{camera}': '{angle}' is {radians:g}, expected a value between 0 and pi",
+                value=radians,
+                fix="Correct it in the camera file; angles are in radians.",
+                camera=camera,
+                key=angle,
+            )
+        found.append((angle, 0.5 * side / float(np.tan(0.5 * radians))))
+    return found
 
 
 def _distortion(values: JsonObject, camera: str, found: Found) -> np.ndarray:
@@ -130,7 +155,10 @@ def _distortion(values: JsonObject, camera: str, found: Found) -> np.ndarray:
         if given.shape != (6,):
             raise wrong_shape("distortion_params", camera, given.shape, ((6,),))
         k1, k2, k3, k4, p1, p2 = given
-        bent, terms = True, np.array([k1, k2, p1, p2, k3, k4, 0.0, 0.0])
+        given = np.array([k1, k2, p1, p2, k3, k4, 0.0, 0.0])
+        first = next((key for key in TERMS if key in values), "")
+        terms = agreeing(camera, [("distortion_params", given), *([(first, terms)] if first else [])])
+        bent = True
     if terms[5:].any() and model.upper() != "FULL_OPENCV":  # k4 is a fisheye lens's in instant-ngp
         raise fisheye(camera)
     (found.bent if bent else found.straight).append(camera)
@@ -176,7 +204,7 @@ def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
         tested = [camera.name for camera in cameras if camera.name not in training]
         if training and tested:
             notes.append(f"Not in transforms_train.json: {cameras_listed(tested)} (capture.held_out).")
-        return Rig(tuple(cameras), (*found.notes, *notes))
+        return Rig(tuple(cameras), (*found.notes, *_overridden(files), *notes))
 
 
 def _entries(path: Path, values: JsonObject) -> list[tuple[Path, str, JsonObject]]:
@@ -188,7 +216,25 @@ def _entries(path: Path, values: JsonObject) -> list[tuple[Path, str, JsonObject
         for index, frame in enumerate(frames):
             if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
                 raise missing_key("file_path", f"number {index}")
-    return [(path, frame["file_path"], {**values, **frame}) for frame in frames]
+    return [(path, frame["file_path"], {**_not_in(frame, values), **frame}) for frame in frames]
+
+
+def _not_in(frame: JsonObject, values: JsonObject) -> JsonObject:
+    """The values beside `frames` for which an entry has none of its own, under no key."""
+    replaced = [key for same in _SAME if frame.keys() & same for key in same]
+    return {key: value for key, value in values.items() if key not in replaced}
+
+
+def _overridden(files: Mapping[Path, JsonObject]) -> tuple[str, ...]:
+    """Notes on values beside `frames` that differ from those of the entries: nerfstudio would use the former."""
+    keys = {
+        key
+        for values in files.values()
+        for frame in values["frames"]
+        for key in _KNOWN & frame.keys() & values.keys()
+        if frame[key] != values[key]
+    }
+    return (f"Entries have their own {listed(sorted(map(repr, keys)))}; those beside 'frames' differ.",) if keys else ()
 
 
 def _camera(name: str, path: Path, file_path: str, values: JsonObject, found: Found) -> Camera:

@@ -226,6 +226,39 @@ def test_other_lenses_and_contradictions_are_refused(tmp_path: Path, change: Jso
         read_rig(path)
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ({"camera_angle_x": 2 * np.arctan(320 / 700)}, {"camera_angle_x": 0.7}),
+        ({"camera_angle_y": 2 * np.arctan(180 / 710)}, {"camera_angle_y": 0.7}),
+        ({"K": K}, {"K": [[1400.0, 0, 640], [0, 1420, 360], [0, 0, 1]]}),
+        ({"intrinsic_matrix": K}, {"intrinsic_matrix": [[700.0, 0, 340], [0, 710, 180], [0, 0, 1]]}),
+        ({"width": 640}, {"width": 1280}),
+        ({"distortion_params": [-0.3, 0.1, 0.02, 0, 0.001, -0.002]}, {"distortion_params": [0.3, 0.1, 0, 0, 0, 0]}),
+    ],
+)
+def test_transforms_that_say_two_things(tmp_path: Path, right: JsonObject, wrong: JsonObject) -> None:
+    assert_projects(read_rig(transforms(tmp_path, lambda values: {**values, **right})), BEND, corner=True)
+    path = transforms(tmp_path, lambda values: {**values, **wrong})
+    (key,) = wrong
+    with refuses("camera.conflict", file=path, camera="cam0") as caught:
+        read_rig(path)
+    assert key in (caught.value.fields["key"], caught.value.fields["other"])
+
+
+def test_entries_of_transforms_replace_what_is_beside_them(tmp_path: Path) -> None:
+    own = {"fl_x": 700.0, "fl_y": 710.0}
+
+    def change(values: JsonObject) -> JsonObject:
+        frames = [{**frame, **own} for frame in values["frames"]]
+        return {**values, "fl_x": 500.0, "camera_angle_x": 1.2, "frames": frames}
+
+    rig = read_rig(transforms(tmp_path, change))
+    assert_projects(rig, BEND, corner=True)
+    assert any("'fl_x'" in note for note in rig.notes)
+    assert not any("'fl_y'" in note for note in rig.notes)
+
+
 @pytest.mark.parametrize("empty", ["missing", "[]", '"null"'])
 def test_a_camera_without_pose_is_left_out(tmp_path: Path, empty: str) -> None:
     def change(values: JsonObject) -> JsonObject:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -586,6 +587,22 @@ def test_realityscan_with_semicolons_and_rows_without_images(tmp_path: Path) -> 
     assert any("'missing'" in note for note in found.notes)
     path.write_text(text.replace(",", ";").replace(".", ",").replace("a,jpg", "a.jpg"))
     assert_same_images(read_rig(path), expected)
+
+
+def test_colmap_models_that_say_two_things(tmp_path: Path) -> None:
+    write_rig(STRAIGHT, tmp_path)
+    model = tmp_path / "cameras.txt"
+    (tmp_path / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, 640, 480, 700, 700, 320, 240))
+    pose = struct.pack("<i7di", 1, 1, 0, 0, 0, 0, 0, 3, 1)
+    (tmp_path / "images.bin").write_bytes(struct.pack("<Q", 1) + pose + b"a.png\0" + struct.pack("<Q", 0))
+    rig = read_rig(tmp_path)
+    assert rig.names == ("a",)
+    assert any("images.txt" in note for note in rig.notes)
+    (tmp_path / "cameras.bin").unlink()
+    assert read_rig(tmp_path).names == STRAIGHT.names
+    model.write_text(model.read_text() + "1 PINHOLE 640 480 700 700 320 240\n")
+    with refuses("camera_file.camera_twice", file=model, value=1):
+        read_rig(tmp_path)
 
 
 @pytest.mark.parametrize("value", ["0.3", "x"])
