@@ -69,7 +69,7 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
     listing = cache(lambda: list(walk(root, _DEPTH)))
     found = _usual_layout(root, "", listing) or _one_level_down(root, listing)
     if found is not None:
-        return _as_grid(root, found)
+        return _as_chapters(root, found) or _as_grid(root, found)
     films = _of_kind(listing(), VIDEO_EXTENSIONS)
     layouts = _video_layouts(films) if films else _grids(_of_kind(listing(), IMAGE_EXTENSIONS))
     if len(layouts) == 1:
@@ -251,6 +251,32 @@ def _as_grid(root: Path, found: tuple[str, list[Match]]) -> tuple[str, list[Matc
     return _matching(root, grids[0]) if len(grids) == 1 else found
 
 
+def _as_chapters(root: Path, found: tuple[str, list[Match]]) -> tuple[str, list[Match]] | None:
+    """Videos in one folder that have a camera's name before or after GoPro's, such as cam0_GX010042.MP4."""
+    pattern, matches = found
+    names = [match.path.name for match in matches]
+    if len({match.path.parent for match in matches}) > 1:
+        return None
+    folder, _, _ = pattern.rpartition("{camera}")
+    extensions = {match.path.suffix for match in matches}
+    extension = extensions.pop() if len(extensions) == 1 else ".*"
+    for form, shape in (
+        (r"(?P<camera>.+?)(?P<between>[-_ .]*)(?P<own>G.*)", "{{camera}}{}G{{chapter}}????"),
+        (r"(?P<own>G.*?)(?P<between>[-_ .]+)(?P<camera>.+)", "G{{chapter}}????{}{{camera}}"),
+    ):
+        parts = [re.fullmatch(form, Path(name).stem) for name in names]
+        cameras: dict[str, list[str]] = {}
+        for part, name in zip(parts, names, strict=True):
+            if part is None:
+                break
+            cameras.setdefault(part["camera"], []).append(part["own"] + Path(name).suffix)
+        else:
+            between = {part["between"] for part in parts if part is not None}
+            if len(between) == 1 and all(map(_are_chapters, cameras.values())):
+                return _matching(root, folder + shape.format(between.pop()) + extension)
+    return None
+
+
 def _matching(root: Path, pattern: str) -> tuple[str, list[Match]]:
     return pattern, _without_masks(find_files(root, pattern))
 
@@ -305,8 +331,21 @@ def _folder_per_camera(folders: Sequence[str]) -> str | None:
 def _are_chapters(names: Sequence[str]) -> bool:
     """Whether these are the parts of one recording, as GoPro cameras name them: GX010042.MP4, GX020042.MP4, or
     GOPR0042.MP4, GP010042.MP4."""
-    found = [re.fullmatch(r"(G[A-Z](?:\d\d|PR))(\d{4})\.\w+", name) for name in names]
-    return all(found) and len({match[2] for match in found if match is not None}) == 1
+    found = [_CHAPTER.fullmatch(name) for name in names]
+    return all(found) and len({match[1] for match in found if match is not None}) == 1
+
+
+_CHAPTER = re.compile(r"G[A-Z](?:\d\d|PR)(\d{4})\.\w+")
+
+
+def chapters_of_one(paths: Sequence[str]) -> list[str]:
+    """The first files that GoPro cameras would name as parts of one recording; empty if there are none."""
+    recordings: dict[tuple[Path, str], list[str]] = {}
+    for path in map(Path, paths):
+        found = _CHAPTER.fullmatch(path.name)
+        if found is not None:
+            recordings.setdefault((path.parent, found[1]), []).append(path.name)
+    return next((sorted(parts) for parts in recordings.values() if len(parts) > 1), [])
 
 
 def _ambiguous(root: Path, patterns: Sequence[str]) -> StudioError:

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from studio.cameras import Camera, Rig
-from studio.capture.detect import detect_images, parts_pattern
+from studio.capture.detect import chapters_of_one, detect_images, parts_pattern
 from studio.capture.footage import Footage
 from studio.capture.frame_sources import DecoderPool, FrameSource, ImageSource, decoder_limit, make_sources
 from studio.capture.matching import refuse_missing, rig_of_footage
@@ -16,7 +16,7 @@ from studio.capture.patterns import Match, find_files, number_ranges
 from studio.capture.settings import EVERY, CaptureSettings
 from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
-from studio.counts import cameras_listed, counted, plural
+from studio.counts import cameras_listed, counted, listed, plural
 from studio.errors import Message, StudioError, shown
 from studio.masks.garbage_masks import garbage_masks
 from studio.masks.mask_files import FileMaskSource, exact_masks
@@ -342,7 +342,13 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
     elif spec.images == "auto" and len(sources) > 1 and not stills:
         files = [source.files()[0].relative_to(spec.root).as_posix() for source in sources.values()]
         parts = parts_pattern(files)
-        if parts is not None:
+        chapters = chapters_of_one(files)
+        if chapters:
+            found += (
+                f" {listed(list(map(repr, chapters)))} are named as parts of one recording, but each is a camera here: "
+                "put the files of each camera into a folder of its own."
+            )
+        elif parts is not None:
             found += f" Each video is a camera; if they are parts of recordings, set capture.images to '{parts}'."
     return found
 

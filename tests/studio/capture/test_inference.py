@@ -163,6 +163,15 @@ CARDS = {
         ["cam0/GOPR0031.MP4", "cam0/GP010031.MP4", "cam1/GOPR0007.MP4", "cam1/GP010007.MP4"],
         "{camera}/G{chapter}????.MP4",
     ),
+    "chapters in one folder": (
+        ["cam0_GX010031.MP4", "cam0_GX020031.MP4", "cam1_GX010007.MP4"],
+        "{camera}_G{chapter}????.MP4",
+    ),
+    "names after chapters": (
+        ["videos/GX010031-a.MP4", "videos/GX020031-a.MP4", "videos/GX010031-b.MP4"],
+        "videos/G{chapter}????-{camera}.MP4",
+    ),
+    "several recordings": (["cam0_GX010031.MP4", "cam0_GX010032.MP4", "cam1_GX010031.MP4"], "{camera}.MP4"),
 }
 
 
@@ -187,6 +196,14 @@ def test_chapters_are_one_recording(tmp_path: Path, make: SimpleNamespace) -> No
     assert len(footage.files()) == 6
     with refuses("audio.several_files"):
         open_footage(CaptureSettings(root=tmp_path, masks="none", audio="cam0"))
+
+
+def test_chapters_without_cameras_are_named(tmp_path: Path, make: SimpleNamespace) -> None:
+    for name in ("GX010031", "GX020031", "GX010007"):
+        make.video(tmp_path / f"{name}.MP4", [make.numbered(0)] * 3)
+    description = open_footage(CaptureSettings(root=tmp_path, masks="none")).description
+    assert "'GX010031.MP4' and 'GX020031.MP4'" in description
+    assert "'GX010007.MP4'" not in description
 
 
 def test_chapters_must_fit(tmp_path: Path, make: SimpleNamespace) -> None:
