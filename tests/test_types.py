@@ -89,18 +89,3 @@ def test_json_objects_stay_with_readers_and_writers() -> None:
     files = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
     users = {path.relative_to(ROOT).as_posix() for path in files if "JsonObject" in path.read_text(encoding="utf-8")}
     assert users - {ALIASES} == READERS_AND_WRITERS
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "def f(a: dict[str, Any]) -> None: ...",
-        "def f() -> tuple[int, dict[str, Any]]: ...",
-        "class A:\n    b: dict[str, Any] | None = None",
-        "class A:\n    def f(self, *, on: Callable[[dict[str, Any]], None]) -> None: ...",
-        "Alias = dict[str, Any]",
-        "Alias: TypeAlias = dict[str, Any]",
-    ],
-)
-def test_the_test_finds_them(source: str) -> None:
-    assert with_untyped_dict(source)

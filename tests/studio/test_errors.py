@@ -4,10 +4,7 @@ import json
 import pickle
 from pathlib import Path
 
-import pytest
-
 from studio.errors import MAX_LENGTH, Message, StudioError
-from tests.support.errors import refuses
 
 
 def test_the_sentence_names_file_problem_and_fix() -> None:
@@ -34,12 +31,3 @@ def test_to_dict_is_json() -> None:
     assert json.loads(json.dumps(message.to_dict())) == {
         "code": "a.b", "message": "f: wrong.", "file": "f", "value": [1, "g"], "camera": "c1", "frames": [1, 2],
     }  # fmt: skip
-
-
-def test_refuses_tells_codes_apart() -> None:
-    with pytest.raises(AssertionError, match=r"a\.b"), refuses("a.c"):
-        raise StudioError("a.b", "wrong")
-    with pytest.raises(AssertionError), refuses("a.b", value=2):
-        raise StudioError("a.b", "wrong", value=1)
-    with refuses("a.b", file="f", value=1, camera="c"):
-        raise StudioError("a.b", "wrong", file=Path("f"), value=1, camera="c")

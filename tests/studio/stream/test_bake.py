@@ -42,39 +42,6 @@ def test_videos_are_i_then_p_full_range_and_free_of_dates(tmp_path, make_frames)
         assert b"Lavf" not in path.read_bytes()
 
 
-def test_opencv_reads_the_planes_as_we_do(tmp_path, make_frames):
-    """With an independent decoder and formula: means from high and low pictures."""
-    import cv2
-
-    frames = make_frames(4, 300)
-    manifest = bake(tmp_path, frames, quality=20, mirror_low_bytes=False)
-    group = manifest.groups[0].best
-
-    def pictures(path):
-        capture = cv2.VideoCapture(str(tmp_path / path))
-        found = []
-        while True:
-            ok, picture = capture.read()
-            if not ok:
-                return found
-            found.append(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).reshape(-1)[:300].astype(np.float64))
-
-    decoded = {component.name: [pictures(plane.path) for plane in component.planes] for component in group.components}
-    ranges = {component.name: (component.min, component.max) for component in group.components}
-    with StreamReader.open(tmp_path) as reader:
-        for index, gaussians in enumerate(reader.iterate()):
-            for i, axis in enumerate("xyz"):
-                low, high = ranges[f"mean_{axis}"]
-                high_byte, low_byte = (part[index] for part in decoded[f"mean_{axis}"])
-                wanted = low + (high_byte * 256 + low_byte) / 65535 * (high - low)
-                assert np.abs(wanted - gaussians.means[:, i].numpy()).max() < 1e-5
-            for i in range(3):
-                low, high = ranges[f"log_scale_{i}"]
-                wanted = low + decoded[f"log_scale_{i}"][0][index] / 255 * (high - low)
-                assert np.abs(wanted - gaussians.log_scales[:, i].numpy()).max() < 1e-5
-    assert all(len(part) == 4 for parts in decoded.values() for part in parts)
-
-
 def test_plane_holds_splats_row_by_row(tmp_path, make_frames):
     import cv2
 

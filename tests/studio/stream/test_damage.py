@@ -5,8 +5,6 @@ import shutil
 import tracemalloc
 
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
-from hypothesis import strategies as st
 
 from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
@@ -16,7 +14,6 @@ from tests.support.errors import refuses
 from tests.support.splats import assert_drawable
 from tests.support.streams import best_of, damage, edit_manifest, group_files, put_file, set_at
 
-QUICK = settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FIRST = ("groups", 0, "renditions", 0)
 
 
@@ -129,37 +126,6 @@ def test_a_decoder_that_is_not_exact_is_found(copy_of):
             reader.gaussians(1)
     with StreamReader.open(stream, rendition="qp34") as reader:
         assert len(list(reader.iterate(0, 3))) == 3
-
-
-def outcome(stream):
-    """Reading gives valid frames or an error; the second group stays readable."""
-    with StreamReader.open(stream) as reader:
-        try:
-            frames = list(reader.iterate(0, 4))
-        except StudioError as error:
-            message, frames = str(error), []
-        assert len(list(reader.iterate(4))) == 3
-    assert frames or "files/" in message
-    for frame in frames:
-        assert len(frame) == 80
-        assert_drawable(frame)
-
-
-@QUICK
-@given(data=st.data(), place=st.sampled_from([("motion", "side"), ("motion", "video"), ("planes", "opacity")]))
-def test_any_bytes_in_the_files(copy_of, tmp_path, data, place):
-    kind, name = place
-    stream = tmp_path / kind if (tmp_path / kind).exists() else copy_of(kind)
-    manifest = (stream / "manifest.json").read_bytes()
-    broken = bytearray(file_of(stream, 0, name).read_bytes())
-    at = data.draw(st.integers(0, len(broken) - 1))
-    broken[at : at + data.draw(st.integers(0, 20))] = data.draw(st.binary(max_size=20))
-    assume(broken)
-    try:
-        replaced(stream, 0, name, bytes(broken))
-        outcome(stream)
-    finally:
-        (stream / "manifest.json").write_bytes(manifest)
 
 
 def test_a_bomb_is_not_unpacked(copy_of):
