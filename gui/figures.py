@@ -9,11 +9,7 @@ from pipelines.takes.evaluation import measured_earlier_bake
 
 
 class QualityFigures:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window

@@ -56,7 +56,7 @@ class Overlays:
         changed = window.start.update(window.notices.line) | self._show_in_fullscreen() | self._show_message()
         layout = window.notice_bar.update(window.layout.view[2], bool(window.camera_menu.camera))
         if layout:
-            window.laid_out()
+            window.window.set_needs_layout()
         return changed or layout
 
     def _show_message(self) -> bool:
@@ -74,7 +74,7 @@ class Overlays:
         # even an empty label blocks the mouse
         changed = put(window.message, text=self._message, visible=bool(message) and not window.start.shown)
         if changed:
-            window.laid_out()  # otherwise a label keeps the width of its first text
+            window.window.set_needs_layout()  # otherwise a label keeps the width of its first text
         return changed
 
     def _show_in_fullscreen(self) -> bool:
@@ -86,7 +86,7 @@ class Overlays:
         changed = put(status, text=line, visible=bool(line))
         if changed:
             status.text_color = color(TEXT)
-            window.laid_out()
+            window.window.set_needs_layout()
         return changed
 
     def key(self, event: gui.KeyEvent, control: bool, shift: bool, again: bool) -> bool:

@@ -18,6 +18,7 @@ from gui.models.take.serving import Serving
 from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
 from gui.pages.start.panel import StartPanel
+from gui.platform.closing import CloseRequests
 from gui.platform.input_order import InputOrder
 from gui.widgets.camera_menu import CameraMenu
 from gui.widgets.controls import ControlsPanel
@@ -51,6 +52,8 @@ class Shell(Protocol):
 
     window: gui.Window
     em: float
+    title: str
+    close_requests: CloseRequests
     preferences: Preferences
     device: str
     workspace: Workspace
@@ -85,14 +88,6 @@ class Shell(Protocol):
         """Places the panels."""
 
     @property
-    def opening(self) -> str:
-        """Path or URL that is being opened; "" if none is."""
-
-    @property
-    def title(self) -> str:
-        """Title of the window."""
-
-    @property
     def control_held(self) -> bool:
         """Whether Ctrl or Shift is held."""
 
@@ -102,23 +97,14 @@ class Shell(Protocol):
     def select(self, stage: str) -> None:
         """Show a stage."""
 
-    def run(self, stage: str, again: bool) -> None:
-        """Run a stage, or check the footage."""
-
     def changed(self) -> None:
         """Note that something on screen may have changed."""
-
-    def ask_close(self) -> None:
-        """Close the window; ask first if a job is running."""
 
     def apply_preferences(self) -> None:
         """Apply the preferences."""
 
     def over_view(self, x: int, y: int) -> bool:
         """Whether a menu or a card lies over the view at a position, window pixels."""
-
-    def laid_out(self) -> None:
-        """Lay the window out again before it is next drawn."""
 
 
 class Layout:

@@ -25,7 +25,7 @@ def state_of(window: Shell) -> JsonObject:
     return {
         "title": window.title,
         "message": window.message.text,  # over the view
-        "opening": window.opening,
+        "opening": window.workspace.opening,
         "dialog": window.dialogs.name,
         "typing": window.dialogs.typing,  # whether the dialog's text field has the keyboard focus
         "lines": window.dialogs.lines,

@@ -103,7 +103,7 @@ class MainWindow:
         self.numbers: list[int | None] = [None, None, None]
         self.close_requests = CloseRequests(lambda: self._x.escape_down)
         self.wants_close = False
-        self.ticks = 0
+        self.ticks, self.title = 0, ""
         self._awake_until = self._next_look = self._last_input = 0.0
         application = gui.Application.instance
         if application.menubar is None:
@@ -150,7 +150,7 @@ class MainWindow:
             self.workspace, em, self.select, self.actions.run, changed, self.actions.pick, self._widen,
             self.actions.help.stage, self._guard, hints,
         )  # fmt: skip
-        self.inspector = InspectorPanel(em, changed, self.actions.help.apply_fix, self.laid_out)
+        self.inspector = InspectorPanel(em, changed, self.actions.help.apply_fix, self.window.set_needs_layout)
         self.camera_menu = CameraMenu(em, changed)
         self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
         self.timeline.moved_key = self.actions.path.move_frame
@@ -220,11 +220,6 @@ class MainWindow:
 
     # Opening and closing
 
-    @property
-    def opening(self) -> str:
-        """Path or URL that is being opened; "" if none is."""
-        return self.places.place
-
     def open(self, path: str) -> None:
         """Open a take, a stream or a URL; bad input is reported in the window."""
         self.places.open(path)
@@ -246,10 +241,6 @@ class MainWindow:
         """Request that the window close at the next tick."""
         self.close_requests.granted = True
         self.window.close()
-
-    def ask_close(self) -> None:
-        """Close the window; ask first if a job is running."""
-        self.close_requests.ask()
 
     def _close_if_asked(self) -> None:
         if not self.close_requests.due():
@@ -289,11 +280,6 @@ class MainWindow:
         self._log.close()
 
     @property
-    def title(self) -> str:
-        """Title of the window."""
-        return self.overlays.title
-
-    @property
     def control_held(self) -> bool:
         """Whether Ctrl or Shift is held."""
         return self._user.control_held
@@ -311,10 +297,6 @@ class MainWindow:
         self.camera_menu.close()
         self.views.select(stage)
         self.window.set_needs_layout()
-
-    def run(self, stage: str, again: bool) -> None:
-        """Run a stage, or check the footage."""
-        self.actions.run(stage, again)
 
     def over_view(self, x: int, y: int) -> bool:
         """Whether a menu or a card lies over the view at a position, window pixels."""
@@ -369,12 +351,13 @@ class MainWindow:
             changed |= self._update_panels()
             changed |= self.overlays.update()
             changed |= self.actions.search.update()
+            self.title = self.overlays.title
             put(self.window, title=self.title)
         if changed:
             self.changed()
         self._log.write(self)
         transport, settled = self.player.transport, self.views.settled
-        if transport.playing or not settled or self.opening:  # the next image is shown as soon as it is there
+        if transport.playing or not settled or self.workspace.opening:  # the next image is shown as soon as it is there
             self._stay_awake()
         if self._software:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
@@ -448,10 +431,6 @@ class MainWindow:
         if ended:
             self.preferences.panel_width = round(self.layout.left, 2)
             self.preferences.save()
-
-    def laid_out(self) -> None:
-        """Lay the window out again before it is next drawn."""
-        self.window.set_needs_layout()
 
     def _set_text(self, label: gui.Label, text: str) -> bool:
         changed = put(label, text=text)

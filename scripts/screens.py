@@ -119,7 +119,7 @@ SCREENS |= {
     "mark": keys("m"),
     "shortcuts": keys("question"),
     "capture": stage("capture"),
-    "capture_images": stage("capture", "images"),
+    "capture_images": stage("capture", "masks"),
     "calibrate": stage("calibrate"),
     "calibrate_report": stage("calibrate", "report"),
     "calibrate_points": stage("calibrate", "points by hand"),

@@ -23,11 +23,7 @@ Place = tuple[Path, str, Path | None, bool]
 
 
 class BakeActions:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window

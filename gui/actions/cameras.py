@@ -6,6 +6,7 @@ from functools import partial
 
 from gui.models.loop import later
 from gui.models.take.cameras import CameraUses, camera_facts, change_uses, quality
+from gui.pages.capture.view import MASKS
 from gui.shell import Shell
 from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
@@ -13,11 +14,7 @@ from studio.comparison.metrics import MAIN
 
 
 class CameraActions:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window
@@ -55,7 +52,7 @@ class CameraActions:
 
     def _masks(self, camera: str) -> None:
         self._alone(camera)
-        self._window.views.choose("mask overlay")
+        self._window.views.capture.mode = MASKS
 
     def _errors(self, camera: str) -> None:
         self._window.select("calibrate")
@@ -88,7 +85,7 @@ class CameraActions:
         window.camera_menu.open(
             window.viewport.clicked_at, camera, use, camera_facts(take, window.evaluation, camera), items
         )
-        window.laid_out()
+        window.window.set_needs_layout()
 
     def _uses(self) -> CameraUses | None:
         context = self._window.workspace.context

@@ -37,11 +37,7 @@ _NUMBERS_OF = {
 
 
 class EditActions:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window
@@ -58,7 +54,7 @@ class EditActions:
         window = self._window
         window.select("review")
         window.views.edit()
-        window.laid_out()
+        window.window.set_needs_layout()
 
     def changed(self) -> None:
         """After undo and redo: what was selected belongs to other edits."""

@@ -35,7 +35,6 @@ SHORTCUTS: dict[str, dict[str, str]] = {
         "C": "look through the next capture camera",
         "Z": "zoom to the performer in a capture camera's image; press again for the whole image",
         "Click, right click": "on a camera: look through it; its menu",
-        "B": "next background: dark, black, white",
         "F": "fullscreen viewport (Escape exits)",
     },
     "Compare": {
@@ -69,11 +68,7 @@ WIDTH, SHORTCUTS_WIDTH = 50, 66
 
 
 class HelpActions:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window

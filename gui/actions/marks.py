@@ -20,11 +20,7 @@ NO_MARKS = "No frame is marked. The key M marks the frame on screen, with a note
 
 
 class MarkActions:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window

@@ -60,7 +60,6 @@ MENUS: dict[str, tuple[Item | None, ...]] = {
     ),
     "View": (
         Item("reset", "Reset view", "R"),
-        Item("background", "Next background", "B"),
         Item("camera", "Next capture camera", "C"),
         Item("span", "Select span: from here, to here, none", "T"),
         None,

@@ -63,7 +63,7 @@ class Opening:
         window.select("review" if opened.sources else "capture")
         if opened.sources and window.preferences.play_on_opening:
             window.player.transport.play()
-        window.laid_out()
+        window.window.set_needs_layout()
 
     def close(self) -> None:
         """End the thread."""

@@ -25,11 +25,7 @@ from studio.errors import StudioError
 
 
 class OutputActions:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window
@@ -152,7 +148,8 @@ class OutputActions:
         elif take.report.is_file() and window.workspace.row("review").state == "done":
             self._update_report(take)
         else:
-            self._window.run("review", False)
+            window.workspace.start("review")
+            window.select("review")
 
     def _update_report(self, take: Take) -> None:
         from pipelines.reports.evaluation import update_marks

@@ -50,7 +50,7 @@ class PathActions:
         if window.path_panel.shown:
             window.select("review")
             window.layout.show_figures()
-        window.laid_out()
+        window.window.set_needs_layout()
 
     def add(self) -> None:
         """Add the view and the frame on screen, and show the panel."""

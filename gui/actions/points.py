@@ -12,11 +12,7 @@ from gui.shell import Shell
 
 
 class PointActions:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window

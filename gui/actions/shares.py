@@ -26,11 +26,7 @@ QR_SIZE = 22
 
 
 class ShareActions:
-    """See the module.
-
-    Args:
-        window: the main window.
-    """
+    """See the module; it acts through the main window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window

@@ -48,7 +48,7 @@ class StartActions:
         """Show the page if it is asked for or nothing is open, else hide it."""
         window = self._window
         opened = window.player.opened
-        wanted = self._asked or (opened is None and not window.opening)
+        wanted = self._asked or (opened is None and not window.workspace.opening)
         if window.start.shown != wanted:
             window.layout.set_start(wanted)
         self._timer.soon()

@@ -33,9 +33,7 @@ SCENE_CHOICES: tuple[Choice, ...] = (
 )
 
 TOOLTIPS = {
-    "mask overlay": "Images with the background darkened and the mask's edge outlined",
-    "images": "Original images",
-    "performer": "Images cut out by the masks",
+    "masks": "Darken the background, and outline the masks; again: the images as filmed",
     "evidence": "What each camera alone takes for the performer (light), and how far its mask is from the agreed one",
     "garbage masks": "Draw where the performer never is: click a camera, then the corners of a polygon",
     "cameras": "Camera frustums with their images, and sparse points",

@@ -67,7 +67,6 @@ class InitializeView(OrbitView):
         return (folder, _stamp(folder), self.mode, view, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `StageView`."""
         folder = self._folder()
         take = self.workspace.take
         if folder is None or take is None or not (folder / "points.ply").is_file():

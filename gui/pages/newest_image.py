@@ -22,11 +22,7 @@ for another draw."""
 
 
 class NewestImage:
-    """See the module.
-
-    Args:
-        now: a monotonic clock in seconds.
-    """
+    """See the module. `now` is a clock in seconds that never runs backwards."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now

@@ -159,17 +159,14 @@ class OrbitView(StageView):
 
     @property
     def orbits(self) -> bool:
-        """See `StageView`."""
         return True
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """See `StageView`."""
         orbit = self.orbit or self.home
         if orbit is not None:
             self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
 
     def wheel(self, notches: float) -> None:
-        """See `StageView`."""
         orbit = self.orbit or self.home
         if orbit is not None:
             self.orbit = orbit.zoom(notches)

@@ -18,7 +18,7 @@ from gui.models.take.workspace import Workspace
 from gui.pages.bake.view import BakeView
 from gui.pages.calibrate.points_view import PointsView
 from gui.pages.calibrate.view import CalibrateView
-from gui.pages.capture.view import GARBAGE, CaptureView
+from gui.pages.capture.view import GARBAGE, MASKS, CaptureView
 from gui.pages.choices import REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
 from gui.pages.initialize import InitializeView, Mesh
 from gui.pages.newest_image import NewestImage
@@ -119,7 +119,6 @@ class StageViews:
         player.transport.pause()
         self._go("review")
         self.editing = True
-        self.editor.background = player.background
         self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
         self._looks = (player.camera, player.orbit)
         self.show_again()
@@ -163,7 +162,8 @@ class StageViews:
             if key == player.mode:
                 return
         if self.stage != "review":
-            self.stage_views[self.stage].mode = key
+            off = key == MASKS == self.capture.mode
+            self.stage_views[self.stage].mode = "" if off else key
             if self.stage == "capture" and key != GARBAGE:
                 self.capture.garbage.leave()
             self.show_again()
@@ -292,6 +292,7 @@ class StageViews:
         self._number_frames()
         if self.edits_take:
             self._follow_camera()
+            self.editor.background = self.player.background
             self.player.context = self.workspace.context  # whose edits the inspector asks
         if stage_view is None:
             self.player.context = self.workspace.context

@@ -69,7 +69,6 @@ class TrainView(StageView):
         return NOT_RUN if status is not None and status.state == MISSING else "no data from the last run"
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `StageView`."""
         if self.mode == COLORS:
             picture = self._pairs.draw(size, self.em)
             self.places = self._pairs.places

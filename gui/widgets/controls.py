@@ -21,7 +21,7 @@ SOUND = "Volume of the stream's sound (V: off or on). It plays at speed 1x only.
 
 
 class ControlsPanel:
-    """Buttons: start, back, play, forward, end; loop, speed, sound, capture camera, background, reset. Sound and
+    """Buttons: start, back, play, forward, end; loop, speed, sound, capture camera, reset. Sound and
     cameras are shown if the open take or stream has them.
 
     Args:
@@ -67,7 +67,6 @@ class ControlsPanel:
         self._sound_hint = ""
         for widget in (self._volume, self._camera):
             widget.visible = False  # until there is something to choose
-        self._button("Background", "Next background: dark, black, white (B)", player.next_background, "background")
         self._button("Reset", "Reset the view (R)", reset, "reset view")
 
     def _transport(self) -> Transport:

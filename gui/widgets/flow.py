@@ -17,12 +17,10 @@ class Flow:
 
     Attributes:
         widget: the widget to add to the window.
-        spacing: what gaps are multiplied by within a line.
     """
 
     def __init__(self, gap: float, line: float) -> None:
         self.widget = gui.Widget()
-        self.spacing = 1.0
         self._gap, self._line = gap, line
         self._items: list[tuple[gui.Widget, float, bool, float | None]] = []
 
@@ -65,8 +63,7 @@ class Flow:
         shown = [item for item in self._items if item[0].visible]
         free = gui.Widget.Constraints()
         wides = [min(fixed or widget.calc_preferred_size(context, free).width, width) for widget, _, _, fixed in shown]
-        befores = [self.spacing * before for _, before, _, _ in shown]
-        lines = flow_lines(wides, befores, width, self.spacing * self._gap)
+        lines = flow_lines(wides, [before for _, before, _, _ in shown], width, self._gap)
         return [[(shown[at][0], left, wides[at], right[at]) for at, left in line] for line in lines]
 
 

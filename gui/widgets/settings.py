@@ -68,7 +68,8 @@ class SettingsList:
         self._fields = fields_of(stage)
         self._has_presets = stage in PRESET_STAGES
         self._rows: dict[str, tuple[SettingField, Editor, gui.Label, gui.Checkbox]] = {}
-        self._words: tuple[str, bool] | None = None
+        self._words: tuple[str, bool, str] | None = None
+        self._stage, self._camera_file = stage, ""
         self._typed = ""
         self._differing: list[str] = []
         self._edited = False
@@ -183,7 +184,7 @@ class SettingsList:
     def refilter(self) -> bool:
         """Apply the filter; return whether the list has changed, which requires `show` and a new layout. Deferred to
         the next tick, because the toolkit reports typing while it draws the window."""
-        words = (self._typed, self.all.checked)
+        words = (self._typed, self.all.checked, self._camera_file)
         if self._words == words:
             return False
         self._words = words
@@ -192,7 +193,7 @@ class SettingsList:
         heading = ""
         found = matching(self._fields, self._typed)
         if not self._typed.strip() and not self.all.checked:
-            found = [field for field in found if field.basic]
+            found = [field for field in found if field.basic and not (self._stage == "calibrate" and self._camera_file)]
         beside = [text_room(field.label, self._em) for field in found if not _below(field, self._em)]
         room = max(beside, default=0.0)
         for field in found:
@@ -207,7 +208,8 @@ class SettingsList:
                 rows.add_child(near)
             self._add(rows, field, round(room + 0.5 * self._em))
         if not found:
-            rows.add_child(gui.Label("No matching settings."))
+            given = f"Cameras from {self._camera_file}.\nTo calibrate instead, clear the\ncamera file in Capture."
+            rows.add_child(gui.Label(given if not self._typed.strip() else "No matching settings."))
         self._content.set_widget(rows)
         return True
 
@@ -242,6 +244,7 @@ class SettingsList:
 
     def show(self, config: Config) -> None:
         """Show the values of the settings, and what differs from the preset."""
+        self._camera_file = config.capture.rig or ""
         preset = preset_of(config)
         usual = differing(config, preset)
         names = {field.name for field in self._fields}

@@ -122,7 +122,7 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     state = small.wait_for("an image", lambda s: s["stage"] == "review" and s["shown"] is not None and s["settled"])
     assert not state["figures"]
     _check_frames(small, 820, 640)
-    for key in ("footage", "trained", "decoded", "side by side", "wipe", "difference", "background", "reset view"):
+    for key in ("footage", "trained", "decoded", "side by side", "wipe", "difference", "reset view"):
         assert key in state["widgets"], key
     small.key("i")
     small.wait_for("the right panel", lambda s: s["figures"] and "inspector" in s["widgets"] and s["settled"])

@@ -96,7 +96,7 @@ def main(paths: Path, results: Path) -> int:
                     pass
                 self.notices.clear("open")
                 self.open(path)
-                while self.opening:
+                while self.workspace.opening:
                     yield
                 said = [self.player.message, self.notices.text]
                 opened, late = self.player.opened is not before, []

@@ -41,7 +41,6 @@ class OtherSource:
         return min(round(frame * self._source.fps / self.fps), self._source.frame_count - 1)
 
     def gaussians(self, frame: int) -> Gaussians:
-        """See `FrameSource`."""
         return self._source.gaussians(self.frame_of(frame))
 
     def series(self, name: str, camera: str = "") -> list[float | None]:
@@ -65,7 +64,6 @@ class OtherSource:
         return [*[None] * self._source.first, *sizes]
 
     def close(self) -> None:
-        """See `FrameSource`."""
         self._source.close()
 
 

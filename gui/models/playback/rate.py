@@ -11,11 +11,7 @@ SPAN = 2.0
 
 
 class Rate:
-    """Count with `hit`, read `value`.
-
-    Args:
-        now: a clock in seconds that never runs backwards.
-    """
+    """Count with `hit`, read `value`. `now` is a clock in seconds that never runs backwards."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now

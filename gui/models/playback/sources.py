@@ -117,7 +117,6 @@ class TrainedSource:
         self._cache = frame_cache()
 
     def gaussians(self, frame: int) -> Gaussians:
-        """See `FrameSource`."""
         if frame >= self.frame_count:
             raise StudioError(
                 "take.frame_not_trained",
@@ -140,7 +139,6 @@ class TrainedSource:
         return np.concatenate(found)
 
     def close(self) -> None:
-        """See `FrameSource`."""
         self._cache.clear()
 
 

@@ -224,7 +224,6 @@ class StreamSource:
         return StreamMetadata.from_json(self._reader.manifest.metadata).suggested_camera
 
     def close(self) -> None:
-        """See `FrameSource`."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

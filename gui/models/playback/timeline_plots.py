@@ -101,8 +101,7 @@ PLOTTED = (f"{MAIN.name}_trained", f"{MAIN.name}_decoded", "bytes", FLICKER.name
 
 
 def plots_of(series: Series, whose: str = "mean", other: Series | None = None, short: str = "") -> tuple[Plot, ...]:
-    """The three plots of a take, and flicker if it was measured; plots without values stay empty, so that the layout
-    does not change.
+    """The plots of a take that have values.
 
     Args:
         series: values by name of `PLOTTED`.
@@ -124,7 +123,7 @@ def plots_of(series: Series, whose: str = "mean", other: Series | None = None, s
         Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True, other=others),
         Plot(FLICKER.title, flicker[0], ACCENT, "/255", bars=True, other=flicker[1]),
     )
-    return plots if plots[-1].range is not None else plots[:-1]
+    return tuple(plot for plot in plots if plot.range is not None)
 
 
 def clock_words(seconds: float) -> str:

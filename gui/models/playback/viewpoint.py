@@ -205,9 +205,3 @@ class Viewpoint:
             self.image_zoom, self._zoom_follows = ImageZoom(), False
         else:
             self.orbit = self.home
-
-    def next_background(self) -> str:
-        """Switch to the next background: dark, black, white, and again."""
-        names = list(BACKGROUNDS)
-        self.background = names[(names.index(self.background) + 1) % len(names)]
-        return self.background

@@ -10,11 +10,7 @@ RESTS_AFTER = 0.4
 
 
 class Rest:
-    """See the module.
-
-    Args:
-        now: a clock in seconds that never runs backwards.
-    """
+    """See the module. `now` is a clock in seconds that never runs backwards."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now

@@ -1,8 +1,47 @@
-"""How settings are shown: words for missing values, units, paths to choose, and which ones most people need."""
+"""How settings are shown: labels, words for missing values, units, paths to choose, and which ones most people need."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+
+LABELS: Mapping[str, str] = {
+    "bake.attribute_qps": "QPs of attributes",
+    "bake.b_frames": "B-frames",
+    "bake.ladder": "renditions",
+    "calibrate.frames": "number of frames",
+    "calibrate.scale_distance": "known distance",
+    "capture.cameras": "cameras used",
+    "capture.fps": "frame rate",
+    "capture.held_out": "held-out cameras",
+    "capture.rig": "camera file",
+    "capture.root": "folder of the footage",
+    "capture.scale": "scale of images",
+    "capture.start": "first frame",
+    "capture.step": "every nth frame",
+    "capture.stop": "end before frame",
+    "evaluate.lpips": "LPIPS",
+    "initialize.max_faces": "most faces",
+    "initialize.points": "number of points",
+    "initialize.resolution": "voxels per side",
+    "run.gpus_per_group": "GPUs per group",
+    "run.preview_seconds": "time between previews",
+    "train.alpha_weight": "weight of the mask",
+    "train.densify_max_splats": "densify up to",
+    "train.dssim_weight": "weight of D-SSIM",
+    "train.finetune_iterations": "fine-tuning iterations",
+    "train.finetune_means": "fine-tune means",
+    "train.max_splats": "most splats",
+    "train.mlp_layers": "MLP layers",
+    "train.mlp_width": "MLP width",
+    "train.opacity_reg": "opacity regularization",
+    "train.prune_finetune_iterations": "iterations after pruning",
+    "train.rates.sh_dc": "rates: SH, mean color",
+    "train.rates.sh_rest": "rates: SH, others",
+    "train.scale_reg": "scale regularization",
+    "train.sh_degree": "SH degree",
+    "train.sh_degree_every": "iterations per SH degree",
+}
+"""Of settings whose name is not what people say."""
 
 EMPTY: Mapping[str, str] = {
     "bake.attribute_qps": "as quality",
@@ -46,7 +85,7 @@ UNITS: Mapping[str, str] = {
     "calibrate.board.square": "m",
     "calibrate.scale_distance": "m",
     "capture.audio_offset": "s",
-    "capture.fps": "1/s",
+    "capture.fps": "fps",
     "evaluate.crop_padding": "px",
     "run.memory_per_group": "GB",
     "run.preview_seconds": "s",
@@ -70,11 +109,11 @@ BASIC = frozenset(
         "bake.codec", "bake.ladder", "bake.quality",
         "calibrate.board.columns", "calibrate.board.kind", "calibrate.board.rows", "calibrate.board.square",
         "calibrate.board_images", "calibrate.camera_model", "calibrate.floor", "calibrate.frames",
-        "calibrate.scale_distance", "calibrate.tie_points", "capture.audio", "capture.cameras", "capture.clean_plates",
-        "capture.fps", "capture.held_out", "capture.images", "capture.mask_files", "capture.mask_sensitivity",
-        "capture.masks", "capture.rig", "capture.root", "capture.scale", "capture.start", "capture.step",
+        "calibrate.scale_distance", "calibrate.tie_points", "capture.audio", "capture.cameras",
+        "capture.held_out", "capture.images", "capture.mask_files", "capture.mask_sensitivity",
+        "capture.masks", "capture.rig", "capture.root", "capture.scale", "capture.start",
         "capture.stop", "evaluate.lpips", "initialize.points", "initialize.resolution",
-        "run.device", "run.groups_at_once", "run.seed", "run.threads", "train.alpha_weight", "train.dropout",
+        "run.groups_at_once", "train.alpha_weight", "train.dropout",
         "train.finetune_iterations", "train.group_size", "train.grouping", "train.keyframe_iterations",
         "train.max_splats", "train.motion_iterations", "train.scale_reg", "train.sh_degree",
     }

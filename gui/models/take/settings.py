@@ -12,7 +12,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from gui.models.take.setting_words import BASIC, EMPTY, FOLDERS, UNITS
+from gui.models.take.setting_words import BASIC, EMPTY, FOLDERS, LABELS, UNITS
 from pipelines.config import Config
 from pipelines.config.description import allowed_values, bounds
 from pipelines.config.loading import parse_override
@@ -55,7 +55,7 @@ class SettingField:
         nullable: whether it can be null; `empty`, an empty field and "null" all mean null.
         documentation: description and bounds.
         empty: word for null, an empty list or an empty mapping; "" if it is never empty.
-        kind_of_list: "list" or "mapping" for those, shown without brackets; "" for others.
+        kind_of_list: "list", "names" (of text) or "mapping" for those, shown without brackets; "" for others.
         limits: lowest and highest value of a number that can be stepped; None for others.
         whole: whether it is a whole number.
     """
@@ -86,7 +86,9 @@ class SettingField:
         if self.empty and value in (None, [], {}):
             return self.empty
         if isinstance(value, str):
-            return value
+            return _words(value) if _words(value) in self.choices else value
+        if self.kind_of_list == "names" and not any(set(name) & set(",[]") for name in value):
+            return ", ".join(value)
         text = inline_yaml(value)
         if self.kind == "choice":
             return SWITCH_WORDS.get(text, text) if self.nullable else text
@@ -103,8 +105,12 @@ class SettingField:
         nothing = text in NULLS or (self.empty != "" and text.casefold() == self.empty.casefold())
         if self.nullable and nothing:
             return None
+        if self.kind == "choice" and text in self.choices:
+            text = text.replace(" ", "_")
         if self.text:
             return text
+        if self.kind_of_list == "names" and not text.startswith("["):
+            return [name.strip() for name in text.split(",") if name.strip() and not nothing]
         if self.kind == "choice":
             text = next((value for value, word in SWITCH_WORDS.items() if word == text), text)
         if self.kind_of_list == "list":
@@ -198,7 +204,7 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
             continue
         parts = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
         kinds = [part for part in parts if part is not type(None)]
-        choices = tuple(map(str, get_args(kinds[0]))) if get_origin(kinds[0]) is Literal else ()
+        choices = tuple(map(_words, get_args(kinds[0]))) if get_origin(kinds[0]) is Literal else ()
         nullable = len(kinds) < len(parts)
         if kinds == [bool] and nullable:
             choices = tuple(SWITCH_WORDS.values())
@@ -214,7 +220,7 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
         yield SettingField(
             name=f"{prefix}{name}",
             heading=heading,
-            label=within + name.replace("_", " ") + (f" ({unit})" if unit else ""),
+            label=LABELS.get(f"{prefix}{name}", within + name.replace("_", " ")) + (f" ({unit})" if unit else ""),
             kind=kind,
             choices=(empty, *choices) if choices and nullable else choices,
             text=text,
@@ -228,8 +234,15 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
 
 
 def _kind_of_list(kind: Any) -> str:
-    origin = get_origin(kind)
-    return "list" if origin in (tuple, list) else "mapping" if origin is dict else ""
+    if get_origin(kind) is dict:
+        return "mapping"
+    if get_origin(kind) not in (tuple, list):
+        return ""
+    return "names" if get_args(kind)[0] is str else "list"
+
+
+def _words(choice: str) -> str:
+    return choice.replace("_", " ") if choice.islower() else choice
 
 
 def _items(value: Any) -> list[Any]:

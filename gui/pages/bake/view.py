@@ -101,7 +101,6 @@ class BakeView(StageView):
         return (take, stamp, self.mode, self.trial.changes, qp, self._done, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `StageView`."""
         self._cells = []  # no table of another mode or take, also if this one cannot be drawn
         take, config = self.workspace.take, self.workspace.config
         if take is None:
@@ -180,15 +179,12 @@ class BakeView(StageView):
 
     @property
     def table_text(self) -> str:
-        """See `StageView`."""
         return "" if len(self._cells) < 2 else cells_text(self._cells)
 
     @property
     def status(self) -> str:
-        """See `StageView`."""
         return "Ctrl+C copies the table" if self.table_text else ""
 
     def close(self) -> bool:
-        """See `StageView`."""
         self.trial.stop()
         return super().close()

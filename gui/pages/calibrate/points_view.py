@@ -68,7 +68,6 @@ class PointsView(StageView):
         return root / named if named else take.root / "points.yaml"
 
     def state(self) -> Hashable:
-        """See `StageView`."""
         path = self.path
         if path is not None and (self.marks is None or self.marks.path != path or self.marks.stale):
             stamp = (path, path.stat().st_mtime_ns if path.is_file() else 0)
@@ -116,7 +115,6 @@ class PointsView(StageView):
     # Images
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `StageView`."""
         marks = self.marks
         if marks is None or self.workspace.context is None:
             raise StudioError(
@@ -322,7 +320,6 @@ class PointsView(StageView):
 
     @property
     def status(self) -> str:
-        """See `StageView`."""
         if self.problem:
             return self.problem
         if self.marks is None:

@@ -93,7 +93,6 @@ class CalibrateView(OrbitView):
         return (stamp, self._covered_by(), self.mode, self.camera, view, frame, self.em, self._sorting, self._first_row)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `StageView`."""
         take = self.workspace.take
         if take is None or not take.rig.is_file():
             # or the inspector would show those of the last take
@@ -346,12 +345,10 @@ class CalibrateView(OrbitView):
 
     @property
     def table_text(self) -> str:
-        """See `StageView`."""
         return self._text if self.mode == "report" else ""
 
     @property
     def status(self) -> str:
-        """See `StageView`."""
         return "click a title to sort; Ctrl+C copies the table" if self.mode == "report" and self._text else ""
 
     def _columns(self) -> tuple[dict[str, list[str]], list[str]]:
@@ -389,7 +386,6 @@ class CalibrateView(OrbitView):
         ]
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """See `StageView`."""
         if self.mode != "report":  # a table
             super().drag(dx, dy, turn, height)
 

@@ -24,6 +24,9 @@ from studio.errors import Cancelled, StudioError
 from studio.masks.agreement.source import AgreedMaskSource
 from studio.memory_cache import image_cache
 
+MASKS = "masks"
+"""The mode that darkens the background; without any mode, images are shown as filmed."""
+
 GARBAGE = "garbage masks"
 """The mode in which they are drawn."""
 
@@ -45,8 +48,8 @@ DECODED_BYTES = 64 * 1024 * 1024
 
 
 class CaptureView(StageView):
-    """Thumbnails of all cameras, or one of them (`camera`): with the mask as an overlay, without it, or cut out; and
-    with garbage masks, which are drawn on one camera.
+    """Thumbnails of all cameras, or one of them (`camera`), with masks or without; and with garbage masks, which are
+    drawn on one camera.
 
     Attributes:
         garbage: the garbage masks.
@@ -54,7 +57,7 @@ class CaptureView(StageView):
         image_at: where the image of the camera that is shown alone is; None without one.
     """
 
-    modes = ("mask overlay", "images", "performer", EVIDENCE, GARBAGE)
+    modes = (MASKS, EVIDENCE, GARBAGE)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -79,7 +82,6 @@ class CaptureView(StageView):
         return (capture, garbage, self.camera, self.frame, self.mode, *check, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `StageView`."""
         opened = self._open()
         if opened is None:
             return sentence(size, self.workspace.without_settings, self.em)
@@ -130,7 +132,6 @@ class CaptureView(StageView):
         return self._reduced
 
     def forget(self) -> None:
-        """See `StageView`."""
         self._reduced = None
 
     def _cache_folder(self) -> Path | None:
@@ -178,7 +179,7 @@ class CaptureView(StageView):
 
     def _thumbnail(self, opened: _Reduced, name: str, frame: int, widest: int) -> np.ndarray:
         small = opened.image(name, frame, widest)
-        if self.mode == "images":
+        if self.mode == "":
             return small
         if self.mode == EVIDENCE:
             evidence = opened.evidence(name, frame)
@@ -187,8 +188,6 @@ class CaptureView(StageView):
         if self.mode == GARBAGE:  # bright, since one looks for what is not the performer
             return outlined(small, mask)
         alpha = mask[..., None] / np.float32(255)
-        if self.mode == "performer":
-            return (small * alpha + np.array(GROUND) * (1 - alpha)).astype(np.uint8)
         return outlined(small * (0.35 + 0.65 * alpha), 255 * alpha[..., 0])
 
     def _drawn_polygons(self) -> Polygons:
@@ -227,7 +226,6 @@ class CaptureView(StageView):
         return self.footage_check.running
 
     def close(self) -> bool:
-        """See `StageView`."""
         self.footage_check.stop()
         return super().close()
 

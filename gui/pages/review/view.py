@@ -347,7 +347,6 @@ class EditView(OrbitView):
             self._refuse("There are too many regions already. Take some back with List.")
 
     def click(self, x: float, y: float) -> None:
-        """See `StageView`."""
         if self.tool == "detail":
             self._mark_detail(x, y)
         if self.tool not in ("origin", "up", "scale"):
@@ -417,7 +416,6 @@ class EditView(OrbitView):
         return self._trained.get(self.workspace.take) if self.workspace.take is not None else (0,)
 
     def poll(self, size: Size) -> np.ndarray | None:
-        """See `StageView`."""
         self._size = size
         self._suggest()
         found = super().poll(size)
@@ -442,12 +440,10 @@ class EditView(OrbitView):
         return self._plain if circle is None else picture.with_circle(self._plain, *circle)
 
     def show_again(self) -> None:
-        """See `StageView`."""
         super().show_again()
         self._plain = self._circle = None
 
     def state(self) -> Hashable:
-        """See `StageView`."""
         orbit = self.orbit or OrbitCamera()
         return _State(
             self.frame, orbit.key, self.tool, self.show_removed, self.edits, self.pending, self._stroke, self.clicks,
@@ -455,7 +451,6 @@ class EditView(OrbitView):
         )  # fmt: skip
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `StageView`."""
         assert isinstance(state, _State)
         edited = self._edited
         edited.read(self.workspace.take, state.frame)
@@ -524,7 +519,6 @@ class EditView(OrbitView):
 
     @property
     def status(self) -> str:
-        """See `StageView`."""
         found = describe(self.edits, numbers=self.numbers)
         if not found:
             return "No edits. They change what is baked and exported."

@@ -19,7 +19,7 @@ class Window:
 
     def __init__(self) -> None:
         self.notices = Notices()
-        self.opening = ""
+        self.workspace = SimpleNamespace(opening="")
         self.opened: list[str] = []
         self.player = SimpleNamespace(opened=None, transport=SimpleNamespace(pause=lambda: None))
         self.start = SimpleNamespace(shown=True)

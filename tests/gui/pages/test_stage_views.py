@@ -132,7 +132,7 @@ def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -
 def test_capture_shows_the_image_of_every_camera(views: StageViews, finished_project: Path) -> None:
     opened(views, finished_project / "take")
     views.select("capture")
-    views.choose("images")
+    views.choose("masks")  # pressed at first
     picture = shown(views)
     small = round(0.85 * 16)
     width, height = grid(6, *SIZE, 64 / 48, small)

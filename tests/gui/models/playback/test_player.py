@@ -55,7 +55,7 @@ def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, str
     assert (player.picture.frame, player.picture.splats) == (0, 600)
     player.resize(320, 200)
     player.transport.seek(7)
-    player.next_background()
+    player.background = "black"
     settle(player)
     assert player.picture.frame == 7
     assert player.picture.image.shape == (200, 320, 3)

@@ -77,9 +77,16 @@ def test_every_choice_is_a_value_that_is_shown_as_itself(field: SettingField) ->
 
 def test_words_units_and_choices_of_paths_belong_to_settings() -> None:
     fields = {field.name: field for stage in SECTIONS for field in fields_of(stage)}
-    named = {*setting_words.EMPTY, *setting_words.UNITS, *setting_words.FOLDERS, *setting_words.FILES}
+    named = {
+        *setting_words.LABELS,
+        *setting_words.EMPTY,
+        *setting_words.UNITS,
+        *setting_words.FOLDERS,
+        *setting_words.FILES,
+    }
     assert named | setting_words.BASIC <= set(fields)
     assert fields["calibrate.board.square"].label == "board: square (m)"
+    assert all(sum(field.basic for field in fields_of(stage)) <= 12 for stage in SECTIONS), "fit on a page"
     for name, field in fields.items():
         shown = field.shown(Config())
         assert shown not in ("null", "[]", "{}", "[", "{"), name
@@ -93,6 +100,9 @@ def test_words_units_and_choices_of_paths_belong_to_settings() -> None:
         ("capture.offsets", {"cam1": 2, "cam2": -1}, "cam1: 2, cam2: -1"),
         ("capture.background", [0.0, 0.5, 1.0], "0.0, 0.5, 1.0"),
         ("capture.cameras", [], "all"),
+        ("capture.cameras", ["1", "cam 2", "off"], "1, cam 2, off"),
+        ("capture.masks", "clean_plate", "clean plate"),
+        ("capture.masks", "mine_own:Masks", "mine_own:Masks"),
         ("calibrate.shared_intrinsics", True, "on"),
         ("bake.b_frames", None, "automatic"),
     ],

@@ -181,7 +181,7 @@ def test_garbage_masks_that_are_images_are_not_drawn_over(views: StageViews, tak
     assert views.workspace.change_setting("capture.garbage_masks", f"{others}/{{camera}}.png") is None
     picture(views)
     assert "images" in str(refused.pop()), "other images"
-    views.choose("images")
+    views.choose("masks")
     picture(views)
     views.choose(GARBAGE)
     picture(views)

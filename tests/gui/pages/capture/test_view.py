@@ -34,11 +34,7 @@ def test_what_capture_keeps_is_bounded_and_its_pictures_stay_the_same(
     before = kept()
     workspace.open(Take.open(finished_project / "take"))
     usual = CaptureView(workspace)
-    wanted = {
-        (mode, frame): drawn(usual, mode, frame)
-        for mode in ("images", "mask overlay", "performer", "evidence")
-        for frame in range(4)
-    }
+    wanted = {(mode, frame): drawn(usual, mode, frame) for mode in ("", "masks", "evidence") for frame in range(4)}
     used = kept() - before
     usual.forget()
     assert len({picture.tobytes() for picture in wanted.values()}) == len(wanted)
@@ -58,7 +54,7 @@ def test_the_inspector_shows_how_the_footage_is_read(workspace: Workspace, finis
     view = CaptureView(workspace)
     assert not view.blocks
     workspace.open(Take.open(finished_project / "take"))
-    drawn(view, "images", 0)
+    drawn(view, "", 0)
     (block,) = view.blocks
     assert "6 cameras" in block.note
     assert "alpha channel" in block.note
