@@ -63,7 +63,7 @@ REMEDIES: Mapping[str, Remedy] = {
 }
 """By code of the warning."""
 
-_DETECTED = ("clean_plate", "median_background", "chroma_key")
+_DETECTED = ("clean_plate", "agreed", "median_background", "chroma_key")
 """Sources of masks that have a sensitivity."""
 
 NO_SETTING = frozenset(

@@ -60,7 +60,7 @@ class AgreedMaskSource:
 
     Args:
         inputs: the footage; with cameras.
-        cameras: of the raw frames.
+        cameras: of the raw frames; None before calibration: each camera's mask is then that of its plate alone.
         plates: the empty set of each camera.
         model: computes masks that are part of the evidence; None: there is no model.
         cache: returns a disk cache for a frame; None: memory only.
@@ -69,7 +69,7 @@ class AgreedMaskSource:
     def __init__(
         self,
         inputs: MaskInputs,
-        cameras: Mapping[str, Camera],
+        cameras: Mapping[str, Camera] | None,
         plates: PlateMaskSource,
         model: MaskSource | None = None,
         cache: Callable[[int], MaskCache] | None = None,
@@ -81,6 +81,8 @@ class AgreedMaskSource:
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError: a camera's image or plate cannot be read."""
+        if self._cameras is None:
+            return self._plates.mask(camera, frame, image)
         image = np.ascontiguousarray(image[:, :, :3])
         cache = self._cache(frame) if self._cache is not None else None
         found = cache.read(image) if cache is not None else None
@@ -114,7 +116,9 @@ class AgreedMaskSource:
         return odds if inside is None else np.where(_reduced(inside.astype(np.float32)) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
-        """By camera: (h, w) bool, where all cameras together see the performer, at reduced size."""
+        """By camera: (h, w) bool, where all cameras together see the performer, at reduced size; with cameras only."""
+        rig = self._cameras
+        assert rig is not None
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
 
             def each(function: Callable[..., np.ndarray], *values: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -124,9 +128,7 @@ class AgreedMaskSource:
             names = self._inputs.names
             images = each(lambda name: self._image(name, frame), {name: name for name in names})
             own = each(lambda name: self.evidence(name, frame), {name: name for name in names})
-            cameras = {
-                name: self._cameras[name].resized(image.shape[1], image.shape[0]) for name, image in images.items()
-            }
+            cameras = {name: rig[name].resized(image.shape[1], image.shape[0]) for name, image in images.items()}
             odds, colors = own, {name: np.zeros_like(one) for name, one in own.items()}
             solid: dict[str, np.ndarray] = {}
             for turn in range(_ROUNDS):
@@ -197,7 +199,7 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
         StudioError: `mask.too_few_cameras`, or as `open_median_background` and `open_model`.
     """
     voters = len(inputs.names) - len(inputs.held_out)
-    if not required and (inputs.cameras is None or voters < FEWEST_CAMERAS):
+    if not required and voters < FEWEST_CAMERAS:
         return None
     if voters < FEWEST_CAMERAS:
         raise StudioError(
@@ -212,28 +214,28 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     if found is None:
         return None
     plates, phrase = found
-    if inputs.cameras is None:
-        return plates, f"those of each camera alone until the cameras are calibrated, {phrase}"
     assert isinstance(plates, PlateMaskSource)
     model = open_model(inputs, True)[0] if inputs.spec.mask_model else None
-    cameras = inputs.cameras()
-    cache = _disk_cache(inputs, cameras, plates) if inputs.cache_folder is not None else None
-    source = AgreedMaskSource(inputs, cameras, plates, model, cache)
+    if inputs.cameras is None:
+        words = f"those of each camera alone until the cameras are calibrated, {phrase}"
+        return AgreedMaskSource(inputs, None, plates, model), words
+    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, _disk_cache(inputs, plates, model))
     return source, f"agreed by {voters} cameras, from the {phrase}{' and a matting model' if model else ''}"
 
 
 def _disk_cache(
-    inputs: MaskInputs, cameras: Mapping[str, Camera], plates: PlateMaskSource
-) -> Callable[[int], MaskCache]:
+    inputs: MaskInputs, plates: PlateMaskSource, model: MaskSource | None
+) -> Callable[[int], MaskCache] | None:
     spec, folder = inputs.spec, inputs.cache_folder
-    assert folder is not None
-    footage = [path for source in inputs.sources.values() for path in source.files()]
+    if folder is None or inputs.cameras is None:
+        return None
+    sources = [*inputs.sources.values(), *(one for one in (plates, model, inputs.garbage) if one is not None)]
     parts = [
         str(_VERSION),
-        digest_files(spec.root, [*footage, *plates.files(), *(inputs.garbage.files() if inputs.garbage else [])]),
+        digest_files(spec.root, [path for source in sources for path in source.files()]),
         spec.model_dump_json(include={*DifferenceSettings.model_fields, *OnnxSettings.model_fields, "offsets"}),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
-        *(f"{camera.to_dict()}" for camera in cameras.values()),
+        *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),
     ]
     recipe = hashlib.blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
     return lambda frame: MaskCache(folder / "masks", f"agreed {recipe} {frame}")

@@ -86,3 +86,18 @@ def test_without_cameras_or_with_few_auto_looks_at_each_camera_alone(capture: Pa
     assert "agreed by" not in opened(capture, None, masks="agreed").description
     with refuses("mask.too_few_cameras"):
         opened(capture, rig, masks="agreed", cameras=few)
+
+
+def test_another_model_in_the_same_file_changes_the_digest(capture: Path, tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    model = tmp_path / "model.onnx"
+
+    def digest(**settings: object) -> str:
+        return opened(capture, None, mask_model=str(model), **settings).digest()
+
+    for settings in ({}, {"masks": "agreed"}):
+        model.write_bytes(b"one")
+        first = digest(**settings)
+        assert digest(**settings) == first
+        model.write_bytes(b"two")
+        assert digest(**settings) != first
