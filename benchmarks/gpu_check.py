@@ -3,17 +3,15 @@
     python benchmarks/gpu_check.py                 # under nine minutes; writes gpu.json and prints a table
     python benchmarks/gpu_check.py --dry-run       # the same code on the CPU, tiny: seconds, figures mean nothing
 
-Needs no network, only the repository, its sample capture, and Triton (part of PyTorch's CUDA builds for Linux) or
-gsplat (`pip install gsplat==1.5.3 packaging`, whose kernels are compiled with nvcc when they are first used). What can
-be used is measured; training uses gsplat where it can be used, as `v3studio` does. The parts:
+Needs no network, only the repository, its sample capture, and Triton, a part of PyTorch's CUDA builds for Linux. The
+parts:
 
-    kernels cuda, kernels triton
-                 time until the backend has rendered its first image, including compilation; at most four minutes
+    kernels      time until the first image is rendered, including compilation; at most four minutes
     tests        the tests that need a CUDA device
     training kernels
                  image loss, loss on coded values, and motion field: the kernels against their definitions in PyTorch,
                  errors of values and gradients relative to the definition in float64, and milliseconds of both passes
-    rasterizer   forward and backward pass of each backend that rendered, milliseconds
+    rasterizer   forward and backward pass, milliseconds
     keyframe     frame 0 of the sample with the default settings, which are the paper's schedule
     frames       the five frames after it: 500 steps of motion and 2,000 of fine-tuning each
 
@@ -41,6 +39,7 @@ import threading
 import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +56,7 @@ from studio.capture import Footage, open_footage
 from studio.gaussians import Gaussians
 from studio.meshing import initialize_points
 from studio.metrics import psnr
-from studio.rasterizer import available_backends, rasterize
+from studio.rasterizer import rasterize
 from studio.training import TrainingView, TrainSettings, interframe_steps, train_interframe, train_keyframe
 from studio.training.coded_loss import CodedLoss
 from studio.training.hashgrid import Corners, HashGrid
@@ -105,8 +104,7 @@ class Check:
     def __init__(self, dry: bool, seconds: float) -> None:
         self.dry, self.device = dry, "cpu" if dry else "cuda"
         self.ends = time.monotonic() + seconds
-        self.backends: list[str] = []
-        """Those that have rendered."""
+        self.backend = "cpu" if dry else "triton"
         self.report: Report = {"dry_run": dry, "machine": machine(), "parts": {}}
         self.settings = TrainSettings()
         if dry:
@@ -132,24 +130,18 @@ class Check:
         self.report["parts"][name] = {"seconds": round(time.monotonic() - start, 2), **found}
         return "error" not in found
 
-    def all_kernels(self) -> bool:
-        """Render a first image with each backend. Returns whether one did."""
-        wanted = ("cpu",) if self.dry else tuple(name for name in ("cuda", "triton") if name in available_backends())
-        self.backends = [name for name in wanted if self.part(f"kernels {name}", functools.partial(self.kernels, name))]
-        if not wanted:
-            self.part("kernels", none_installed)
-        return bool(self.backends)
-
-    def kernels(self, backend: str) -> Report:
-        """Compile a backend's kernels in a child process, whose compilation can be ended, and render."""
+    def kernels(self) -> Report:
+        """Compile the kernels in a child process, whose compilation can be ended, and render."""
         if self.dry:
-            return {"mean_of_image": float(forward_function(*person(100, 64, 64), backend)().image.mean())}
+            return {"mean_of_image": float(forward_function(*person(100, 64, 64), self.backend)().image.mean())}
+        if not torch.cuda.is_available():
+            raise RuntimeError("torch finds no CUDA device")
         code = (
             "import sys; sys.path[:0] = sys.argv[1:2]\n"
             "from rasterizer import forward_function, person\n"
-            "print(forward_function(*person(100, 64, 64, sys.argv[2]), sys.argv[3])().image.mean().item())"
+            "print(forward_function(*person(100, 64, 64, 'cuda'), 'triton')().image.mean().item())"
         )
-        command = [sys.executable, "-c", code, str(Path(__file__).parent), self.device, backend]
+        command = [sys.executable, "-c", code, str(Path(__file__).parent)]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=self.limit(COMPILING))
         if done.returncode:
             raise RuntimeError(done.stderr[-1500:])
@@ -195,11 +187,10 @@ class Check:
         for count, width, height in cases:
             scene = person(count, width, height, self.device)
             size = {"splats": count, "width": width, "height": height}
-            for backend in self.backends:
-                forward, both = (
-                    time_it(make(*scene, backend), 15, self.device)[0] for make in (forward_function, both_function)
-                )
-                found.append({"backend": backend, **size, "forward_ms": forward, "both_ms": both})
+            forward, both = (
+                time_it(make(*scene, self.backend), 15, self.device)[0] for make in (forward_function, both_function)
+            )
+            found.append({**size, "forward_ms": forward, "both_ms": both})
         return {"cases": found}
 
     def training(self) -> None:
@@ -248,11 +239,6 @@ class Check:
             for number in range(1, count + 1):
                 if not self.part(f"frame {number}", lambda number=number: frame(number)):  # type: ignore[misc]
                     break
-
-
-def none_installed() -> Report:
-    """Raises the error of a machine without any backend for a GPU."""
-    raise RuntimeError("no CUDA device that torch can use, or neither gsplat nor Triton can be used")
 
 
 Computation = tuple[Callable[[], Tensor], Callable[[], Tensor], list[Tensor]]
@@ -367,15 +353,10 @@ def machine() -> Report:
         "torch": torch.__version__,
         "cuda": torch.version.cuda,
         "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+        "triton": None,
     }
-    with contextlib.suppress(ImportError):
-        from importlib.metadata import PackageNotFoundError, version
-
-        for package in ("gsplat", "triton"):
-            try:
-                found[package] = version(package)
-            except PackageNotFoundError:
-                found[package] = None
+    with contextlib.suppress(PackageNotFoundError):
+        found["triton"] = version("triton")
     return found
 
 
@@ -434,7 +415,7 @@ def show(report: Report) -> None:
         note = part.get("error", "")
         if "cases" in part:
             note = "; ".join(
-                f"{case['backend']}, {case['splats']:,} at {case['width']}x{case['height']}: "
+                f"{case['splats']:,} at {case['width']}x{case['height']}: "
                 f"{case['forward_ms']:.2f} ms, with gradients {case['both_ms']:.2f} ms"
                 for case in part["cases"]
             )
@@ -459,7 +440,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("gpu.json"), help="report (default: %(default)s)")
     options = parser.parse_args(arguments)
     check = Check(options.dry_run, SECONDS)
-    if check.all_kernels():
+    if check.part("kernels", check.kernels):
         check.part("tests", check.tests)
         check.part("training kernels", check.training_kernels)
         check.part("rasterizer", check.rasterizer)

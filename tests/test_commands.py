@@ -96,4 +96,4 @@ def test_documented_packages_are_those_that_the_program_uses() -> None:
                 assert found.name in {*known, *others}, f"{path.name}: {line}"
                 for version in (one.version for one in found.specifier):
                     assert known[found.name].contains(version), f"{path.name}: {line}"
-    assert seen >= {"s3fs", "gcsfs", "adlfs", "onnxruntime", "gsplat", "ray", "torch"}
+    assert seen >= {"s3fs", "gcsfs", "adlfs", "onnxruntime", "ray", "torch"}

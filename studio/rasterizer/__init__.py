@@ -3,8 +3,7 @@ tested against the same definition.
 
 - `reference`: plain PyTorch, any floating dtype. This is the definition (`reference.py`).
 - `cpu`: multithreaded C++ kernels for the forward and backward passes (`cpu.py`, `csrc/`).
-- `cuda`: gsplat (`cuda.py`).
-- `triton`: Triton kernels for GPUs without gsplat (`triton_backend.py`).
+- `triton`: Triton kernels for NVIDIA GPUs (`triton_backend.py`).
 """
 
 from studio.rasterizer.cpu import set_kernel_threads

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import functools
-import importlib.machinery
 import importlib.util
 import os
-import shutil
 from collections.abc import Sequence
-from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -19,8 +16,8 @@ from studio.gaussians import Gaussians
 from studio.rasterizer.reference import rasterize_reference
 from studio.rasterizer.types import ALPHA_MAX, Pinhole, Render
 
-BACKENDS = ("reference", "cpu", "cuda", "triton")
-_DTYPES = {"cpu": (torch.float32, torch.float64), "cuda": (torch.float32,), "triton": (torch.float32,)}
+BACKENDS = ("reference", "cpu", "triton")
+_DTYPES = {"cpu": (torch.float32, torch.float64), "triton": (torch.float32,)}
 
 
 @functools.cache
@@ -32,50 +29,20 @@ def _unavailable(backend: str) -> tuple[str, str] | None:
                 "the CPU kernels are not built",
                 "Install the package (`pip install --no-deps -e .`), or use backend='reference'",
             )
-    elif backend == "cuda":
-        if not torch.cuda.is_available():
-            return "the cuda backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
-        if importlib.util.find_spec("gsplat") is None:
-            return "the cuda backend needs gsplat", "Install it with `pip install gsplat==1.5.3 packaging`"
-        if not _gsplat_is_built() and not _finds_nvcc():
-            return (
-                "gsplat needs nvcc to build its kernels, and it was not found",
-                "Install NVIDIA's CUDA toolkit and set CUDA_HOME to its folder, or use backend='triton'",
-            )
     elif backend == "triton":
         if not torch.cuda.is_available() and not _interpreted():
             return "the triton backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
         if importlib.util.find_spec("triton") is None:
-            return "the triton backend needs Triton", f"{_TRITON}, or use backend='cuda'"
+            return (
+                "the triton backend needs Triton",
+                "Install a CUDA build of PyTorch for Linux, which brings it, or use the CPU",
+            )
     return None
-
-
-def _gsplat_is_built() -> bool:
-    """Whether the installed gsplat contains its compiled kernels: the module gsplat.csrc. Does not import gsplat."""
-    package = importlib.util.find_spec("gsplat")
-    folders = package.submodule_search_locations if package is not None else None
-    found = importlib.machinery.PathFinder.find_spec("gsplat.csrc", folders) if folders is not None else None
-    return found is not None and found.loader is not None
-
-
-def _finds_nvcc() -> bool:
-    """Whether gsplat will find nvcc: its own test, without which it has no kernels, not even those that it built."""
-    from torch.utils.cpp_extension import CUDA_HOME
-
-    return CUDA_HOME is not None and (Path(CUDA_HOME, "bin", "nvcc").is_file() or shutil.which("nvcc") is not None)
-
-
-_TRITON = "Install a CUDA build of PyTorch for Linux, which brings it"
 
 
 def _interpreted() -> bool:
     """Whether Triton runs kernels on the CPU: TRITON_INTERPRET=1, for tests and for debugging."""
     return os.environ.get("TRITON_INTERPRET") == "1"
-
-
-def _on_gpu() -> str | None:
-    """The backend for splats on a GPU: gsplat where it can be used, else Triton; None if neither can."""
-    return next((backend for backend in ("cuda", "triton") if _unavailable(backend) is None), None)
 
 
 def available_backends() -> tuple[str, ...]:
@@ -84,8 +51,8 @@ def available_backends() -> tuple[str, ...]:
 
 
 def preferred_device() -> torch.device:
-    """The fastest device for splats: the GPU if torch finds one and gsplat or Triton can be used, else the CPU."""
-    return torch.device("cuda" if torch.cuda.is_available() and _on_gpu() is not None else "cpu")
+    """The fastest device for splats: an NVIDIA GPU if torch and Triton can use one, else the CPU."""
+    return torch.device("cuda" if torch.cuda.is_available() and _unavailable("triton") is None else "cpu")
 
 
 def check_finite(gaussians: Gaussians) -> None:
@@ -116,19 +83,7 @@ def check_finite(gaussians: Gaussians) -> None:
 
 def _choose(backend: str, device: torch.device) -> str:
     if backend == "auto":
-        if device.type != "cuda":
-            backend = "cpu"
-        else:
-            chosen = _on_gpu()
-            if chosen is None:
-                reasons = [reason[0] for reason in map(_unavailable, ("cuda", "triton")) if reason is not None]
-                raise StudioError(
-                    "rasterizer.backend_unavailable",
-                    f"rendering on a GPU needs gsplat or Triton, and neither can be used: {'; '.join(reasons)}",
-                    value="auto",
-                    fix=f"{_TRITON}, or install gsplat with `pip install gsplat==1.5.3 packaging`, which needs nvcc",
-                )
-            backend = chosen
+        backend = "triton" if device.type == "cuda" else "cpu"
     elif backend not in BACKENDS:
         raise StudioError(
             "rasterizer.unknown_backend",
@@ -139,7 +94,7 @@ def _choose(backend: str, device: torch.device) -> str:
     reason = _unavailable(backend)
     if reason is not None:
         raise StudioError("rasterizer.backend_unavailable", reason[0], value=backend, fix=reason[1])
-    types = {"cpu": "cpu", "cuda": "cuda", "triton": "cpu" if _interpreted() else "cuda"}
+    types = {"cpu": "cpu", "triton": "cpu" if _interpreted() else "cuda"}
     if backend in types and device.type != types[backend]:
         raise StudioError(
             "rasterizer.wrong_device",
@@ -180,7 +135,7 @@ def rasterize(
     backend: str = "auto",
     screen_offsets: Tensor | None = None,
     near: float = 0.01,
-    alpha_max: float | None = None,
+    alpha_max: float = ALPHA_MAX,
     checked: bool = False,
 ) -> Render:
     """Render splats from a camera; differentiable with respect to all attributes (3DGS, sections 4 and 6).
@@ -190,13 +145,11 @@ def rasterize(
         camera: a pinhole camera without distortion. The principal point may be outside the image, so
             `camera.cropped(...)` renders a part of the image at the cost of that part.
         background: (3,) RGB, or an (H, W, 3) image; None: black.
-        backend: "reference", "cpu", "cuda" (gsplat), "triton", or "auto": for splats on a GPU, cuda where gsplat is
-            installed with its kernels or with nvcc, else triton; for others, cpu. cuda and triton take float32 only.
+        backend: "reference", "cpu", "triton" (float32 only), or "auto": triton for splats on a GPU, cpu for others.
         screen_offsets: (N, 2) offsets in pixels, added to the 2D means. Pass zeros that require a gradient to get the
             screen-space gradient (loss per pixel), which densification uses.
         near: near plane, world units, above 0. Splats whose mean is closer along the viewing axis are not drawn.
-        alpha_max: upper clamp of alpha per splat and pixel, 0.5 to 1. None: the default of the backend, 0.99 as in 3DGS
-            (reference, cpu, triton) or 0.999 as in gsplat 1.5.3 (cuda).
+        alpha_max: upper clamp of alpha per splat and pixel, 0.5 to 1; 0.99 in 3DGS.
         checked: raise an error for non-finite values. Otherwise, splats with such values are not drawn.
 
     Returns:
@@ -227,7 +180,7 @@ def rasterize_views(
     backend: str = "auto",
     screen_offsets: Tensor | None = None,
     near: float = 0.01,
-    alpha_max: float | None = None,
+    alpha_max: float = ALPHA_MAX,
     checked: bool = False,
 ) -> list[Render]:
     """Render the same splats from several cameras; on a GPU, the triton backend does so in one call.
@@ -260,7 +213,7 @@ def rasterize_views(
         raise StudioError(
             "rasterizer.invalid_argument", f"near is {near}; it must be above 0", value=near, argument="near"
         )
-    if alpha_max is not None and not 0.5 <= alpha_max <= 1.0:
+    if not 0.5 <= alpha_max <= 1.0:
         raise StudioError(
             "rasterizer.invalid_argument",
             f"alpha_max is {alpha_max}; it must be between 0.5 and 1",
@@ -280,17 +233,13 @@ def rasterize_views(
     if backend == "triton":
         from studio.rasterizer.triton_backend import rasterize_triton
 
-        return rasterize_triton(gaussians, pinholes, behind, screen_offsets, near, alpha_max or ALPHA_MAX)
+        return rasterize_triton(gaussians, pinholes, behind, screen_offsets, near, alpha_max)
     both = zip(pinholes, behind, strict=True)
     if backend == "cpu":
         from studio.rasterizer.cpu import rasterize_cpu
 
-        return [rasterize_cpu(gaussians, *one, screen_offsets, near, alpha_max or ALPHA_MAX) for one in both]
-    if backend == "cuda":
-        from studio.rasterizer.cuda import rasterize_cuda
-
-        return [rasterize_cuda(gaussians, *one, screen_offsets, near, alpha_max) for one in both]
-    return [rasterize_reference(gaussians, *one, screen_offsets, near, alpha_max or ALPHA_MAX) for one in both]
+        return [rasterize_cpu(gaussians, *one, screen_offsets, near, alpha_max) for one in both]
+    return [rasterize_reference(gaussians, *one, screen_offsets, near, alpha_max) for one in both]
 
 
 def _background(background: Tensor | None, pinhole: Pinhole, means: Tensor) -> Tensor | None:

@@ -1,4 +1,4 @@
-"""The Triton backend: tile-wise blending on an NVIDIA GPU without nvcc, in float32.
+"""The Triton backend: tile-wise blending on an NVIDIA GPU, in float32.
 
 Triton compiles the kernels of `triton_kernels.py` and `triton_project_kernels.py` when they are first used, with the
 assembler in its own package, in seconds. PyTorch's CUDA builds for Linux install it. It is imported only here.

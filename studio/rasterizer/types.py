@@ -22,7 +22,7 @@ pixel regardless of rounding, as in 3DGS.
 """
 
 ALPHA_MAX = 0.99
-"""Upper clamp of alpha in 3DGS. gsplat 1.5.3 is compiled with 0.999."""
+"""Upper clamp of alpha in 3DGS."""
 
 FIELD = 2.0
 """The projection of a splat is linearized at its mean, with |x / z| and |y / z| clamped to this value.

@@ -22,11 +22,11 @@ def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert script.main(["--dry-run", "--out", str(tmp_path / "gpu.json")]) == 0, capsys.readouterr().out
     report = json.loads((tmp_path / "gpu.json").read_text())
     parts = report["parts"]
-    assert list(parts) == ["kernels cpu", "tests", "training kernels", "rasterizer", "keyframe", "frame 1"]
+    assert list(parts) == ["kernels", "tests", "training kernels", "rasterizer", "keyframe", "frame 1"]
     assert report["dry_run"] is True
     assert (parts["keyframe"]["steps"], parts["frame 1"]["steps"]) == (9, 8)
     assert parts["keyframe"]["steps_planned"] == 9
-    assert parts["tests"]["tests"] >= 15
+    assert parts["tests"]["tests"] >= 10
     assert parts["frame 1"]["psnr"] > 5
     assert parts["rasterizer"]["cases"][0]["both_ms"] > 0
     kernels = parts["training kernels"]["kernels"]
@@ -58,8 +58,8 @@ def test_a_failed_part_does_not_end_the_check() -> None:
     check = script.Check(True, 60.0)
 
     def fail() -> None:
-        raise RuntimeError("no nvcc")
+        raise RuntimeError("no compiler")
 
     assert not check.part("kernels", fail)
     assert check.part("tests", lambda: {"tests": 1})
-    assert check.report["parts"]["kernels"]["error"] == "RuntimeError: no nvcc"
+    assert check.report["parts"]["kernels"]["error"] == "RuntimeError: no compiler"

@@ -111,7 +111,7 @@ def draw_with_gradients(
     *,
     weight: Tensor | None = None,
     outputs: tuple[str, ...] = ("image", "alpha", "depth"),
-    alpha_max: float | None = 0.99,
+    alpha_max: float = 0.99,
     device: str = "cpu",
     picture: bool = False,
 ) -> Drawn:

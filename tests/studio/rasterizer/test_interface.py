@@ -8,7 +8,7 @@ import torch
 
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
-from studio.rasterizer import available_backends, preferred_device, rasterize, set_kernel_threads
+from studio.rasterizer import rasterize, set_kernel_threads
 from studio.rasterizer.cpu import kernel_threads
 from tests.support.errors import refuses
 
@@ -16,15 +16,6 @@ from tests.support.errors import refuses
 def test_auto_draws_cpu_splats_with_the_kernels(helpers) -> None:  # type: ignore[no-untyped-def]
     camera, splats = helpers.camera(), helpers.splats(50).to(torch.float32)
     assert torch.equal(rasterize(splats, camera).image, rasterize(splats, camera, backend="cpu").image)
-
-
-@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
-def test_cuda_says_why_it_cannot(helpers) -> None:  # type: ignore[no-untyped-def]
-    assert "cuda" not in available_backends()
-    assert preferred_device() == torch.device("cpu")
-    with refuses("rasterizer.backend_unavailable", value="cuda") as caught:
-        rasterize(helpers.splats(1), helpers.camera(), backend="cuda")
-    assert "NVIDIA GPU" in caught.value.problem
 
 
 @pytest.mark.parametrize(
