@@ -244,7 +244,7 @@ class RunningWindow:
         left, top, width, height = self.box(widget)
         return np.array(self.screenshot())[top : top + height, left : left + width]
 
-    def ticks(self, count: int = 3, seconds: float = 60.0) -> None:
+    def ticks(self, count: int = 3, seconds: float = 120.0) -> None:
         """Wait for a number of ticks of the window. It polls events in each tick, so pending X events have been handled
         by then, however busy the machine is. A tick takes at least 9.5 ms."""
         file = self.log.with_name(self.log.name + ".ticks")
@@ -377,7 +377,7 @@ class RunningWindow:
         """The whole screen, RGB."""
         return ImageGrab.grab(xdisplay=self.environment["DISPLAY"])
 
-    def close(self, seconds: float = 60.0) -> int:
+    def close(self, seconds: float = 120.0) -> int:
         """SIGTERM; returns the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)

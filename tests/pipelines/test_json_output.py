@@ -68,7 +68,7 @@ def program(code: str) -> str:
 def test_a_run_whose_stage_prints_gives_events_only(take_of: Callable[[], Path]) -> None:
     # a new process: the libraries are loaded after the command has claimed standard output
     command = [sys.executable, "-c", program(NOISY_STAGE), "bake", take_of(), "--force", "--json"]
-    done = subprocess.run(command, capture_output=True, cwd=ROOT, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, cwd=ROOT, timeout=280, check=False)
     assert done.returncode == 0, done.stderr
     events = [parse_event(line) for line in done.stdout.decode().splitlines()]
     assert any(isinstance(event, StageFinished) for event in events)

@@ -8,7 +8,7 @@ from gui.models.loop import LOOP, Signal
 from tests.support.waiting import wait_until
 
 
-def wait_in_loop(what: str, accept: Callable[[], object], seconds: float = 60.0) -> None:
+def wait_in_loop(what: str, accept: Callable[[], object], seconds: float = 120.0) -> None:
     """Run the loop until `accept` is true; fail after some seconds."""
 
     def accepted() -> bool:

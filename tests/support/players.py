@@ -6,7 +6,7 @@ from gui.models.playback.player import PlayerPresenter
 from tests.support.waiting import wait_until
 
 
-def settle(player: PlayerPresenter, seconds: float = 60.0) -> None:
+def settle(player: PlayerPresenter, seconds: float = 120.0) -> None:
     """Poll until the newest picture shows the current frame."""
 
     def settled() -> bool:

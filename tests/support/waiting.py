@@ -11,7 +11,7 @@ POLL = 0.02
 """Seconds between two checks."""
 
 
-def wait_until(what: str, accept: Callable[[], bool], seconds: float = 60.0) -> None:
+def wait_until(what: str, accept: Callable[[], bool], seconds: float = 120.0) -> None:
     """Poll until the state is accepted; after the given number of seconds, the test fails with "never {what}"."""
     end = time.monotonic() + seconds
     while not accept():

@@ -158,7 +158,7 @@ class WarmPython:
         cwd: Path | str = _ROOT,
         env: Mapping[str, str] | None = None,
         text: bool = False,
-        timeout: float = 120,
+        timeout: float = 280,
     ) -> subprocess.CompletedProcess[Any]:
         """Run a program to its end, as subprocess.run with captured output."""
         process = self.popen(arguments, cwd=cwd, env=env, text=text)

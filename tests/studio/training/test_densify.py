@@ -97,7 +97,7 @@ def test_a_crop_counts_by_its_area() -> None:
 def test_faint_and_huge_splats_are_removed() -> None:
     optimizer = scene([0.001, 0.19 * EXTENT, 0.001])
     with torch.no_grad():
-        optimizer._leaves["logit_opacities"][2] = math.log(0.004 / 0.996)
+        optimizer.gaussians.logit_opacities[2] = math.log(0.004 / 0.996)
     control = DensityControl(3, EXTENT, settings(), torch.device("cpu"))
     control.densify(optimizer, generator(), remove_huge=False)
     assert optimizer.gaussians.detach().means[:, 0].tolist() == [0, 1]
@@ -116,7 +116,7 @@ def test_when_it_densifies_and_resets(monkeypatch: pytest.MonkeyPatch) -> None:
         before = len(optimizer)
         observed(control, [1.0] * before)
         with torch.no_grad():
-            optimizer._leaves["logit_opacities"].fill_(0.0)
+            optimizer.gaussians.logit_opacities.fill_(0.0)
         control.after_step(iteration, optimizer, generator())
         if len(optimizer) > before:
             grown.append(iteration)

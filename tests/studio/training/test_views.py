@@ -149,10 +149,11 @@ def test_several_steps_are_those_of_single_calls(plate: bool) -> None:
     for together in (True, False):
         means = torch.tensor([[0.0, 0.0, 2.0], [0.1, 0.2, 2.5]], requires_grad=True)
         two = Gaussians(means, torch.ones(2, 4), torch.full((2, 3), -2.0), torch.ones(2), torch.ones(2, 1, 3))
-        stepper = Stepper(views, TrainSettings(alpha_weight=0.1), torch.Generator().manual_seed(5))
+        generator = torch.Generator().manual_seed(5)
+        stepper = Stepper(views, TrainSettings(alpha_weight=0.1), generator)
         steps = stepper.several(two, 5) if together else [stepper(two) for _ in range(5)]
         torch.stack([step.loss for step in steps]).mean().backward()  # type: ignore[no-untyped-call]
-        found.append((steps, means.grad, torch.rand(1, generator=stepper._generator)))
+        found.append((steps, means.grad, torch.rand(1, generator=generator)))
     assert [step.view for step in found[0][0]] == [step.view for step in found[1][0]]
     assert all(torch.equal(one.image, other.image) for one, other in zip(found[0][0], found[1][0], strict=True))
     assert len({float(step.loss) for step in found[0][0]}) == 5, "no two steps are alike"

@@ -83,7 +83,7 @@ def job_of(code: str, take: Take) -> Job:
     return Job(take, (), program=(sys.executable, "-c", code))
 
 
-def finish(job: Job, seconds: float = 60.0) -> list[object]:
+def finish(job: Job, seconds: float = 120.0) -> list[object]:
     events: list[object] = []
 
     def ended() -> bool:

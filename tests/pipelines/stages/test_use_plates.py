@@ -1,4 +1,4 @@
-"""What the trainer of a group takes from the footage."""
+"""What training takes from the footage."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from pipelines.config import Config
 from pipelines.stages.reporter import StageReporter
-from pipelines.stages.train_group import GroupWork, TrainClock
+from pipelines.stages.training_views import training_views
 from studio.edits import EditList
 from tests.support.rigs import camera_at
 
@@ -33,6 +33,5 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
         training_box=None,
         device="cpu",
     )
-    trainer = GroupWork(cast(Any, context), StageReporter("train"), cast(TrainClock, None))
-    (found,) = trainer._views(0)
+    (found,) = training_views(cast(Any, context), StageReporter("train"), 0, lambda number, images: None)
     assert (found.plate is not None) == use_plates
