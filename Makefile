@@ -139,5 +139,6 @@ system-tests:
 .PHONY: docs
 docs: system ## build the documentation into site/, with warnings as errors
 	@bash scripts/setup.sh docs
+	@$(MAKE) --no-print-directory web
 	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
 	@echo "Documentation: site/index.html"

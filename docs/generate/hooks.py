@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.plugins import get_plugin_logger
@@ -23,10 +24,16 @@ from generate.events import events_page  # noqa: E402
 from generate.names import unknown_names  # noqa: E402
 from generate.settings import setting_names, settings_page  # noqa: E402
 
+from pipelines.share.page import PageText  # noqa: E402
+from pipelines.share.sharing import share  # noqa: E402
+
 log = get_plugin_logger("docs")
 
 PACKAGES = ("studio", "pipelines", "gui", "v3studio")
 """Where error codes are looked for."""
+
+SAMPLE = "docs/assets/sample.v3s"
+"""The stream of `make demo`, which the first page plays."""
 
 NAMES_OTHERS = ("changelog.md", "glossary.md")
 """Pages that name files and settings of the past."""
@@ -57,6 +64,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     }
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
+    files.append(File.generated(config, "assets/sample.html", content=_player_page()))
     return files
 
 
@@ -71,6 +79,17 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def _root_page(name: str) -> str:
     """A page of the repository's root, its links into docs/ made relative to docs/."""
     return (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](")
+
+
+def _player_page() -> bytes:
+    """The browser player with the sample's stream in one HTML file, which also opens from the disk."""
+    text = PageText(
+        title="The sample capture", credits='"Low Poly Lumberjack" by Daz', license="CC BY 4.0", view="50,8"
+    )
+    with TemporaryDirectory() as folder:
+        page = Path(folder) / "sample.html"
+        share(ROOT / SAMPLE, page, text)
+        return page.read_bytes()
 
 
 def _title(page: str) -> str:
