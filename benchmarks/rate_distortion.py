@@ -32,11 +32,12 @@ from typing import Literal
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
+import bjontegaard
 import numpy as np
 import torch
 from rich.console import Console
-from scipy.interpolate import PchipInterpolator
 
+from pipelines.ablation.study import METHOD, monotonic
 from pipelines.config import load_config
 from pipelines.stages.compared_view import ComparedView, compared_cameras, compared_view
 from pipelines.stages.inputs import Inputs
@@ -275,27 +276,14 @@ def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: b
 
 
 def bd_rate(anchor: list[Point], other: list[Point], measure: str) -> float | None:
-    """Bjøntegaard delta rate in percent over the PSNR range that both curves cover (PCHIP interpolation of log rate);
-    None if there is no common range."""
-
-    def curve(points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
-        best: dict[float, float] = {}
-        for point in points:
-            best[getattr(point, measure)] = min(point.kilobytes, best.get(getattr(point, measure), math.inf))
-        psnr = np.array(sorted(best))
-        rate = np.log([best[p] for p in psnr])
-        rising = np.flatnonzero(np.maximum.accumulate(rate) == rate)  # excludes noise near saturation
-        return psnr[rising], rate[rising]
-
-    (a, ra), (b, rb) = curve(anchor), curve(other)
-    if min(len(a), len(b)) < 2:
+    """Bjontegaard delta rate in percent over the PSNR range that both curves cover; None without a common range."""
+    curves = [monotonic((point.kilobytes, getattr(point, measure)) for point in points) for points in (anchor, other)]
+    if min(len(rates) for rates, _ in curves) < 2:
         return None
-    low, high = max(a[0], b[0]), min(a[-1], b[-1])
+    low, high = max(psnr[0] for _, psnr in curves), min(psnr[-1] for _, psnr in curves)
     if high - low < 0.01:
         return None
-    at = np.linspace(low, high, 200)
-    difference = PchipInterpolator(b, rb)(at) - PchipInterpolator(a, ra)(at)
-    return float(100 * (np.exp(np.mean(difference)) - 1))
+    return float(bjontegaard.bd_rate(*curves[0], *curves[1], **METHOD))
 
 
 def kilobytes_at(points: list[Point], psnr: float, measure: str) -> float | None:

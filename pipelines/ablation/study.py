@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,8 @@ from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 
 _KEPT = ("psnr_decoded", "psnr_trained", "ssim_decoded", "lpips_decoded")
-_METHOD: dict[str, str | bool | int] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
+METHOD: dict[str, str | bool | int] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
+"""Of `bjontegaard`: piecewise cubic interpolation over the range that both curves cover."""
 
 
 def ablate(
@@ -128,25 +129,25 @@ def compare(variants: Sequence[VariantResult]) -> tuple[VariantResult, ...]:
     """
     import bjontegaard
 
-    anchor = _curve(variants[0].points)
+    curves = [monotonic((one.kb_per_frame, one.psnr_decoded) for one in entry.points) for entry in variants]
+    anchor = curves[0]
     found = [variants[0]]
-    for entry in variants[1:]:
-        rates, qualities = _curve(entry.points)
+    for entry, (rates, qualities) in zip(variants[1:], curves[1:], strict=True):
         bd_rate = bd_psnr = None
         if min(len(rates), len(anchor[0])) >= 4:
             if min(max(qualities), max(anchor[1])) > max(min(qualities), min(anchor[1])):
-                bd_rate = round(float(bjontegaard.bd_rate(*anchor, rates, qualities, **_METHOD)), 2)
+                bd_rate = round(float(bjontegaard.bd_rate(*anchor, rates, qualities, **METHOD)), 2)
             if min(max(rates), max(anchor[0])) > max(min(rates), min(anchor[0])):
-                bd_psnr = round(float(bjontegaard.bd_psnr(*anchor, rates, qualities, **_METHOD)), 3)
+                bd_psnr = round(float(bjontegaard.bd_psnr(*anchor, rates, qualities, **METHOD)), 3)
         found.append(entry.model_copy(update={"bd_rate_percent": bd_rate, "bd_psnr_db": bd_psnr}))
     return tuple(found)
 
 
-def _curve(points: Sequence[RatePoint]) -> tuple[list[float], list[float]]:
-    """Kilobytes per frame and PSNR, both increasing; points that cost more without being better are dropped."""
+def monotonic(points: Iterable[tuple[float, float]]) -> tuple[list[float], list[float]]:
+    """Rates and qualities of a curve, both increasing; points that cost more without being better are dropped."""
     rates: list[float] = []
     qualities: list[float] = []
-    for rate, quality in sorted((point.kb_per_frame, point.psnr_decoded) for point in points):
+    for rate, quality in sorted(points):
         if not qualities or quality > qualities[-1]:
             rates.append(rate)
             qualities.append(quality)

@@ -3,18 +3,15 @@
 import contextlib
 import hashlib
 import threading
-import time
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 import torch
 
-from studio.errors import StudioError
 from studio.stream import SourceUnavailable, StreamReader
 from studio.stream.sources.http import HttpSource
 from tests.support.errors import refuses
-from tests.support.streams import group_files
 
 CONTENT = bytes(range(256)) * 800  # 204,800 bytes
 
@@ -312,60 +309,6 @@ def test_nobody_there(server):
         HttpSource(server.url, first_patience=0.4).read("file", 10)
 
 
-def test_restarted_in_the_middle(server):
-    source = HttpSource(server.url, patience=20)
-    assert source.read("file", len(CONTENT)) == CONTENT
-    cut = threading.Event()
-
-    def cut_and_die(handler, data):
-        handler.answer(data, send=60_000)
-        cut.set()
-
-    server.faults["/s/file"] = cut_and_die
-    result = []
-    thread = threading.Thread(target=lambda: result.append(source.read("file", len(CONTENT))))
-    thread.start()
-    assert cut.wait(10)
-    server.close()
-    time.sleep(0.4)
-    assert thread.is_alive()
-    again = Server(server.port)
-    try:
-        thread.join(10)
-        assert result == [CONTENT]
-        assert again.requests[0] == ("/s/file", "bytes=60000-")
-    finally:
-        again.close()
-        source.close()
-
-
-def test_close_ends_a_read_that_waits(server):
-    def stall(handler, data):
-        respond(handler, 200, data[:10], Content_Length=str(len(data)))
-        stalled.set()
-        server.stop_stalling.wait(20)
-
-    stalled = threading.Event()
-    server.faults["/s/file"] = stall
-    source = HttpSource(server.url)
-    problems = []
-
-    def read():
-        try:
-            source.read("file", len(CONTENT))
-        except StudioError as error:
-            problems.append(error.code)
-
-    thread = threading.Thread(target=read)
-    thread.start()
-    assert stalled.wait(10)
-    time.sleep(0.1)
-    source.close()
-    thread.join(2)
-    assert not thread.is_alive()
-    assert problems == ["source.closed"]
-
-
 def upload(server, folder) -> None:
     for path in folder.rglob("*"):
         if path.is_file():
@@ -380,24 +323,6 @@ def test_a_stream_is_the_same_as_from_its_folder(server, intact):
         for mine, theirs in zip(local.iterate(), remote.iterate(), strict=True):
             assert all(torch.equal(a, b) for (_, a), (_, b) in zip(mine.items(), theirs.items(), strict=True))
         remote.verify()
-
-
-@pytest.mark.parametrize(
-    ("change", "code"),
-    [
-        (lambda data: data[:-1] + bytes([data[-1] ^ 1]), "stream.wrong_checksum"),
-        (lambda data: data[:-1], "stream.wrong_size"),
-        (lambda data: data + b"x", "source.file_too_long"),
-    ],
-)
-def test_other_bytes_than_the_manifest_promises(server, intact, change, code):
-    upload(server, intact("motion"))
-    name = group_files(intact("motion"), 1)[1].name
-    server.files[f"/s/files/{name}"] = change(server.files[f"/s/files/{name}"])
-    with StreamReader.open(server.url) as reader:
-        assert len(reader.gaussians(1)) == 80
-        with refuses(code, file=f"{server.url}/files/{name}"):
-            reader.gaussians(5)
 
 
 def test_no_stream_at_the_address(server):
