@@ -1,4 +1,4 @@
-"""Speed of the rasterizer, compared with its goals and with the reference.
+"""Speed of the rasterizer, alone and compared with the reference.
 
     python benchmarks/rasterizer.py            # about two minutes on two cores
     python benchmarks/rasterizer.py --quick    # only a few repetitions
@@ -18,16 +18,12 @@ import json
 import math
 import os
 import platform
-import resource
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent))
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.process; read when torch is imported
 
 import numpy as np
@@ -108,10 +104,6 @@ def both_function(splats: Gaussians, camera: Camera, backend: str = "auto") -> C
     return run
 
 
-def mark(value: float, goal: float) -> str:
-    return f"[green]yes[/] (< {goal:g})" if value < goal else f"[red]no[/] (< {goal:g})"
-
-
 def speed_table(repeat: int, results: JsonObject) -> None:
     table = Table(title="CPU kernels, person-like surface, milliseconds (median)")
     for name in ("image", "splats", "threads", "forward", "fwd + bwd", "CPU, 1 thread", "2 threads"):
@@ -143,27 +135,6 @@ def speed_table(repeat: int, results: JsonObject) -> None:
     console.print(table)
 
 
-def goals_table(repeat: int, results: JsonObject) -> None:
-    torch.set_num_threads(2)
-    table = Table(title="Goals for the viewport and for a single thread, milliseconds (median)")
-    for name in ("what", "threads", "wall", "reached"):
-        table.add_column(name)
-    results["goals"] = []
-    cases = (
-        ("forward, 60k splats, 960x540", 2, 60_000, 960, 540, False, 33.0),
-        ("forward, 100k splats, 1280x720", 2, 100_000, 1280, 720, False, 50.0),
-        ("forward and backward, 30k splats, 480x270", 1, 30_000, 480, 270, True, 20.0),
-    )
-    for what, threads, count, width, height, backward, goal in cases:
-        torch.set_num_threads(threads)
-        splats, camera = person(count, width, height)
-        make = both_function if backward else forward_function
-        wall, _ = time_it(make(splats, camera), repeat)
-        table.add_row(what, f"{threads}", f"{wall:.1f}", mark(wall, goal))
-        results["goals"].append({"what": what, "threads": threads, "wall_ms": wall, "goal_ms": goal})
-    console.print(table)
-
-
 def reference_table(repeat: int, results: JsonObject) -> None:
     torch.set_num_threads(1)
     splats, camera = person(5_000, 480, 270)
@@ -179,38 +150,6 @@ def reference_table(repeat: int, results: JsonObject) -> None:
     console.print(table)
 
 
-def peak_mib() -> float:
-    """Peak memory of this process so far in MiB."""
-    status = Path("/proc/self/status")
-    if status.exists():  # getrusage would include the process that started this one
-        return int(status.read_text().split("VmHWM:")[1].split()[0]) / 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def memory_of_this_process() -> None:
-    """Print the peak resident memory in MiB before and after a forward and backward pass, 100k splats at 1280x720."""
-    torch.set_num_threads(2)
-    splats, camera = person(100_000, 1280, 720)
-    forward_function(*person(10, 64, 64))()  # load the kernels
-    before = peak_mib()
-    run = both_function(splats, camera)
-    for _ in range(3):
-        run()
-    print(json.dumps([before, peak_mib()]))
-
-
-def memory_table(results: JsonObject) -> None:
-    command = [sys.executable, __file__, "--memory-of-this-process"]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    out = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
-    before, after = json.loads(out)
-    console.print(
-        f"Memory, 100k splats at 1280x720, forward and backward: peak {after:.0f} MiB of the whole process, of which "
-        f"{before:.0f} MiB before the first pass (Python, torch, the splats). Goal reached: {mark(after, 1536)}"
-    )
-    results["memory_mib"] = {"before": before, "peak": after}
-
-
 def processor() -> str:
     if Path("/proc/cpuinfo").exists():
         for line in Path("/proc/cpuinfo").read_text().splitlines():
@@ -224,11 +163,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="5 repetitions instead of 31")
     parser.add_argument("--json", type=Path, help="also write the results to this file")
-    parser.add_argument("--memory-of-this-process", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.memory_of_this_process:
-        memory_of_this_process()
-        return
     repeat = 5 if options.quick else 31
     kernels = load_kernels()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
@@ -241,9 +176,7 @@ def main() -> None:
         console.print("[yellow]Other programs are running: wall-clock times and two-thread speedups are affected.[/]")
     results: JsonObject = {"processor": processor(), "load": load, "instruction_set": kernels.instruction_set()}
     speed_table(repeat, results)
-    goals_table(repeat, results)
     reference_table(repeat, results)
-    memory_table(results)
     if options.json is not None:
         options.json.write_text(json.dumps(results, indent=2))
 
