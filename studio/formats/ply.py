@@ -205,5 +205,6 @@ def _degree(path: Path, element: PlyElement) -> int:
             f"{len(rest)} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0",
             file=path,
             value=len(rest),
+            fix="Export it again, with SH of degree 3 at most and all coefficients.",
         )
     return _DEGREES[len(rest)]
