@@ -5,7 +5,7 @@ from __future__ import annotations
 from pipelines.stages import STAGES
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
 from pipelines.stages.baking.plan import Part, edited_group, planned_parts, stream_cameras
-from pipelines.stages.camera_file import camera_file
+from pipelines.stages.camera_file import camera_file_text
 from pipelines.stages.footage import performer_over
 from pipelines.stages.inputs import Inputs
 
@@ -14,7 +14,7 @@ __all__ = [
     "Inputs",
     "Part",
     "RenderedError",
-    "camera_file",
+    "camera_file_text",
     "edited_group",
     "performer_over",
     "planned_parts",

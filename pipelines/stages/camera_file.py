@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from studio.capture.settings import FileSettings
 from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.capture import Footage
 
 _FOLDERS = (
     ".", "calibration", "cameras", "cams", "sparse", "colmap/sparse", "sparse_full_resolution",
@@ -64,6 +69,25 @@ def camera_file(settings: FileSettings) -> Path | None:
             found=names,
         )
     return found[0] if found else None
+
+
+def camera_file_text(footage: Footage) -> str:
+    """What is known about the calibration of opened footage, one sentence per line; or why it cannot be used."""
+    from studio.camera_files import read_rig
+    from studio.capture import rig_of_footage
+
+    try:
+        path = camera_file(footage.spec)  # of a capture in object storage, this has the folder on this machine
+    except StudioError as error:
+        return str(error)
+    if path is None:
+        return "No camera file: Calibrate estimates the cameras."
+    name = os.path.relpath(path, footage.spec.root)  # it may be beside the footage's folder
+    try:
+        rig = rig_of_footage(read_rig(path), footage.spec, footage.camera_names)
+    except StudioError as error:
+        return f"Camera file: {name}.\n{error}"
+    return "\n".join([f"Camera file: {name}.", *rig.notes])
 
 
 def _folder_of_footage(settings: FileSettings) -> Path | None:

@@ -16,10 +16,10 @@ import numpy as np
 from studio.camera_files.common import naming, no_cameras, read_json
 from studio.camera_files.keyed import NO_DISTORTION, KeyedForm, keyed_rig
 from studio.cameras import Rig
-from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import missing_key
+from studio.yaml_text import inline_yaml
 
 TRAIN, TEST = "train_meta.json", "test_meta.json"
 _LISTS = ("k", "w2c", "fn", "cam_id")
@@ -44,7 +44,7 @@ def read_meta(path: Path) -> Rig:
     test = [camera.name for file, rig in zip(files, rigs, strict=True) if file.name == TEST for camera in rig]
     notes = [NO_DISTORTION]
     if test and len(rigs) > 1:
-        notes.append(f"For evaluation in {TEST}: {cameras_listed(test)} (capture.held_out).")
+        notes.append(f"In {TEST}, so for evaluation: capture.held_out: {inline_yaml(test)}.")
     with naming(path):
         return Rig(tuple(camera for rig in rigs for camera in rig), tuple(notes))
 

@@ -35,10 +35,11 @@ from studio.camera_files.keyed import TERMS, Found, agreeing, check_model
 from studio.cameras import Camera, Rig
 from studio.capture.images import image_size
 from studio.capture.patterns import without_extension
-from studio.counts import cameras_listed, listed
+from studio.counts import listed
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, missing_key, number
+from studio.yaml_text import inline_yaml
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")
@@ -203,7 +204,7 @@ def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
         }
         tested = [camera.name for camera in cameras if camera.name not in training]
         if training and tested:
-            notes.append(f"Not in transforms_train.json: {cameras_listed(tested)} (capture.held_out).")
+            notes.append(f"Not in transforms_train.json, so for evaluation: capture.held_out: {inline_yaml(tested)}.")
         return Rig(tuple(cameras), (*found.notes, *_overridden(files), *notes))
 
 

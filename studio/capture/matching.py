@@ -48,7 +48,7 @@ def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig
     if rig.left_out:
         notes.append(f"Not used, since the camera file has no pose for them: {cameras_listed(rig.left_out)}.")
     if absent:
-        notes.append(f"Footage that is not used, since the camera file does not have it: {cameras_listed(absent)}.")
+        notes.append(f"Not used, since they are not among the calibrated cameras: {cameras_listed(absent)}.")
     if unused and not spec.cameras:
         notes.append(f"{cameras_listed(unused, 'Camera')} of the calibration: not in the footage that is used.")
     left_out = [*(name for name, own in matched.items() if own not in rig), *absent]

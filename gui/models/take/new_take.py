@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from gui.models.stages import camera_file
+from gui.models.stages import camera_file_text
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config.presets import PRESETS, preset_here, with_values
 from pipelines.takes.atomic_files import disk_errors, write_text
@@ -16,9 +14,6 @@ from pipelines.takes.take import Take
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.storage import is_address
-
-if TYPE_CHECKING:
-    from studio.capture import Footage
 
 MOST_FPS = 10_000
 """Limit of `capture.fps`."""
@@ -100,10 +95,9 @@ class NewTake:
         try:
             config = self.config()
             footage = open_footage(config.capture, None, strict=False)
-            rig = camera_file(footage.spec)  # of a capture in object storage, this has the folder on this machine
+            cameras = camera_file_text(footage)
         except StudioError as error:
             return Found(str(error))
-        cameras = _of_camera_file(rig, footage) if rig else "No camera file: Calibrate estimates the cameras."
         if not self.settings.strip():
             cameras += f" The preset is {preset_here()}."
         found = [*footage.problems, *footage.warnings]
@@ -150,19 +144,6 @@ class NewTake:
             take = Take.create(root)
             write_text(take.config, dump_config(config))
         return take.root
-
-
-def _of_camera_file(path: Path, footage: Footage) -> str:
-    """What is known about a camera file, one sentence per line; or why it cannot be used."""
-    from studio.camera_files import read_rig
-    from studio.capture import rig_of_footage
-
-    name = os.path.relpath(path, footage.spec.root)  # it may be beside the footage's folder
-    try:
-        rig = rig_of_footage(read_rig(path), footage.spec, footage.camera_names)
-    except StudioError as error:
-        return f"Camera file: {name}.\n{error}"
-    return "\n".join([f"Camera file: {name}.", *rig.notes])
 
 
 def _footage_folder(typed: str) -> str:

@@ -82,6 +82,7 @@ def test_init_writes_settings_that_run(here: Callable, project: Path, monkeypatc
     text = Path("capture.yaml").read_text()
     assert set(parse_yaml(text)["capture"]) >= {"root", "images", "rig", "masks", "held_out"}
     assert "6 cameras" in text
+    assert "# Camera file: cameras.json." in text.splitlines()
     config = load_config(Path("capture.yaml"))
     assert config.capture.root == project / "capture"
     assert preset_of(config) == "preview"
