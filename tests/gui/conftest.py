@@ -330,7 +330,7 @@ class RunningWindow:
         """Drag across a widget in steps."""
         first, last = self.point(widget, *start), self.point(widget, *end)
         places = [
-            tuple(round(a + step / 8 * (b - a)) for a, b in zip(first, last, strict=True)) for step in range(1, 9)
+            tuple(round(a + step / 4 * (b - a)) for a, b in zip(first, last, strict=True)) for step in range(1, 5)
         ]
         self.send("mousemove", *first)
         self.send("mousedown", button)
@@ -352,7 +352,7 @@ class RunningWindow:
         """Type into the field with the keyboard focus, and wait until it contains the text: appended, or replacing its
         text if that is selected."""
         whole = text if selected else self.states()[-1]["texts"].get(widget, "") + text
-        self.xdotool("type", "--delay", 40, text)
+        self.xdotool("type", "--delay", 10, text)
         self.wait_for(f"{whole!r} in {widget}", lambda s: s["texts"].get(widget) == whole)
 
     def key(self, name: str) -> None:

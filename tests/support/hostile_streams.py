@@ -10,11 +10,7 @@ import contextlib
 import hashlib
 import json
 import random
-import threading
 import zlib
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -26,43 +22,11 @@ Files = dict[str, bytes]
 """A stream's files by their path in it."""
 
 MANIFEST = "manifest.json"
-PATIENCE = 60.0
-"""Seconds in which a mutated stream must be refused or played."""
 
 VALUES: list[Any] = [
     *(None, True, False, 0, -1, 1, 7, 255, 65536, 2**31, 2**53, 1e300, -1e9, 1e-300),
     *("", "x", "../x", [], {}, [[]]),
 ]
-PAGE = b"<!doctype html><script type='module' src='v3-player.js'></script>"
-
-OPEN = """decoder => {
-  window.player = document.createElement('v3-player');
-  player.style.cssText = 'width: 100px; height: 100px';
-  player.setAttribute('loop', '');
-  player.setAttribute('decoder', decoder);
-  document.body.append(player);
-}"""
-
-PLAY = """async ([url, patience]) => {
-  let outcome = null;
-  const stop = new AbortController(), signal = stop.signal;
-  player.addEventListener('v3-error', ({detail}) => { outcome ??= 'refused: ' + detail; }, {signal});
-  let notice = null;
-  player.addEventListener('v3-notice', ({detail}) => { notice ??= 'without a group: ' + detail; }, {signal});
-  player.addEventListener('v3-looped', () => { outcome ??= notice ?? 'played'; }, {signal});
-  player.setAttribute('src', url);
-  player.play();
-  player.setSpeed(4);
-  const began = performance.now();
-  // A single frame, or a rate near nothing, is played as well as it can be: then the first picture is enough.
-  while (outcome === null && performance.now() - began < 1000 * patience) {
-    await new Promise(done => setTimeout(done, 5));
-    const {ready, duration, frameCount} = player.state;
-    if (ready && (duration > 5 || frameCount === 1)) outcome = 'shown';
-  }
-  stop.abort();
-  return outcome;
-}"""
 
 
 def read_stream(folder: Path) -> Files:
@@ -203,71 +167,3 @@ def read_all(files: Files) -> str:
     except StudioError as error:
         outcome = f"rejected {error.code}"
     return outcome
-
-
-class Host:
-    """A web server for the player and one stream, in memory.
-
-    Attributes:
-        stream: its files; the URL's first folder is ignored, so that each mutation has an address of its own.
-    """
-
-    def __init__(self, player: Path) -> None:
-        self.stream: Files = {}
-        script = (player / "v3-player.js").read_bytes()
-        host = self
-
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
-            def log_message(self, *_arguments: Any) -> None:
-                pass
-
-            def do_GET(self) -> None:
-                pages = {"/": (PAGE, "text/html"), "/v3-player.js": (script, "text/javascript")}
-                data, kind = pages.get(self.path, (None, "application/octet-stream"))
-                if data is None:
-                    data = host.stream.get(self.path.lstrip("/").partition("/")[2])
-                self.send_response(404 if data is None else 200)
-                self.send_header("Content-Type", kind)
-                self.send_header("Content-Length", str(len(data or b"")))
-                self.end_headers()
-                self.wfile.write(data or b"")
-
-        class Server(ThreadingHTTPServer):
-            daemon_threads = True
-
-            def handle_error(self, *_arguments: Any) -> None:
-                pass  # the player closes connections whose data it refuses
-
-        self._server = Server(("127.0.0.1", 0), Handler)
-        self.address = f"http://127.0.0.1:{self._server.server_port}/"
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
-
-    def close(self) -> None:
-        """Stop serving."""
-        self._server.shutdown()
-        self._server.server_close()
-
-
-@contextmanager
-def hosted(player: Path) -> Iterator[Host]:
-    """A `Host` for the built player in this folder, while the block runs."""
-    host = Host(player)
-    try:
-        yield host
-    finally:
-        host.close()
-
-
-def attack(
-    page: Any, host: Host, files: Files, numbers: Iterable[int], decoder: str = "auto"
-) -> Iterator[tuple[int, str, str | None]]:
-    """Play mutations in a page of Playwright; yields number, kind and outcome: what the player said, "played",
-    "without a group: " and the notice, "shown" (one frame), or None if it hangs."""
-    page.goto(host.address)
-    page.wait_for_function("!!customElements.get('v3-player')")
-    page.evaluate(OPEN, decoder)
-    for number in numbers:
-        kind, host.stream = mutate(files, number)
-        yield number, kind, page.evaluate(PLAY, [f"s{number}/", PATIENCE])
