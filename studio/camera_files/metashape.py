@@ -27,6 +27,7 @@ from studio.validation import array, check_finite, missing_key
 
 Element = ElementTree.Element
 _NOTICEABLE = 0.25  # pixels
+_SAME_UNIT = 0.001  # difference of a chunk's scale from 1
 _TERMS = frozenset({
     "resolution", "f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4", "covariance", "date",
 })  # fmt: skip
@@ -85,8 +86,28 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
             cameras.append(_camera(name, pose, sensor, world if world is not None else own))
         slaves = [name for name, entry in zip(names, by_id.values(), strict=True) if entry.find("transform") is None]
         placed = [name for name in slaves if name not in left_out]
-        notes = (f"Placed from their masters, with offsets in units of the chunk: {cameras_listed(placed)}.",)
-        return Rig(tuple(cameras), notes if placed else (), tuple(left_out))
+        apart = any(_has_text(sensor, "location") for sensor in sensors.values())
+        scales = [_world(part, "")[2] for part in (*worlds.values(), own)] if apart else []
+        return Rig(tuple(cameras), _offset_notes(placed, scales), tuple(left_out))
+
+
+def _offset_notes(placed: list[str], scales: list[float]) -> tuple[str, ...]:
+    """What was assumed of cameras that are placed from their masters.
+
+    Args:
+        placed: their names.
+        scales: of the chunk and its components; empty if masters and slaves are in the same place.
+    """
+    if not placed:
+        return ()
+    note = f"Placed from their masters, with offsets in units of the chunk: {cameras_listed(placed)}."
+    scale = max(scales, key=lambda scale: abs(scale - 1), default=1.0)
+    if abs(scale - 1) < _SAME_UNIT:
+        return (note,)
+    return note, (
+        f"One unit of the chunk is {scale:.4g} units of the world, and Metashape's manual does not say in which "
+        "offsets are. If distances between these cameras are wrong by this factor, export them as COLMAP instead."
+    )
 
 
 def _in_chunk(

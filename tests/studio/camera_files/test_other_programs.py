@@ -563,6 +563,7 @@ def test_metashape_slaves_are_placed_from_their_master(tmp_path: Path) -> None:
     assert rig.names == ("rig.0.left", "rig.0.right")
     assert rig.left_out == ("not aligned",)
     assert any("'rig.0.right'" in note for note in rig.notes)
+    assert any("12.35" in note for note in rig.notes)
     left, right = rig
     inside = (right.center - left.center) @ left.rotation.T
     np.testing.assert_allclose(inside, 12.354192447331316 * np.array([0.2, 0.01, -0.03]), atol=1e-6)
