@@ -27,9 +27,7 @@ class Overlays:
     """See the module.
 
     Args:
-        window: the main window.
         actions: what keys do.
-        changed: called when something must be drawn again.
     """
 
     def __init__(self, window: Shell, actions: Actions, changed: Callable[[], None]) -> None:
@@ -44,11 +42,6 @@ class Overlays:
         name = window.player.opened.title if window.player.opened is not None else ""
         queued = self._actions.start.page.running if window.start.shown else None
         return window_title(name, window.workspace, queued)
-
-    @property
-    def line(self) -> str:
-        """The notice in the status line; "" if there is none."""
-        return self._window.notices.line
 
     def update(self) -> bool:
         """Show the state; returns whether anything changed. Call before the window is drawn."""
@@ -82,7 +75,7 @@ class Overlays:
         window, status = self._window, self._window.status
         if not window.layout.fullscreen or window.start.shown:
             return False
-        line = f"  {self.line}  " if self.line else ""  # a margin
+        line = f"  {window.notices.line}  " if window.notices.line else ""  # a margin
         changed = put(status, text=line, visible=bool(line))
         if changed:
             status.text_color = color(TEXT)

@@ -9,7 +9,7 @@ from gui.models.loop import LOOP
 from gui.overlays import Overlays
 from gui.platform.closing import CloseRequests
 from gui.platform.menu_bar import MenuBar
-from gui.platform.presses import Chords, key_code
+from gui.platform.presses import Chords, key_code, typed_code
 from gui.platform.x_window import XDisplay
 from gui.shell import Shell
 from gui.widgets.picture import holds
@@ -19,7 +19,6 @@ class UserInput:
     """See the module.
 
     Args:
-        window: the main window.
         actions: what keys and menus do.
         overlays: get their keys first.
         x: tells of the mouse while its events do not pass through the window's input.
@@ -93,6 +92,11 @@ class UserInput:
             return True
         if modifier or event.type != gui.KeyEvent.Type.DOWN or dialogs.name:
             return False
+        settings = window.stages.settings[window.stages.selected]
+        if event.key == gui.KeyName.ENTER:
+            settings.edited = False
+        if settings.edited and not self._chords.control and typed_code(event.key) is not None:
+            return True  # for a field that has lost the focus
         return self._act(event)
 
     def _act(self, event: gui.KeyEvent) -> bool:
@@ -155,7 +159,7 @@ class UserInput:
         self._menu_bar.height = window.window.content_rect.y
         if window.dialogs.name:
             self._menu_bar.closed()
-            return kind != "press" or not self._actions.search.press(button, x, y)
+            return kind != "press" or not self._actions.search.dialog.press(button, x, y)
         if kind == "press" and button == 1:
             settings = window.stages.settings[window.stages.selected]
             window.hints.press(x, y, (*window.controls.lists, *settings.lists))

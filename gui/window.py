@@ -144,7 +144,7 @@ class MainWindow:
         self.viewport = Viewport(lambda: self.views, changed)
         self.timeline = TimelinePanel(self.player, em, changed)
         hints = self.hints = Hints(self.input.active, em)
-        self.controls = ControlsPanel(self.player, em, self.views.reset, changed, hints)
+        self.controls = ControlsPanel(self.player, em, self.views.reset, self.timeline.fit, changed, hints)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen, hints)
         self.stages = StagesPanel(
             self.workspace, em, self.select, self.actions.run, changed, self.actions.pick, self._widen,
@@ -338,16 +338,16 @@ class MainWindow:
         # decided once: everything that is drawn together is updated together
         pausing = self._redraws.pausing
         if not pausing:  # changes between two draws are invisible
-            self.timeline.path_keys = [key.frame for key in self.exports.path.keys] if self.path_panel.shown else []
+            self.exports.path.numbers = self.player.transport.numbers
+            path_frames = self.exports.path.frames if self.path_panel.shown else []
+            self.timeline.path_keys = [-1 if frame is None else frame for frame in path_frames]
             self.timeline.busy = self.workspace.busy
             marked = map(self.player.transport.numbers.index, sorted(self.marks.notes))
             self.timeline.marks = tuple(index for index in marked if index is not None)
             self._quality.update()
             self.timeline.look(self.input.pointer, self._user.covered or self.hints.listing)
             changed |= self.timeline.update()
-            changed |= self.path_panel.update(
-                self.actions.path.pictures(), self.actions.path.previewing, self.player.transport.numbers
-            )
+            changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
             changed |= self._update_panels()
             changed |= self.overlays.update()
             changed |= self.actions.search.update()
@@ -416,7 +416,7 @@ class MainWindow:
             self.window.set_needs_layout()
             changed = True
         status = self.player.status if stage_view is None else stage_view.status
-        notice = self.overlays.line
+        notice = self.notices.line
         words = [notice or status, self.exports.words, self.serving.words]
         self.status.text_color = color(TEXT if notice else DIM)
         return changed | self._set_text(self.status, "   ".join(filter(None, words)))

@@ -5,12 +5,16 @@ from __future__ import annotations
 from functools import partial
 
 from gui.models.loop import later
-from gui.models.take.cameras import CameraUses, camera_facts, change_uses, quality
+from gui.models.take.cameras import camera_facts, change_uses, quality
 from gui.pages.capture.view import MASKS
 from gui.shell import Shell
 from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
+from pipelines.takes.camera_uses import CameraUses
 from studio.comparison.metrics import MAIN
+
+MOST_WORST = 12
+"""Rows of the list of the worst frames."""
 
 
 class CameraActions:
@@ -45,6 +49,26 @@ class CameraActions:
         else:
             self._alone(camera)
 
+    def show_worst(self) -> None:
+        """List the worst evaluated frames by camera; choosing one shows it in Review, from that camera."""
+        window = self._window
+        evaluation, transport = window.evaluation, window.player.transport
+        kind = "held out" if evaluation.held_out else "training camera"
+        rows = {
+            f"{MAIN.text(value)}    frame {transport.number(frame)}    {camera}, {kind}": (frame, camera)
+            for value, frame, camera in evaluation.worst(MOST_WORST)
+        }
+
+        def go(line: str) -> None:
+            frame, camera = rows[line]
+            self.look_through(camera)
+            transport.pause()
+            transport.seek(frame)
+
+        earlier = " of an earlier bake" if evaluation.stale else ""
+        title = f"Worst frames{earlier}: {MAIN.title}, decoded"
+        window.dialogs.choose("worst", title, list(rows), go, nothing="Nothing was evaluated yet. Run Review.")
+
     def _alone(self, camera: str) -> None:
         views = self._window.views
         self._window.select("capture")
@@ -57,7 +81,7 @@ class CameraActions:
     def _errors(self, camera: str) -> None:
         self._window.select("calibrate")
         self._window.views.choose("report")
-        self._window.views.mark_camera(camera)
+        self._window.views.stage_views["calibrate"].camera = camera
 
     def _open_menu(self, camera: str) -> None:
         window = self._window

@@ -50,11 +50,7 @@ KEYS_OF = {"?": ("QUESTION_MARK", "SLASH"), "<": ("COMMA", "LESS_THAN"), ">": ("
 
 
 class Actions:
-    """See the module. Acts through the window.
-
-    Args:
-        window: the main window.
-    """
+    """See the module. Acts through the window."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window
@@ -65,7 +61,8 @@ class Actions:
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
-        window.views.bake_wanted.connect(later(self.bakes.show))
+        dialogs = {"cameras": self.cameras.ask, "bakes": self.bakes.show}
+        window.views.dialog_wanted.connect(later(lambda name: dialogs[name]()))
         self.edits = EditActions(window)
         self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
         self.clipboard = Clipboard()
@@ -90,11 +87,10 @@ class Actions:
             "reset": window.views.reset,
             "scene": lambda: self._review("scene"),
             "camera": window.player.next_camera,
-            "cameras": self.cameras.ask,
+            "worst": self.cameras.show_worst,
             "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
             "figures": window.layout.toggle_figures,
             "queue": self.queue.show,
-            "bakes": self.bakes.show,
             "start": self.start.toggle,
             "span": self._step_span,
             "mark": self._marks.ask,
@@ -155,7 +151,7 @@ class Actions:
             key.D: lambda: self._review("difference"),
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
-            key.V: self._toggle_sound,
+            key.V: player.toggle_sound,
             **of_menu,
             **self.points.keys(),
             **self.edits.keys(),
@@ -186,12 +182,6 @@ class Actions:
             words = str(error)
         self._window.notices.show(words)
         self.edits.changed()
-
-    def _toggle_sound(self) -> None:
-        if self._window.player.audio is None:
-            self._window.notices.show("This take or stream has no sound.")
-        else:
-            self._window.player.toggle_sound()
 
     def _review(self, choice: str) -> None:
         views = self._window.views

@@ -20,7 +20,6 @@ class Opening:
     """See the module.
 
     Args:
-        window: the main window.
         ended: called once something is opened, or was not, with whether it was.
     """
 

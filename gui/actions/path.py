@@ -21,7 +21,6 @@ class PathActions:
     """See the module.
 
     Args:
-        window: the main window.
         export: asks for the options of the movie.
     """
 
@@ -106,14 +105,17 @@ class PathActions:
 
     def _go(self, row: int) -> None:
         self.editor.selected = row
-        self._look(self.editor.keys[row])
+        self._look(self.editor.keys[row], self.editor.frames[row])
 
-    def _look(self, key: PathKey) -> None:
+    def _look(self, key: PathKey, frame: int | None) -> None:
         player = self._window.player
         player.transport.pause()
         player.look_through("")
         player.orbit = OrbitCamera.looking_through(key.camera, player.home.target, player.orbit.up)
-        player.transport.seek(key.frame)
+        if frame is None:
+            self._window.notices.show(f"The take does not have frame {key.frame}.", topic="path")
+        else:
+            player.transport.seek(frame)
 
     def _ask_time(self, row: int) -> None:
         window = self._window
@@ -175,7 +177,10 @@ class PathActions:
         if opened is None or window.player.transport.playing or not window.path_panel.shown:
             return [None] * len(self.editor.keys)
         contents = self._contents.get(opened.take) if opened.take is not None else ()
-        return [self.thumbnails.get(opened.path, contents, key.camera, key.frame, size) for key in self.editor.keys]
+        return [
+            None if frame is None else self.thumbnails.get(opened.path, contents, key.camera, frame, size)
+            for key, frame in zip(self.editor.keys, self.editor.frames, strict=True)
+        ]
 
     def close(self) -> None:
         """End the thread."""

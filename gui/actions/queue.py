@@ -25,9 +25,6 @@ HINT = (
 class QueueActions:
     """See the module.
 
-    Args:
-        window: the main window.
-
     Attributes:
         queue: the queue.
     """

@@ -21,13 +21,12 @@ class SearchActions:
     """See the module.
 
     Args:
-        window: the main window.
         actions: of the menus, by key.
     """
 
     def __init__(self, window: Shell, actions: Callable[[], Mapping[str, Callable[[], object]]]) -> None:
         self._window = window
-        self._dialog = CommandDialog(window.dialogs, lambda key: actions()[key]())
+        self.dialog = CommandDialog(window.dialogs, lambda key: actions()[key]())
         self._states = MenuStates(self.why_not)
 
     def show(self) -> None:
@@ -41,22 +40,15 @@ class SearchActions:
         dialogs = self._window.dialogs
         if dialogs.expected and not self._window.control_held:
             try:
-                self._show()
+                self.dialog.show(commands_of(self.why_not))
             finally:  # input must not stay kept back if that fails
                 dialogs.expected = False
             self._window.changed()
 
-    def _show(self) -> None:
-        self._dialog.show(commands_of(self.why_not))
-
     def update(self) -> bool:
         """Keep the menus and the list up to date. Call before the window is drawn; returns whether something
         changed."""
-        return self._dialog.tick() | self._states.update(gui.Application.instance.menubar)
-
-    def press(self, button: int, x: int, y: int) -> bool:
-        """A mouse button is pressed in the window while a dialog is open; returns whether that closed the list."""
-        return self._dialog.press(button, x, y)
+        return self.dialog.tick() | self._states.update(gui.Application.instance.menubar)
 
     def why_not(self, item: Item) -> str:
         """Why an item of the menus is not possible now; "" if it is."""

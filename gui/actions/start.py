@@ -23,7 +23,6 @@ class StartActions:
     """See the module.
 
     Args:
-        window: the main window.
         queue: the queue of takes.
         clipboard: where a pasted path comes from.
         others: what "new", "open", "address" and "queue" do.

@@ -36,14 +36,9 @@ class Box:
     height: int
 
 
-def boxes(size: tuple[int, int], count: int, gap: int = 4) -> list[Box]:
-    """Equal boxes side by side.
-
-    Args:
-        size: (width, height) of the whole image.
-        count: number of boxes.
-        gap: pixels between two boxes.
-    """
+def boxes(size: tuple[int, int], count: int) -> list[Box]:
+    """A number of equal boxes side by side in an image, whose size is (width, height)."""
+    gap = 4
     each = max((size[0] - gap * (count - 1)) // count, 1)
     return [Box(number * (each + gap), 0, each, size[1]) for number in range(count)]
 
@@ -107,11 +102,11 @@ def difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.abs(one.astype(np.int16) - other).astype(np.float32).mean(axis=2)
 
 
-def heat(levels: np.ndarray, top: float = HEAT_TOP) -> np.ndarray:
-    """(H, W, 3) uint8: black through violet and orange to pale yellow at `top` levels (Matplotlib's inferno)."""
+def heat(levels: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8: black through violet and orange to pale yellow at `HEAT_TOP` levels (Matplotlib's inferno)."""
     import cv2
 
-    scaled = np.clip(levels * (255 / top), 0, 255).astype(np.uint8)
+    scaled = np.clip(levels * (255 / HEAT_TOP), 0, 255).astype(np.uint8)
     return np.ascontiguousarray(cv2.applyColorMap(scaled, cv2.COLORMAP_INFERNO)[..., ::-1])
 
 

@@ -19,7 +19,6 @@ def key_list(sections: Mapping[str, Mapping[str, str]], width: int, em: float) -
     Args:
         sections: keys and what they do, by heading.
         width: pixels.
-        em: font size, pixels.
     """
     size, gap = round(0.78 * em), round(1.5 * em)
     column = (width - gap) / 2

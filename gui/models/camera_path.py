@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gui.models.history import Change, History
+from pipelines.takes.frame_numbers import FrameNumbers
 from studio.cameras import Camera
 from studio.errors import Message, StudioError
 from studio.formats.camera_path import EASINGS, CameraPath, Key, read_path_keys, write_path_keys
@@ -28,7 +29,7 @@ class PathKey:
 
     Attributes:
         camera: the view.
-        frame: the frame shown.
+        frame: number of the frame shown (`FrameNumbers`).
         time: seconds in the movie.
         easing: how the camera moves to the next view, one of `EASINGS`.
     """
@@ -46,12 +47,14 @@ class PathEditor:
         keys: the views, ordered by time; the first is at 0.
         selected: index of the selected view; None for none.
         error: why the take's path could not be read, in which case it is never overwritten; "" otherwise.
+        numbers: of the take's frames. Callers count frames from 0 in the take, the file has their numbers.
     """
 
     def __init__(self) -> None:
         self.keys: tuple[PathKey, ...] = ()
         self.selected: int | None = None
         self.error = ""
+        self.numbers = FrameNumbers()
         self._file: Path | None = None
         self._history = History()
 
@@ -74,6 +77,11 @@ class PathEditor:
         """Seconds of the movie."""
         return self.keys[-1].time if self.keys else 0.0
 
+    @property
+    def frames(self) -> list[int | None]:
+        """The frame of each view; None if the take does not have it."""
+        return [self.numbers.index(key.frame) for key in self.keys]
+
     def add(self, camera: Camera, frame: int) -> None:
         """Add a view: after the selected one, in the middle of the time to the next, or at the end."""
         at = len(self.keys) if self.selected is None else self.selected + 1
@@ -81,12 +89,19 @@ class PathEditor:
             time = 0.5 * (self.keys[at - 1].time + self.keys[at].time)
         else:
             time = self.duration + KEY_SECONDS if self.keys else 0.0
-        self._set([*self.keys[:at], PathKey(camera, frame, time), *self.keys[at:]], "a view of the camera path")
+        self._set(
+            [*self.keys[:at], PathKey(camera, self.numbers.number(frame), time), *self.keys[at:]],
+            "a view of the camera path",
+        )
         self.selected = at
 
     def update(self, index: int, camera: Camera, frame: int) -> None:
         """Give a key another view and frame."""
-        self._with(index, replace(self.keys[index], camera=camera, frame=frame), "a view of the camera path")
+        self._with(
+            index,
+            replace(self.keys[index], camera=camera, frame=self.numbers.number(frame)),
+            "a view of the camera path",
+        )
 
     def remove(self, index: int) -> None:
         """Remove a view; the movie begins with the first that is left."""
@@ -132,8 +147,9 @@ class PathEditor:
 
     def set_frame(self, index: int, frame: int) -> None:
         """Set the frame that a view shows."""
-        if self.keys[index].frame != frame:
-            self._with(index, replace(self.keys[index], frame=frame), "the frame of a view")
+        number = self.numbers.number(frame)
+        if self.keys[index].frame != number:
+            self._with(index, replace(self.keys[index], frame=number), "the frame of a view")
 
     def next_easing(self, index: int) -> None:
         """Change how the camera moves on from a view, to the next of `EASINGS`."""
@@ -144,13 +160,27 @@ class PathEditor:
         """The path for a size of the movie.
 
         Raises:
-            StudioError: there are no views (camera_path.no_keys).
+            StudioError: there are no views (camera_path.no_keys), or as `fitted_keys`.
         """
         return CameraPath(self.fitted_keys(width, height), width, height)
 
     def fitted_keys(self, width: int, height: int) -> list[Key]:
-        """The keys for a size of the movie."""
-        return [Key(key.time, fitted(key.camera, width, height), float(key.frame), key.easing) for key in self.keys]
+        """The keys for a size of the movie.
+
+        Raises:
+            StudioError: the take does not have the frame of a view (`camera_path.frame_missing`).
+        """
+        found = []
+        for number, (key, frame) in enumerate(zip(self.keys, self.frames, strict=True), 1):
+            if frame is None:
+                raise StudioError(
+                    "camera_path.frame_missing",
+                    f"view {number} of the camera path shows frame {key.frame}, which the take does not have",
+                    value=key.frame,
+                    fix="Drag its diamond on the timeline to another frame, or remove this view.",
+                )
+            found.append(Key(key.time, fitted(key.camera, width, height), float(frame), key.easing))
+        return found
 
     def _with(self, index: int, key: PathKey, words: str) -> None:
         self._set([*self.keys[:index], key, *self.keys[index + 1 :]], words)
@@ -200,13 +230,14 @@ def fitted(camera: Camera, width: int, height: int) -> Camera:
     return Camera(camera.name, width, height, K, camera.world_to_camera)
 
 
-def in_export(keys: Sequence[Key], place: CapturePlace, frame_count: int) -> list[Key]:
+def in_export(keys: Sequence[Key], place: CapturePlace, frame_count: int, numbers: FrameNumbers) -> list[Key]:
     """The keys, which count frames and lie as in the take, in the frames and the world of what is exported.
 
     Args:
         keys: with frames.
         place: where what is exported lies in the take.
         frame_count: its number of frames.
+        numbers: of the take's frames.
 
     Raises:
         StudioError: keys show other frames, such as those that are trimmed off (`export.frames_left_out`).
@@ -215,10 +246,11 @@ def in_export(keys: Sequence[Key], place: CapturePlace, frame_count: int) -> lis
     frames = [int(key.frame or 0) for key in keys]
     left_out = {number: frame for number, frame in enumerate(frames, 1) if not first <= frame <= last}
     if left_out:
-        views = ", ".join(f"view {number} (frame {frame})" for number, frame in left_out.items())
+        views = ", ".join(f"view {number} (frame {numbers.number(frame)})" for number, frame in left_out.items())
         raise StudioError(
             "export.frames_left_out",
-            f"the camera path shows frames that the movie cannot have: {views}; it can have {first} to {last}",
+            f"the camera path shows frames that the movie cannot have: {views}; "
+            f"it can have {numbers.number(first)} to {numbers.number(last)}",
             value=list(left_out.values()),
             fix="Drag their diamonds on the timeline to other frames, or remove these views.",
             expected=[first, last],

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
+from studio.comparison.metrics import MAIN
 from studio.errors import StudioError
 
 
@@ -90,6 +91,17 @@ class Evaluation:
         if quality is None:
             return {}, ""
         return quality.cameras.get(camera, quality.means), self.whose(camera)
+
+    def worst(self, count: int) -> list[tuple[float, int, str]]:
+        """Main metric of the decoded frame, frame, and camera, the worst first, `count` at most."""
+        name = f"{MAIN.name}_decoded"
+        found = [
+            (measures[name], frame, camera)
+            for frame, quality in self.frames.items()
+            for camera, measures in quality.cameras.items()
+            if name in measures
+        ]
+        return sorted(found)[:count]
 
     def whose(self, camera: str = "") -> str:
         """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";

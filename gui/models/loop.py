@@ -39,7 +39,6 @@ class Timer:
     Args:
         seconds: the period.
         method: a bound method; only a weak reference is kept.
-        now: a monotonic clock in seconds.
     """
 
     def __init__(self, seconds: float, method: Callback, now: Callable[[], float]) -> None:

@@ -3,21 +3,10 @@
 from __future__ import annotations
 
 from pipelines.stages import STAGES
-from pipelines.stages.baking.measures import RenderedError, rendered_contribution
-from pipelines.stages.baking.plan import Part, edited_group, planned_parts, stream_cameras
+from pipelines.stages.baking.plan import Part
+from pipelines.stages.baking.trial import Trial, longest_part, measure
 from pipelines.stages.camera_file import camera_file_text
 from pipelines.stages.footage import performer_over
 from pipelines.stages.inputs import Inputs
 
-__all__ = [
-    "STAGES",
-    "Inputs",
-    "Part",
-    "RenderedError",
-    "camera_file_text",
-    "edited_group",
-    "performer_over",
-    "planned_parts",
-    "rendered_contribution",
-    "stream_cameras",
-]
+__all__ = ["STAGES", "Inputs", "Part", "Trial", "camera_file_text", "longest_part", "measure", "performer_over"]

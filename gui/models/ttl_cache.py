@@ -18,7 +18,6 @@ class TtlCache(Generic[Key, Value]):
     Args:
         function: called with a key.
         seconds: how long its result is returned again for an equal key.
-        now: a monotonic clock in seconds.
     """
 
     def __init__(

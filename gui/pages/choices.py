@@ -8,7 +8,7 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     ("footage", "Footage", "Footage of a capture camera, masked (1)"),
     ("trained", "Trained", "Trained Gaussians (2)"),
     ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
-    ("other", "Other bake", "Another bake or take to compare with; View > Bakes chooses it (4)"),
+    ("other", "Other bake", "Another bake or take to compare with; Bake > Bakes chooses it (4)"),
     ("", "", ""),
     ("side by side", "Side by side", "Show sources side by side (S)"),
     ("wipe", "Wipe", "Wipe against footage or trained; drag the line (W)"),
@@ -31,6 +31,12 @@ SCENE_CHOICES: tuple[Choice, ...] = (
     ("axes", "Axes", "The axes of the world: x red, y green, z blue"),
     ("volume", "Volume", "The box around the visual hull, and its size"),
 )
+
+DIALOGS = {
+    ("capture", "cameras"): ("Cameras...", "Which cameras are used, and which are held out"),
+    ("bake", "bakes"): ("Bakes...", "Bakes that the take keeps: compare, keep another one"),
+}
+"""Label and tooltip of the buttons that open a dialog, by page and key."""
 
 TOOLTIPS = {
     "masks": "Darken the background, and outline the masks; again: the images as filmed",

@@ -38,7 +38,6 @@ class InitializeView(OrbitView):
     """See the module.
 
     Args:
-        workspace: the take.
         read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
     """
 

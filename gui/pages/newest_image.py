@@ -56,7 +56,6 @@ class NewestImage:
             finished: whether no image is being rendered.
             message: message over the view; "" for none.
             size: (width, height) of the view, pixels.
-            em: font size, pixels.
         """
         before, self._updated = self._updated, self._now()
         if pixels is not None:

@@ -25,9 +25,6 @@ _Request = tuple[Size, str, Hashable]
 class StageView:
     """Base of stage views. Subclasses define what the image depends on (`state`) and draw it (`draw`, on a thread).
 
-    Args:
-        workspace: the take.
-
     Attributes:
         modes: images to choose from; the first is the default.
         sharp: whether it is drawn at the resolution of the viewport once it rests, though it orbits.

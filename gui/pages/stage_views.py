@@ -19,7 +19,7 @@ from gui.pages.bake.view import BakeView
 from gui.pages.calibrate.points_view import PointsView
 from gui.pages.calibrate.view import CalibrateView
 from gui.pages.capture.view import GARBAGE, MASKS, CaptureView
-from gui.pages.choices import REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
+from gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
 from gui.pages.initialize import InitializeView, Mesh
 from gui.pages.newest_image import NewestImage
 from gui.pages.review.tools import EDIT_CHOICES
@@ -35,15 +35,13 @@ class StageViews:
     """The stage views, and which one is on screen.
 
     Args:
-        workspace: the take.
         player: the player.
         read_mesh: see `InitializeView`.
-        now: a clock in seconds that never runs backwards.
 
     Attributes:
         clicked: emitted at each click.
         camera_clicked, camera_menu: emitted with a camera's name after a click, a right click on it.
-        bake_wanted: emitted if another bake is chosen, but none is open.
+        dialog_wanted: emitted with the name of a dialog, "cameras" or "bakes".
         edit_dialog: emitted with the button of the edits that needs a dialog.
         editing: whether Review shows the edits.
     """
@@ -56,13 +54,13 @@ class StageViews:
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.workspace, self.player = workspace, player
-        self.capture = CaptureView(workspace)
+        self.capture, self.bake = CaptureView(workspace), BakeView(workspace)
         self.stage_views: dict[str, StageView] = {
             "capture": self.capture,
             "calibrate": CalibrateView(workspace),
             "initialize": InitializeView(workspace, read_mesh),
             "train": TrainView(workspace),
-            "bake": BakeView(workspace),
+            "bake": self.bake,
         }
         self.points = PointsView(workspace)
         self.editor = EditView(workspace)
@@ -76,7 +74,7 @@ class StageViews:
         self.clicked: Signal[[]] = Signal()
         self.camera_clicked: Signal[[str]] = Signal()
         self.camera_menu: Signal[[str]] = Signal()
-        self.bake_wanted: Signal[[]] = Signal()
+        self.dialog_wanted: Signal[[str]] = Signal()
         self.edit_dialog: Signal[[str]] = Signal()
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
@@ -85,6 +83,8 @@ class StageViews:
             stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
             for stage, stage_view in self.stage_views.items()
         }
+        for (stage, key), (label, tooltip) in DIALOGS.items():
+            found[stage] += (("", "", ""), (key, label, tooltip))
         return {**found, "review": REVIEW_CHOICES, "edit": EDIT_CHOICES, "scene": SCENE_CHOICES}
 
     @property
@@ -102,13 +102,9 @@ class StageViews:
         """Whether the scene is on screen."""
         return self.stage == "review" and not self.editing and self.player.mode == "scene"
 
-    def leave_scene(self) -> bool:
-        """Show the take again; returns whether the scene was on screen."""
-        return self.shows_scene and self.player.choose_mode("single")
-
     def leave(self) -> bool:
         """Leave the edits or the scene; returns whether one was on screen."""
-        return self.leave_edits() or self.leave_scene()
+        return self.leave_edits() or (self.shows_scene and self.player.choose_mode("single"))
 
     def edit(self) -> None:
         """Show the edits of the take."""
@@ -161,7 +157,9 @@ class StageViews:
             self._choose_edit("done")
             if key == player.mode:
                 return
-        if self.stage != "review":
+        if (self.stage, key) in DIALOGS:
+            self.dialog_wanted.emit(key)
+        elif self.stage != "review":
             off = key == MASKS == self.capture.mode
             self.stage_views[self.stage].mode = "" if off else key
             if self.stage == "capture" and key != GARBAGE:
@@ -172,7 +170,7 @@ class StageViews:
         elif key == "edit":
             self.edit()
         elif key == "other" and player.why_not(key):
-            self.bake_wanted.emit()
+            self.dialog_wanted.emit("bakes")
         elif key in ("footage", "trained", "decoded", "other"):
             if key == "footage" and player.mode != "single":
                 player.choose_mode("single")
@@ -257,20 +255,15 @@ class StageViews:
         Args:
             size: size of the viewport, pixels.
             render_size: size of images rendered from splats.
-            em: font size, pixels.
         """
-        return self._newest.update(
-            self._poll(size, render_size, em), self._wanted, self._frame_shown, self._finished, self.message, size, em
-        )
+        pixels = self._poll(size, render_size, em)
+        right_frame = not self.shows_player or self.player.opened is None or self.player.current
+        return self._newest.update(pixels, self._wanted, right_frame, self._finished, self.message, size, em)
 
     @property
     def _wanted(self) -> object:
         """What the chosen image is an image of."""
         return self.player.label if self.shows_player else (self.row, self.stage_view and self.stage_view.mode)
-
-    @property
-    def _frame_shown(self) -> bool:
-        return not self.shows_player or self.player.opened is None or self.player.current
 
     def _follow_camera(self) -> None:
         """Leave a capture camera, as in Review, once the edits' view is not its own any more; if another one is chosen
@@ -317,7 +310,7 @@ class StageViews:
         if any(one is not other for one, other in zip(of, self._numbered, strict=True)):
             self._numbered = of
             numbers = FrameNumbers((*trained, *filmed[len(trained) :]))
-            self.player.transport.numbers = self.editor.numbers = numbers
+            self.player.transport.numbers = self.editor.numbers = self.bake.numbers = numbers
 
     @property
     def settled(self) -> bool:
@@ -340,21 +333,11 @@ class StageViews:
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Orbit or pan."""
-        stage_view = self.stage_view
-        if stage_view is not None:
-            stage_view.drag(dx, dy, turn, height)
-        elif turn:
-            self.player.drag_orbit(dx, dy)
-        else:
-            self.player.drag_pan(dx, dy)
+        (self.stage_view or self.player).drag(dx, dy, turn, height)
 
     def wheel(self, notches: float) -> None:
         """Zoom."""
-        stage_view = self.stage_view
-        if stage_view is not None:
-            stage_view.wheel(notches)
-        else:
-            self.player.wheel(notches)
+        (self.stage_view or self.player).wheel(notches)
 
     def click(self, x: float, y: float) -> None:
         """Handle a click."""
@@ -407,10 +390,6 @@ class StageViews:
             self.capture.camera = ""
         return alone
 
-    def mark_camera(self, camera: str) -> None:
-        """Mark a camera in Calibrate."""
-        self.stage_views["calibrate"].camera = camera
-
     def hover(self, x: float, y: float) -> None:
         """Note the pointer position."""
         if self.stage_view is not None:
@@ -436,13 +415,10 @@ class StageViews:
 
     def reset(self) -> None:
         """Return to the initial view."""
-        stage_view = self.stage_view
-        if stage_view is None:
-            self.player.reset_view()
-        elif self.edits_take:
+        if self.edits_take:
             self.editor.orbit = self.player.home
         else:
-            stage_view.reset()
+            (self.stage_view or self.player).reset()
 
     def close(self) -> bool:
         """End all threads. Returns whether they ended in time."""

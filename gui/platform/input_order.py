@@ -123,7 +123,6 @@ class InputOrder:
 
     Args:
         window: the X window of the toolkit; None for none, and then nothing has an effect.
-        now: a clock in seconds that never runs backwards.
 
     Attributes:
         active: whether events pass through here.

@@ -17,7 +17,6 @@ class MenuBar:
     """See the module. Tell it of all moves and presses, in order.
 
     Args:
-        em: font size, pixels.
         boxes: (width, height) of the menus, pixels; () if they are not known.
         ends: right ends of the titles, em.
 

@@ -22,7 +22,6 @@ class Redraws:
     and not after `FRAMES` frames that are told with `drawn`.
 
     Args:
-        now: a monotonic clock in seconds.
         pause: minimum seconds between two draws. If the CPU draws the window, draws compete with rendering.
     """
 

@@ -17,7 +17,6 @@ class CameraMenu:
     """See the module. The toolkit has no context menus, so this is a widget over the viewport.
 
     Args:
-        em: font size, pixels.
         changed: called when an item was chosen.
 
     Attributes:

@@ -26,8 +26,8 @@ class ControlsPanel:
 
     Args:
         player: what the buttons act on.
-        em: the theme's font size, pixels.
         reset: called to reset the view.
+        fit: called to show all frames on the timeline.
         changed: called after each click.
         hints: what the buttons do.
 
@@ -37,7 +37,13 @@ class ControlsPanel:
     """
 
     def __init__(
-        self, player: PlayerPresenter, em: float, reset: Callable[[], None], changed: Callable[[], None], hints: Hints
+        self,
+        player: PlayerPresenter,
+        em: float,
+        reset: Callable[[], None],
+        fit: Callable[[], None],
+        changed: Callable[[], None],
+        hints: Hints,
     ) -> None:
         self._player, self._hints = player, hints
         self._changed = changed
@@ -67,7 +73,8 @@ class ControlsPanel:
         self._sound_hint = ""
         for widget in (self._volume, self._camera):
             widget.visible = False  # until there is something to choose
-        self._button("Reset", "Reset the view (R)", reset, "reset view")
+        self._button("Fit timeline", "Show all frames on the timeline", fit, "fit")
+        self._button("Reset view", "Show everybody, at eye level (R)", reset, "reset view")
 
     def _transport(self) -> Transport:
         """The current transport; replaced whenever something is opened."""

@@ -35,8 +35,6 @@ class Hints:
 
     Args:
         follows: whether `update` will be told where the pointer is.
-        em: font size, pixels.
-        now: a clock in seconds that never runs backwards.
 
     Attributes:
         picture: the hint; its widget is to be added to the window.

@@ -48,7 +48,6 @@ class InspectorPanel:
     """See the module.
 
     Args:
-        em: font size, pixels.
         changed: called when the log is scrolled.
         apply_fix: called with the fix whose button in the log was clicked.
         laid_out: called when the window must be laid out again.

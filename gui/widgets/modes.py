@@ -26,7 +26,6 @@ class ModesPanel:
 
     Args:
         sets: choices by stage.
-        em: font size, pixels.
         chosen: called with stage and key.
         hints: what the buttons do.
     """

@@ -24,7 +24,6 @@ class NoticeBar:
 
     Args:
         notices: what it shows.
-        em: font size, pixels.
         clipboard: where copied text goes.
         changed: called after a click.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,7 +77,6 @@ class PathList:
         selected: int | None,
         previewing: bool,
         message: str = "",
-        number: Callable[[int], int] = int,
     ) -> np.ndarray:
         """(height, width, 3) uint8: the list.
 
@@ -87,12 +86,11 @@ class PathList:
             selected: index of the selected view.
             previewing: whether the path is being played.
             message: shown instead of the list.
-            number: gives the number by which people know a frame.
         """
         self.areas = Areas()
         canvas, em = Canvas(self.width, self.height, PANEL), self.em
         pad, normal = 0.6 * em, round(0.94 * em)
-        self._rows(canvas, keys, thumbnails, selected, number)
+        self._rows(canvas, keys, thumbnails, selected)
         canvas.rect(0, 0, self.width, self._top - 2, PANEL)
         canvas.text(pad, 0.4 * em, "Camera path", normal, TEXT)
         seconds = keys[-1].time if keys else 0.0
@@ -124,7 +122,6 @@ class PathList:
         keys: Sequence[PathKey],
         thumbnails: Sequence[np.ndarray | None],
         selected: int | None,
-        number_of: Callable[[int], int],
     ) -> None:
         em, small = self.em, round(0.85 * self.em)
         wide, high = self.thumbnail_size
@@ -144,7 +141,7 @@ class PathList:
             x = left + wide + 0.6 * em
             canvas.text(x, top, f"{number + 1}", small, DIM)
             self._link(canvas, x + 1.4 * em, top, f"{key.time:.2f} s", small, "time" if number else "", number)
-            canvas.text(self.width - 0.6 * em, top, f"frame {number_of(key.frame)}", small, DIM, align="right")
+            canvas.text(self.width - 0.6 * em, top, f"frame {key.frame}", small, DIM, align="right")
             if number + 1 < len(keys):
                 self._link(canvas, x, top + 1.5 * em, EASING_WORDS[key.easing], small, "easing", number)
             if number == selected:

@@ -10,17 +10,14 @@ from open3d.visualization import gui
 from gui.models.camera_path import PathEditor
 from gui.widgets.path_list import HINTS, PathList
 from gui.widgets.picture import ImagePanel
-from pipelines.takes.frame_numbers import FrameNumbers
 
 
 class PathPanel:
     """See the module.
 
     Args:
-        em: font size, pixels.
         editor: the path.
         act: called with what was clicked, a key of `drawing.path_list.HINTS`, and the view's index (-1: none).
-        changed: called when something must be drawn again.
 
     Attributes:
         shown: whether it is to be seen; the layout shows it where there is room.
@@ -48,19 +45,18 @@ class PathPanel:
         middles = self._list.areas.middles(self.picture.size)
         return {f"{name} {row}" if row >= 0 else name: at for (name, row), at in middles.items()}
 
-    def update(self, thumbnails: Sequence[np.ndarray | None], previewing: bool, numbers: FrameNumbers) -> bool:
+    def update(self, thumbnails: Sequence[np.ndarray | None], previewing: bool) -> bool:
         """Draw what has changed; returns whether anything did.
 
         Args:
             thumbnails: one per view; None while it is being drawn.
             previewing: whether the path is being played.
-            numbers: of the take's frames.
         """
         if not self.picture.widget.visible:
             return False
         editor, size = self._editor, self.picture.size
         state = (
-            size, editor.keys, editor.selected, editor.error, previewing, self._down, id(numbers),
+            size, editor.keys, editor.selected, editor.error, previewing, self._down,
             [id(one) for one in thumbnails],
         )  # fmt: skip
         if state == self._drawn:
@@ -68,9 +64,7 @@ class PathPanel:
         self._drawn = state
         self._list = PathList(*size, self._em, self._down)
         self._down = self._list.down = min(self._down, self._list.most_down(len(editor.keys)))
-        self.picture.show(
-            self._list.draw(editor.keys, thumbnails, editor.selected, previewing, editor.error, numbers.number)
-        )
+        self.picture.show(self._list.draw(editor.keys, thumbnails, editor.selected, previewing, editor.error))
         return True
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:

@@ -58,9 +58,11 @@ class SettingsList:
 
     Args:
         stage: key of `TITLES`.
-        em: font size, pixels.
         actions: what it asks for.
         estimates: figures of the presets.
+
+    Attributes:
+        edited: whether the last press was on the fields, so that letters are meant for them.
     """
 
     def __init__(self, stage: str, em: float, actions: SettingActions, estimates: Estimates) -> None:
@@ -72,7 +74,7 @@ class SettingsList:
         self._stage, self._camera_file = stage, ""
         self._typed = ""
         self._differing: list[str] = []
-        self._edited = False
+        self.edited = False
         self.widget = gui.Widget()
         self.widget.background_color = color(PANEL)
         self.preset = gui.Combobox()
@@ -141,9 +143,7 @@ class SettingsList:
         not known how far they are scrolled. Their labels keep theirs."""
         self.filter.tooltip = "" if holds(self.filter, x, y) else FILTER
         edited = self.widget.visible and holds(self._scroll, x, y)
-        if edited == self._edited:
-            return
-        self._edited = edited
+        self.edited = edited or (self.widget.visible and holds(self.filter, x, y))
         for _, editor, label, _ in self._rows.values():
             if isinstance(editor.widget, gui.TextEdit):
                 editor.widget.tooltip = "" if edited else label.tooltip
@@ -220,7 +220,7 @@ class SettingsList:
         label.tooltip = broken(field.documentation)
         head = lowered(label)
         editor = make_editor(field, self._actions.set_value, self._actions.pick)
-        if not self._edited or not isinstance(editor.widget, gui.TextEdit):
+        if not self.edited or not isinstance(editor.widget, gui.TextEdit):
             editor.widget.tooltip = label.tooltip
         reset = gui.Checkbox("")  # as high as the other fields
         reset.set_on_checked(lambda _: self._actions.reset([field.name]))

@@ -35,8 +35,6 @@ class StagesPanel:
     """See the module.
 
     Args:
-        workspace: the take.
-        em: font size, pixels.
         select: called with a stage's key.
         run: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
         changed: called after every user action.
@@ -66,16 +64,17 @@ class StagesPanel:
         self.selected = "review"
         self._drawn: object = None
         self.list = ImagePanel(self._on_mouse)
-        self.ground = gui.Vert()  # behind widgets without a background
+        self.ground = gui.Vert()  # behind messages
         self.ground.background_color = color(PANEL)
         self.detail = gui.Label("")
         self.detail.text_color = color(DIM)
         self.detail.background_color = color(PANEL)
         self.buttons: dict[str, gui.Button] = {}
-        self.row = gui.Horiz(0.4 * em)
+        pad, gap = round(0.6 * em), round(0.4 * em)
+        self.row = gui.Horiz(gap, gui.Margins(pad, gap, pad, gap))
         self.row.background_color = color(PANEL)
-        self._button("run", "Run", _RUN["Run"], self._run_clicked)
         self._button("all", "Run all", "Run all stages that are not up to date", lambda: run("all", False))
+        self._button("run", "Run", _RUN["Run"], self._run_clicked)
         self._button("pause", "Pause", _PAUSE["Pause"], workspace.pause)
         words = "Stop the run; finished work is kept, and the next run resumes from there"
         self.link = gui.Button("")
@@ -94,7 +93,8 @@ class StagesPanel:
         self.error.background_color = color(PANEL)
         self.estimates = Estimates()
         self.estimates.changed.connect(self._show_estimates)
-        actions = SettingActions(self._set, self._reset, self._choose, pick, self._estimate, changed)
+        choose = lambda preset: self._write(dict(PRESETS[preset]), f"the preset {preset}")  # noqa: E731
+        actions = SettingActions(self.set_text, self._reset, choose, pick, self._estimate, changed)
         self.settings = {stage: SettingsList(stage, em, actions, self.estimates) for stage in TITLES}
         for widget in (self.detail, self.error, self.link, *(panel.widget for panel in self.settings.values())):
             widget.visible = False  # until there is something to show
@@ -159,18 +159,12 @@ class StagesPanel:
         take = self._workspace.take
         if self._workspace.busy:
             self._say("A run is in progress. Estimate when it has finished: both would take longer.")
-        elif take is not None and not take.rig.is_file():
-            self._say("The cameras are not known yet. Run Calibrate first, then estimate.")
         elif take is not None:
             self.estimates.start(take)
 
     def _say(self, text: str) -> None:
         self._refuse(None)
         put(self.error, text=text)
-
-    def _choose(self, preset: str) -> None:
-        """Set the settings of a preset; all others stay as they are."""
-        self._write(dict(PRESETS[preset]), f"the preset {preset}")
 
     def _reset(self, names: list[str]) -> None:
         config = self._workspace.config
@@ -185,9 +179,6 @@ class StagesPanel:
 
     def set_text(self, field: SettingField, text: str) -> None:
         """Set a setting to a text, as if it were typed."""
-        self._set(field, text)
-
-    def _set(self, field: SettingField, text: str) -> None:
         try:
             refusal = self._workspace.change_setting(field.name, field.parsed(text))
         except StudioError as error:
@@ -232,25 +223,26 @@ class StagesPanel:
         em = self._em
         list_height = stage_list.row_height(em) * len(TITLES)
         self.list.place(x, y, width, list_height)
-        top = y + list_height + 0.4 * em
+        top = y + list_height + 2.5 * em
         limits = gui.Widget.Constraints()
         limits.width = int(width - 1.2 * em)
-        # the buttons come first, so that they do not move when a message appears
-        self.row.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(1.7 * em))
-        top += 2.1 * em
-        for label, most in ((self.detail, 6), (self.error, 8)):
-            if label.text:
-                wanted = min(label.calc_preferred_size(context, limits).height + 0.3 * em, most * em)
-                label.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
-                top += wanted + 0.3 * em
+        self.row.frame = gui.Rect(int(x), int(y + list_height), int(width), int(top) - int(y + list_height))
+        end = y + height
+        # messages come last, so that neither buttons nor fields move when one appears
         if self.link.text:
             wide = self.link.calc_preferred_size(context, limits).width
-            self.link.frame = gui.Rect(int(x + 0.6 * em), int(top), int(min(wide, limits.width)), int(1.5 * em))
-            top += 1.8 * em
+            end -= 1.8 * em
+            self.link.frame = gui.Rect(int(x + 0.6 * em), int(end), int(min(wide, limits.width)), int(1.5 * em))
+        for label, most in ((self.error, 8), (self.detail, 6)):
+            if label.text:
+                wanted = min(label.calc_preferred_size(context, limits).height + 0.3 * em, most * em)
+                end -= wanted + 0.3 * em
+                label.frame = gui.Rect(int(x + 0.6 * em), int(end), limits.width, int(wanted))
         for panel in self.settings.values():
-            panel.place(x, top, width, max(y + height - top, 1), context)
-        end = top if self._workspace.config is not None else y + height
-        self.ground.frame = gui.Rect(int(x), int(y + list_height), int(width), int(end - y - list_height))
+            panel.place(x, top, width, max(end - top, 1), context)
+        if self._workspace.config is None:
+            end = top
+        self.ground.frame = gui.Rect(int(x), int(end), int(width), int(y + height) - int(end))
 
     def update(self) -> tuple[bool, bool]:
         """Show the state of the workspace; return (whether anything changed, whether a layout is due)."""
@@ -294,6 +286,7 @@ class StagesPanel:
         for panel in self.settings.values():
             panel.show_estimates()
             panel.estimate.enabled = not estimates.running
+            panel.estimate.text = "Estimating ..." if estimates.running else "Estimate"
         self._shown_config = None  # lay the settings out again
         self._changed()
 

@@ -17,8 +17,6 @@ class SwapGuard:
 
     Args:
         pointer: position of the pointer in the window, pixels; None where it is not known, and then nothing is refused.
-        em: font size, pixels.
-        now: a clock in seconds that never runs backwards.
     """
 
     def __init__(

@@ -28,7 +28,6 @@ class TimelinePanel:
 
     Args:
         player: its transport is shown and controlled.
-        em: font size, pixels.
         changed: called after each seek.
 
     Attributes:
@@ -99,11 +98,15 @@ class TimelinePanel:
         """The frames that the open take keeps; None for all."""
         return self._player.opened.trim if self._player.opened is not None else None
 
+    def fit(self) -> None:
+        """Show all frames."""
+        self.zoom = TimelineZoom()
+
     def update(self) -> bool:
         """Redraw what has changed; return whether anything did."""
         transport = self._player.transport
         frame = self._player.frame if self._player.opened is not None else None
-        if frame is not None and transport.playing:
+        if frame is not None and frame != self.frame:
             self.zoom = self.zoom.following(frame, transport.frame_count)
         view, size = self.plots_view, self._picture_size
         frames = [slot.frame for slot in slots(view.timeline, size[0])] if has_pictures(self._player) else []

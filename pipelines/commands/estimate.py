@@ -92,35 +92,28 @@ def _stream_words(found: Estimate) -> str:
 
 
 def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
-    """The inputs of a take whose cameras are known: the given one, or a temporary one."""
+    """The inputs of a take whose cameras are known: the given one, or a temporary one with cameras from a file."""
     from pipelines.runs.runner import run
     from pipelines.stages.inputs import Inputs
     from pipelines.takes.take import Take
 
     source = arguments.source
     config = read_settings(source, arguments.overrides)
-    if is_take(source):
-        take = Take.open(source)
-        inputs = Inputs(take, config)
-        if not take.rig.is_file():
-            raise _unknown(f"v3studio calibrate {source}")
-        return inputs
+    if is_take(source) and Take.open(source).rig.is_file():
+        return Inputs(Take.open(source), config)
     take = Take.create(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "take")
     inputs = Inputs(take, config)
     from pipelines.stages.calibrate import has_camera_file
 
     if not has_camera_file(inputs):
-        raise _unknown(f"v3studio calibrate {source} --take DIR")
+        calibrate = f"v3studio calibrate {source}" if is_take(source) else f"v3studio calibrate {source} --take DIR"
+        raise StudioError(
+            "estimate.no_cameras",
+            "the cameras are not known yet, and training cannot be rehearsed without them",
+            fix=f"Run `{calibrate}` first, then estimate the take.",
+        )
     run(take, config, lambda event: None, stages=["calibrate"], command="v3studio estimate")
     return inputs
-
-
-def _unknown(command: str) -> StudioError:
-    return StudioError(
-        "estimate.no_cameras",
-        "the cameras are not known yet, and training cannot be rehearsed without them",
-        fix=f"Run `{command}` first, then estimate the take.",
-    )
 
 
 def _print(found: Estimate, threads: int, now: float | None) -> None:

@@ -231,11 +231,13 @@ def changing(path: Path) -> Iterator[None]:
     process.
 
     Raises:
-        StudioError: as `disk_errors`.
+        StudioError: the take's folder is gone (`take.not_found`), or as `disk_errors`.
     """
+    if not path.parent.is_dir():  # a take that was removed stays so
+        raise StudioError("take.not_found", "no such folder", file=path.parent, fix="Was the take moved or deleted?")
     private = path.parent / ".v3studio"
     with disk_errors(path.parent):
-        private.mkdir(parents=True, exist_ok=True)
+        private.mkdir(exist_ok=True)
         with (private / f"{path.stem}.lock").open("a") as file:
             fcntl.flock(file, fcntl.LOCK_EX)
             yield

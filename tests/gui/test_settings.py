@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pipelines.config.loading import load_config
 from pipelines.events import Warned
+from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from tests.gui.conftest import RunningWindow
 
@@ -51,7 +52,12 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     window.wait_for("the button again", lambda s: words in s["fixes"])
     assert load_config(take.config).capture.scale == before
 
-    window.stage("review")
+    window.menu("View", "worst")
+    window.wait_for("the worst frames", lambda s: s["dialog"] == "worst")
+    window.click("dialog choice0")
+    rows = read_evaluation(take.evaluation).frames
+    value, worst, camera = min((q.psnr_decoded, row.index, name) for row in rows for name, q in row.cameras.items())
+    window.wait_for(f"{value} dB", lambda s: (s["stage"], s["camera"], s["shown"]) == ("review", camera, worst))
     frames = window.states()[-1]["frames"]
     window.drag("timeline", (window.across_frame(0), 0.1), (window.across_frame(frames - 1), 0.1))
     window.wait_for("a span", lambda s: s["span"] == [0, frames - 1])
@@ -66,6 +72,15 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     window.enter_text("settings filter", "rates opacity")
     state = window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == FOUND)
     assert state["stage"] == "train", "letters typed into the field are not shortcuts"
+    place = window.wait_for("the field", lambda s: s["widgets"][FOUND[0]][2] > 0)["widgets"][FOUND[0]]
+    window.retype(FOUND[0], "nope")
+    window.key("Return")
+    state = window.wait_for("a refusal", lambda s: "train.rates.opacity" in s["error"])
+    assert state["widgets"][FOUND[0]] == place, "fields stay where they are when a message appears"
+    x, y = window.point(FOUND[0])
+    window.press(x, y + 120)  # below it, where no field has the focus
+    window.key("w")
+    assert window.wait_for("a look", lambda s: s["settled"])["stage"] == "train", "a letter may be meant for a field"
     window.retype(FOUND[0], "0.025")
     window.key("Return")
     window.wait_for("a stale training", lambda s: s["stages"]["train"][0] != "done")

@@ -42,7 +42,6 @@ class PlayerPresenter(Viewpoint):
 
     Args:
         draw_function: renders Gaussians; tests replace it.
-        now: a clock in seconds that never runs backwards.
         output: makes the device that sound is played on.
         read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
 

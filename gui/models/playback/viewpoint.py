@@ -57,11 +57,6 @@ class Viewpoint:
         self.scene_parts = SHOWN_AT_FIRST
 
     @property
-    def title(self) -> str:
-        """Title of the window."""
-        return f"{self.opened.title} - V3 Studio" if self.opened else "V3 Studio"
-
-    @property
     def source(self) -> FrameSource | None:
         """Source of the Gaussians on screen; for footage, the source it is compared with."""
         if self.opened is None:
@@ -89,7 +84,7 @@ class Viewpoint:
         if what in self.opened.sources:
             return ""
         if what == OTHER:
-            return "No other bake or take to compare with is open. Choose one with View > Bakes."
+            return "No other bake or take to compare with is open. Choose one with Bake > Bakes."
         return f"Nothing {what} yet. Run {'Train' if what == 'trained' else 'Bake'}."
 
     @property
@@ -161,18 +156,17 @@ class Viewpoint:
         else:
             self.look_through(names[(names.index(self.camera) + direction) % len(names)])
 
-    def drag_orbit(self, dx: float, dy: float) -> None:
-        """Orbit by a drag in pixels; leaves a capture camera."""
-        self._leave_camera()
-        self.orbit = self.orbit.orbit(dx, dy)
-
-    def drag_pan(self, dx: float, dy: float) -> None:
-        """Pan by a drag in pixels; within the image in a capture camera's view."""
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Handle a drag in pixels, see `StageView`: orbiting leaves a capture camera, panning stays in its image."""
+        if turn:
+            self._leave_camera()
+            self.orbit = self.orbit.orbit(dx, dy)
+            return
         if self.camera and self.opened is not None and self.opened.rig is not None:
             self._zoom_follows = False
             self.image_zoom = self.image_zoom.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
             return
-        self.orbit = self.orbit.pan(dx, dy, self.size[1])
+        self.orbit = self.orbit.pan(dx, dy, height)
 
     def wheel(self, notches: float) -> None:
         """Zoom; within the image in a capture camera's view."""
@@ -199,7 +193,7 @@ class Viewpoint:
             return self.image_zoom.camera(self.opened.rig[self.camera].undistorted(), width, height)
         return self.orbit.camera(width, height)
 
-    def reset_view(self) -> None:
+    def reset(self) -> None:
         """Reset the free view, or show the whole image in a capture camera's view."""
         if self.camera:
             self.image_zoom, self._zoom_follows = ImageZoom(), False

@@ -21,7 +21,7 @@ from pipelines.takes.atomic_files import remove
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS
-from studio.formats.camera_path import Key
+from studio.formats.camera_path import Key, write_path_keys
 from studio.json_types import JsonData
 
 if TYPE_CHECKING:
@@ -178,7 +178,8 @@ class Exports:
         frames = _exported(request)
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
         if keys:
-            arguments += ["--path", str(self._write_path(scratch, keys))]
+            write_path_keys(keys, scratch / "path.json")
+            arguments += ["--path", str(scratch / "path.json")]
         if frames is not None:
             arguments += ["--frames", f"{frames[0]}:{frames[-1] + 1}"]
         self._run(request, arguments, scratch)
@@ -218,15 +219,7 @@ class Exports:
             )
         width, height = map(int, request.size.split("x"))
         keys = self.path.fitted_keys(width, height)
-        return keys if not request.of else in_export(keys, *_place_of(request))
-
-    @staticmethod
-    def _write_path(folder: Path, keys: list[Key]) -> Path:
-        from studio.formats.camera_path import write_path_keys
-
-        path = folder / "path.json"
-        write_path_keys(keys, path)
-        return path
+        return keys if not request.of else in_export(keys, *_place_of(request), self.path.numbers)
 
     def _receive(self) -> None:
         process, request = self._process, self.request

@@ -122,7 +122,6 @@ def log_rows(
     Args:
         lines: (kind, text).
         width: pixels.
-        em: font size, pixels.
         times: when each line was told, seconds since 1970; 0 if unknown.
         fixes: the fix of each line; None for none.
     """

@@ -88,7 +88,6 @@ class TakeQueue:
     Args:
         queue: the file; None for the user's.
         start: starts a program that works through the queue; tests replace it.
-        now: a clock in seconds that never runs backwards.
 
     Attributes:
         view: the queue when it was last read.

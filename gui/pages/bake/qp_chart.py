@@ -7,7 +7,8 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height
 from gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, RAISED, TEXT
 from gui.drawing.plots import Axes, limits
-from gui.pages.bake.qp_trial import TRIED_QPS, QpTrial, Trial
+from gui.models.stages import Trial
+from gui.pages.bake.qp_trial import TRIED_QPS, QpTrial
 from gui.pages.stage_view import Size
 
 TITLES = ("QP", "KB per frame", "Mbit/s", "PSNR, dB")
@@ -18,7 +19,6 @@ class QpChart:
 
     Args:
         size: of the image.
-        em: font size, pixels.
         trial: its results so far.
         current: the QP that is set.
         done: what the last click did; "" if there was none.

@@ -15,6 +15,8 @@ from gui.pages.bake.qp_chart import QpChart
 from gui.pages.bake.qp_trial import QpTrial
 from gui.pages.report_table import cells_text
 from gui.pages.stage_view import Size, StageView
+from pipelines.takes.frame_numbers import FrameNumbers
+from pipelines.takes.videos import capture_place
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.stream import StreamReader
@@ -80,6 +82,7 @@ class BakeView(StageView):
     Attributes:
         trial: sizes and quality at other QPs.
         points: where the chart of the trial shows each QP, pixels.
+        numbers: of the take's frames.
     """
 
     modes = ("bytes", "try other QPs")
@@ -87,6 +90,7 @@ class BakeView(StageView):
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self.trial = QpTrial()
+        self.numbers = FrameNumbers()
         self.points: dict[int, tuple[float, float]] = {}
         self._done = ""
         self._cells: list[list[str]] = []
@@ -98,7 +102,7 @@ class BakeView(StageView):
         stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
         config = self.workspace.config
         qp = config.bake.qp if config is not None else 0
-        return (take, stamp, self.mode, self.trial.changes, qp, self._done, self.em)
+        return (take, stamp, self.mode, self.trial.changes, qp, self._done, self.numbers, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         self._cells = []  # no table of another mode or take, also if this one cannot be drawn
@@ -108,7 +112,7 @@ class BakeView(StageView):
         if self.mode == "try other QPs":
             if config is None:
                 raise StudioError("take.no_settings", "the settings of this take cannot be read", file=take.config)
-            self.trial.start(self.workspace)
+            self.trial.start(self.workspace, self.numbers)
             return self._rates(size)
         if not (take.stream / "manifest.json").is_file():
             raise StudioError("take.not_baked", "no stream yet", fix="Run Bake.")
@@ -147,11 +151,14 @@ class BakeView(StageView):
             y += step
         self._cells = cells
         y += 0.5 * step
+        start = capture_place(reader).first_frame
         for group in reader.groups:
             if y + step > size[1]:
                 break
+            first = start + group.first_frame
+            last = first + group.frame_count - 1
             words = (
-                f"group {group.index}: frames {group.first_frame} to {group.first_frame + group.frame_count - 1}, "
+                f"group {group.index}: frames {self.numbers.number(first)} to {self.numbers.number(last)}, "
                 f"{counted(group.splats, 'splat')}, "
                 f"{group.bytes / group.frame_count / 1000:.1f} KB per frame without {rest}"
             )

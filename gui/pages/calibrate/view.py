@@ -35,7 +35,7 @@ UNKNOWN: tuple[str, RGB] = ("not checked yet: Initialize does that", SECOND)
 GRADES: dict[str, RGB] = {"good": GOOD, "usable": FAIR, "wrong": BAD}
 TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
 NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
-NONE_HELD_OUT = "no camera is held out: View > Cameras"
+NONE_HELD_OUT = "no camera is held out: Capture > Cameras"
 
 NOT_KNOWN = "from file"
 """The error of a camera that was not calibrated."""

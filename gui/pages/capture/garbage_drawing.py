@@ -35,9 +35,6 @@ _State = tuple[object, Polygons | None]
 class GarbageDrawing:
     """See the module. Polygons are kept in the take; a file that the setting named before is left as it is.
 
-    Args:
-        workspace: the take.
-
     Attributes:
         corners: of the polygon that is being drawn, pixels of the footage.
         refused: emitted with the reason when a change is refused.

@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -117,7 +116,7 @@ class CaptureView(StageView):
                 open_footage,
                 context.footage.capture,
                 strict=False,
-                cache_folder=self._cache_folder(),
+                cache_folder=context.take.footage_cache,
                 device=config.run.device,
                 threads=config.run.threads,
                 most_cached=DECODED_BYTES,
@@ -133,10 +132,6 @@ class CaptureView(StageView):
 
     def forget(self) -> None:
         self._reduced = None
-
-    def _cache_folder(self) -> Path | None:
-        take = self.workspace.take
-        return take.footage_cache if take is not None else None
 
     def _thumbnails(self, canvas: Canvas, opened: _Reduced, frame: int, height: float) -> None:
         footage = opened.footage
@@ -219,11 +214,6 @@ class CaptureView(StageView):
         context = self.workspace.context
         if context is not None:
             self.footage_check.start(context)
-
-    @property
-    def checking(self) -> bool:
-        """Whether the check is running."""
-        return self.footage_check.running
 
     def close(self) -> bool:
         self.footage_check.stop()

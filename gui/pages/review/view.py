@@ -73,9 +73,6 @@ class _State:
 class EditView(OrbitView):
     """See the module.
 
-    Args:
-        workspace: the take.
-
     Attributes:
         tool: one of `TOOLS`.
         show_removed: whether removed splats are drawn, in red.

@@ -52,7 +52,6 @@ class StartPage:
 
     Args:
         queue: the queue of takes.
-        now: a clock in seconds that never runs backwards.
 
     Attributes:
         cards: by place, as far as they are known.

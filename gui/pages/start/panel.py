@@ -24,9 +24,7 @@ class StartPanel:
 
     Args:
         page: what it shows.
-        em: font size, pixels.
         act: called with the name of what was chosen, see `StartImage`.
-        changed: called when something must be drawn again.
 
     Attributes:
         shown: whether it covers the window.

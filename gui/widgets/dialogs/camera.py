@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
-from gui.models.take.cameras import CameraUses
 from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.dialogs.form import refusal
 from gui.widgets.picture import lowered
+from pipelines.takes.camera_uses import CameraUses
 from studio.comparison.metrics import MAIN
 
 ROWS, COLUMNS = 18, 2
@@ -27,7 +27,6 @@ def ask_cameras(
     """Ask for the use of every camera.
 
     Args:
-        dialogs: shows it.
         uses: the present uses.
         figures: the quality beside a camera's name; empty before any was measured.
         save: called with the new uses; returns why they are refused, "" if they are not.

@@ -30,7 +30,6 @@ class CommandDialog:
     """See the module.
 
     Args:
-        dialogs: shows it.
         run: called with the key of the chosen command, after the dialog has closed.
     """
 

@@ -28,7 +28,6 @@ def ask_path(
     """Show the dialog.
 
     Args:
-        dialogs: shows it.
         title: heading.
         start: the folder to start in, or a path in it.
         wanted, endings: as in `FolderList`.

@@ -23,7 +23,6 @@ def ask_numbers(
     """Ask for the texts of fields.
 
     Args:
-        dialogs: shows it.
         title: heading.
         text: what the numbers mean.
         fields: with their present texts.

@@ -25,7 +25,6 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
     """Show the dialog.
 
     Args:
-        dialogs: shows it.
         new: the choices so far; modified while the dialog is open.
         create: called by "Create take"; the dialog stays open.
         error: why creating it failed.
@@ -52,6 +51,8 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
     now = new.found() if new.footage or new.settings else Found("Choose the footage folder.")
     found = dialogs.label(_found(now.words, em, dialogs.room))
     rate = gui.TextEdit()
+    refused = refusal(dialogs, error)
+    refused.visible = error != ""
     fields: dict[str, gui.TextEdit] = {}
 
     def show_rate(now: Found) -> None:
@@ -65,6 +66,7 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
 
     def look_again(_text: str) -> None:
         now = new.found()
+        refused.visible = False  # it was about what was typed before
         found.text = _found(now.words, em, dialogs.room)
         show_rate(now)
         if not new.take:
@@ -90,9 +92,7 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
     form.beside(
         "fps", "Frame rate", rate, lowered(dialogs.label("fps"), room=text_width("Browse", round(em)) + 0.84 * em)
     )
-    parts: list[gui.Widget] = [form.grid, found]
-    if error:
-        parts.append(refusal(dialogs, error))
+    parts: list[gui.Widget] = [form.grid, found, refused]
     answers = [("create", "Create take", lambda: create(new)), ("close", "Cancel", dialogs.close)]
     dialogs.show("new take", "New take from footage", parts, answers, 110)
     dialogs.widgets |= form.widgets
@@ -104,7 +104,6 @@ def _found(text: str, em: float, room: float) -> str:
 
     Args:
         text: one or more lines.
-        em: font size, pixels.
         room: most width, pixels.
     """
     size, wide = round(em), min(FOUND_WIDE * em, room)

@@ -11,6 +11,7 @@ from gui.models.camera_path import PathEditor
 from gui.models.history import History
 from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
+from pipelines.takes.frame_numbers import FrameNumbers
 from studio.formats.camera_path import read_path_keys
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
@@ -64,6 +65,22 @@ def test_views_are_ordered_and_timed(tmp_path: Path) -> None:
     assert not (tmp_path / "camera_path.json").exists()
     history.undo()
     assert len(read_path_keys(tmp_path / "camera_path.json", 1.0)) == 3
+
+
+def test_views_stay_with_their_frames_of_the_footage(tmp_path: Path) -> None:
+    editor, _ = with_views(0, tmp_path / "camera_path.json")
+    editor.numbers = FrameNumbers((60, 61, 62, 63, 64))
+    for frame in (0, 4):
+        editor.add(ORBIT.camera(640, 360), frame)
+    again = PathEditor()
+    again.open(tmp_path / "camera_path.json", History())
+    again.numbers = FrameNumbers((62, 63, 64))  # capture.start is 62 now
+    assert (frames(again), again.frames) == ([60, 64], [None, 2])
+    with refuses("camera_path.frame_missing", value=60):
+        again.path(640, 360)
+    again.set_frame(0, 1)
+    assert (frames(again), again.frames) == ([63, 64], [1, 2])
+    assert [again.path(640, 360).frame(seconds) for seconds in (0.0, 2.0)] == [1, 2]
 
 
 def test_a_damaged_path_is_left_alone(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from gui.models.loop import LOOP
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
-from gui.models.take.cameras import CameraUses
 from gui.models.take.inspector import review_blocks
 from gui.models.take.new_take import NewTake
 from gui.models.take.settings import SECTIONS, fields_of
@@ -34,6 +33,7 @@ from pipelines.config import Config, dump_config, load_config
 from pipelines.config.loading import all_names
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import write_text
+from pipelines.takes.camera_uses import CameraUses
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig, write_rig
 from studio.cameras import Camera, Rig
@@ -296,7 +296,7 @@ def test_a_missing_image_is_named_and_the_others_are_shown(
     views.select("capture")
     shown(views, lambda picture: has(picture, BAD) > 20)
     views.capture.check()
-    shown(views, lambda picture: not views.capture.checking)
+    shown(views, lambda picture: not views.capture.footage_check.running)
     words = " ".join(views.capture.footage_check.problems)
     assert "cam3" in words
 
@@ -434,7 +434,7 @@ def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: P
     stage_view = views.stage_views["capture"]
     stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
     views.capture.check()
-    shown(views, lambda picture: not views.capture.checking)
+    shown(views, lambda picture: not views.capture.footage_check.running)
     assert not views.capture.footage_check.problems
     assert views.workspace.context is not None
     assert len(CameraUses.of(views.workspace.context.footage.capture).uses) == 6

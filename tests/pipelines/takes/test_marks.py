@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.marks import read_marks
+from pipelines.takes.marks import Mark, change_mark, read_marks
 from tests.support.errors import refuses
 
 
@@ -19,3 +19,9 @@ def test_a_frame_is_a_whole_number(tmp_path: Path, frame: str) -> None:
     assert len(str(caught.value)) < 500
     path.write_text('{"marks": [{"frame": 7, "note": "x"}]}')
     assert read_marks(path)[7].note == "x"
+
+
+def test_a_take_that_was_removed_is_not_made_again_by_a_mark(tmp_path: Path) -> None:
+    with refuses("take.not_found"):
+        change_mark(tmp_path / "gone" / "marks.json", 7, Mark(frame=7, note="x"), None)
+    assert not (tmp_path / "gone").exists()

@@ -62,10 +62,10 @@ def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, str
     assert (player.picture.image[5, 5] == 0).all()
     assert "frame 7 (0 to 11)" in player.status
     before = player.orbit.eye
-    player.drag_orbit(30, 0)
+    player.drag(30, 0, True, 200)
     player.wheel(1)
     assert np.linalg.norm(player.orbit.eye - before) > 0.1
-    player.reset_view()
+    player.reset()
     assert player.orbit.eye == pytest.approx(before)
 
 

@@ -68,7 +68,7 @@ def test_comparing_without_a_camera_compares_decoded_with_trained(player: Player
     assert np.abs(left[40:] - right[40:]).mean() < 4.0  # below the labels: nearly the same
     player.look_through("cam2")
     assert player.image_zoom != ImageZoom(), "zoomed to the performer"
-    player.drag_orbit(10, 0)
+    player.drag(10, 0, True, 200)
     assert player.camera == "", "orbiting leaves the camera"
 
 
@@ -76,10 +76,10 @@ def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> 
     player.look_through("cam1")
     player.wheel(5)
     assert player.image_zoom.zoom == pytest.approx(0.9**-5)
-    player.drag_pan(20, 0)
+    player.drag(20, 0, False, 200)
     assert player.image_zoom.u < 0.5
     assert player.camera == "cam1"
-    player.reset_view()
+    player.reset()
     assert player.image_zoom == ImageZoom()
 
 
@@ -153,7 +153,7 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(player: PlayerPresenter) -> 
     compared = view_of(player)
     assert (compared.camera, compared.wipe, compared.whole) == ("cam4", 0.3, False)
     player.choose_mode("single")
-    player.reset_view()
+    player.reset()
     player.wipe = 0.5
     filmed = view_of(player)
     assert (filmed.camera, filmed.wipe, filmed.whole) == ("cam4", None, True)

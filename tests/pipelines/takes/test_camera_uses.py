@@ -6,14 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.take.cameras import CameraUses
 from pipelines.config import Config, load_config
+from pipelines.takes.camera_uses import CameraUses
 from studio.capture import CaptureSettings
 from tests.support.errors import refuses
+from tests.support.tiny_capture import write_project
 
 
-def test_uses_of_cameras_become_settings(footage_project: Path) -> None:
-    root = footage_project / "capture"
+def test_uses_of_cameras_become_settings(tmp_path: Path) -> None:
+    write_project(tmp_path)
+    root = tmp_path / "capture"
     spec = CaptureSettings(root=root, held_out=("every 3",), offsets={"cam1": 2, "cam2": 0})
     uses = CameraUses.of(spec)
     assert uses.uses == {
@@ -29,7 +31,7 @@ def test_uses_of_cameras_become_settings(footage_project: Path) -> None:
     config = load_config(None, [("capture.root", str(root)), *changed.items()])
     assert CameraUses.of(config.capture) == uses.with_use("cam1", "not used")
     assert uses.settings(spec)["capture.cameras"] == [], "all of them"
-    with refuses("gui.no_training_camera"):
+    with refuses("settings.no_training_camera"):
         CameraUses(dict.fromkeys(uses.uses, "held out")).settings(spec)
     with pytest.raises(ValueError, match="one of training"):
         uses.with_use("cam1", "spare")
