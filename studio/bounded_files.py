@@ -55,12 +55,13 @@ class TextError(ValueError):
         self.line, self.column = line, column
 
 
-def parse_json(text: str | bytes, bounds: Bounds = BOUNDS) -> Any:
+def parse_json(text: str | bytes, bounds: Bounds = BOUNDS, *, unique: bool = False) -> Any:
     """The value of a JSON text (RFC 8259; NaN and Infinity are accepted, as Python's json module does).
 
     Args:
         text: bytes are UTF-8, -16 or -32.
         bounds: what it may hold.
+        unique: an object may not have a key twice; otherwise the last value is returned.
 
     Raises:
         TextError: not JSON, or out of bounds.
@@ -72,7 +73,11 @@ def parse_json(text: str | bytes, bounds: Bounds = BOUNDS) -> Any:
 
     try:
         # a call for each integer would take longer than all the rest
-        value = json.loads(text, parse_int=integer if _may_have_long_integers(text, bounds) else None)
+        value = json.loads(
+            text,
+            parse_int=integer if _may_have_long_integers(text, bounds) else None,
+            object_pairs_hook=_unique_keys if unique else None,
+        )
     except json.JSONDecodeError as error:
         raise TextError(error.msg, error.lineno, error.colno) from None
     except UnicodeDecodeError as error:
@@ -81,6 +86,14 @@ def parse_json(text: str | bytes, bounds: Bounds = BOUNDS) -> Any:
         raise _too_deep(bounds) from None
     _check_levels(value, bounds)
     return value
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise TextError(f"the key '{next(key for key in found if keys.count(key) > 1)}' appears twice")
+    return found
 
 
 def parse_toml(text: str, bounds: Bounds = BOUNDS) -> JsonObject:

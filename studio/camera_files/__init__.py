@@ -9,10 +9,11 @@ from studio.camera_files import annots_npy, dynamic_gaussians, easymocap, mvsnet
 from studio.camera_files.actorshq import COLUMNS as ACTORSHQ_COLUMNS
 from studio.camera_files.actorshq import read_actorshq, write_actorshq
 from studio.camera_files.colmap_model import numbered_models, read_colmap, write_colmap
-from studio.camera_files.common import read_json_value, read_text
+from studio.camera_files.common import naming, read_json_value, read_text
 from studio.camera_files.json_rigs import rig_from_json
 from studio.camera_files.metashape import rig_from_metashape
 from studio.camera_files.opencv_storage import read_opencv_cameras, read_storage, rig_from_mc_calib
+from studio.camera_files.plausible import checked
 from studio.camera_files.qualisys import rig_from_qualisys
 from studio.camera_files.realityscan import read_realityscan
 from studio.camera_files.rig_json import check_format, write_rig_json
@@ -71,7 +72,11 @@ def read_rig(path: Path | str) -> Rig:
         StudioError: the file is missing, of an unknown format, truncated or otherwise unusable (camera_file.*), or one
             of its cameras is invalid (camera.*). The error contains the file.
     """
-    path = Path(path)
+    with naming(Path(path)):
+        return checked(_read(Path(path)))
+
+
+def _read(path: Path) -> Rig:
     if "{camera}" in str(path):
         fixed = next(parent for parent in path.parents if "{camera}" not in str(parent))
         return read_opencv_cameras(fixed, path.relative_to(fixed).as_posix())
@@ -81,6 +86,8 @@ def read_rig(path: Path | str) -> Rig:
         raise StudioError("camera_file.missing", "camera file not found", file=path, fix="Check the path.")
     if path.name in _COLMAP_FILES:
         return read_colmap(path.parent)
+    if path.suffix.lower() == ".json":
+        return _read_json(path)
     if path.name in (easymocap.INTRINSICS, easymocap.EXTRINSICS):
         return easymocap.read_easymocap(path.parent)
     if path.name in (rerf.POSES, rerf.INTRINSICS):

@@ -47,9 +47,9 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError:
         raise StudioError(
             "camera_file.not_text",
-            "not a text file",
+            "not text in UTF-8",
             file=path,
-            fix="Specify a camera file in a supported format.",
+            fix="Save it as UTF-8, if it is a camera file.",
         ) from None
     if not text.strip():
         raise StudioError("camera_file.empty", "the file is empty", file=path, fix="Export the cameras again.")
@@ -75,14 +75,14 @@ def read_json_value(path: Path) -> Any:
         StudioError: the file is not valid JSON (camera_file.syntax, with line and column).
     """
     try:
-        return parse_json(read_text(path))
+        return parse_json(read_text(path), unique=True)
     except TextError as error:
         where = f" at line {error.line}, column {error.column}" if error.line else ""
         raise StudioError(
             "camera_file.syntax",
             f"invalid JSON{where} ({error})",
             file=path,
-            fix="The file may be truncated: export the cameras again.",
+            fix="Correct it, or export the cameras again.",
             line=error.line,
             column=error.column,
         ) from None
@@ -209,6 +209,23 @@ def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: st
         raise wrong_shape(key, camera, result.shape, tuple((n, columns) for n in rows))
     check_finite(result, key, camera)
     return result
+
+
+def check_pose(pose: np.ndarray, key: str, camera: str) -> None:
+    """Check the last row of a pose (3, 4) or (4, 4), which is not that of a transposed matrix.
+
+    Raises:
+        StudioError: camera.not_rigid.
+    """
+    if len(pose) == 4 and np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
+        raise StudioError(
+            "camera.not_rigid",
+            f"Camera '{camera}': the last row of '{key}' is {pose[3].tolist()}, expected 0 0 0 1",
+            value=pose[3].tolist(),
+            fix="Transpose the matrix if its last column is 0 0 0 1, or export the cameras again.",
+            camera=camera,
+            key=key,
+        )
 
 
 def wrong_shape(key: str, camera: str, found: tuple[int, ...], expected: tuple[tuple[int, ...], ...]) -> StudioError:

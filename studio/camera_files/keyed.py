@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import fisheye, naming, no_cameras, rigid_inverse, wrong_shape
+from studio.camera_files.common import check_pose, fisheye, naming, no_cameras, rigid_inverse, wrong_shape
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig, duplicate_name
 from studio.counts import cameras_listed, listed
@@ -384,6 +384,8 @@ def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
         given_rotations = _arrays(name, given, "rotation", ((3, 3), (3,), (3, 1), (1, 3)))
         # vectors first, as in EasyMocap: they have more digits than the matrices
         for key, value in sorted(given_rotations, key=lambda pair: pair[1].size):
+            if value.size == 3:
+                _check_angle(name, key, value)
             rotations.append((key, value if value.size == 9 else cv2.Rodrigues(value.reshape(3))[0]))
         translations = _arrays(name, given, "translation", ((3,), (3, 1), (1, 3)))
         pose = np.eye(4)
@@ -392,6 +394,7 @@ def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
         poses.append((rotations[0][0], pose))
     for canonical in ("world_to_camera", "camera_to_world"):
         for key, value in _arrays(name, given, canonical, ((4, 4), (3, 4))):
+            check_pose(value, key, name)
             pose = np.eye(4)
             pose[:3] = value[:3]
             poses.append((key, pose if canonical == "world_to_camera" else rigid_inverse(pose)))
@@ -400,6 +403,20 @@ def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
     result = agreeing(name, poses).copy()
     result[:3, 3] *= unit
     return result
+
+
+def _check_angle(name: str, key: str, vector: np.ndarray) -> None:
+    """Check that a rotation vector is in radians. Raises StudioError (camera.rotation)."""
+    angle = float(np.linalg.norm(vector))
+    if angle > 2 * np.pi:
+        raise StudioError(
+            "camera.rotation",
+            f"Camera '{name}': '{key}' would turn the camera by {angle:.4g} radians",
+            value=vector.ravel().tolist(),
+            fix="Write it as OpenCV's rotation vector, in radians, or as a 3x3 matrix.",
+            camera=name,
+            key=key,
+        )
 
 
 def _half(name: str, given: _Given, has: str, lacks: str) -> StudioError:

@@ -4,10 +4,10 @@ Follows the manual's appendix "Camera models" and exported files. A camera's `tr
 with OpenCV axes; the `transform` of the component (in older files, of the chunk) contains rotation, translation and
 scale from chunk to world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f; the center of the upper left
 pixel is (0.5, 0.5), as in `studio.cameras`. x' and y' follow Brown's model, with p1 and p2 swapped relative to OpenCV.
-Cameras without a transform are either slaves of a master, or were not aligned and are left out. A slave's sensor has
-`rotation` (slave to master) and `location` (in the master's axes; taken to be in the units of the chunk, as
-Metashape's API says nothing else and chunks may have no scale). OpenCV has no k4 r^8
-term: if a camera uses it, OpenCV's rational model is fitted.
+Cameras without a transform are either slaves of a master, or were not aligned and are left out, as disabled ones are.
+A slave's sensor has `rotation` (slave to master) and `location` (in the master's axes; taken to be in the units of the
+chunk, as Metashape's API says nothing else and chunks may have no scale). OpenCV has no k4 r^8 term: if a camera uses
+it, OpenCV's rational model is fitted.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, naming, rigid_inverse, wrong_shape
+from studio.camera_files.common import camera_names, check_pose, naming, rigid_inverse, wrong_shape
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
@@ -52,10 +52,11 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
         worlds = {part.get("id"): part.find("transform") for part in chunk.iter("component")}
         by_id = {camera.get("id"): camera for camera in chunk.iter("camera")}
         poses = {key: _in_chunk(camera, by_id, sensors) for key, camera in by_id.items()}
-        if not any(pose is not None for pose in poses.values()):
+        used = {key for key, pose in poses.items() if pose is not None and _is_enabled(by_id[key])}
+        if not used:
             raise StudioError(
                 "camera_file.no_cameras",
-                "no aligned cameras, that is, no <camera> with a <transform>",
+                "no aligned and enabled cameras, that is, no <camera> with a <transform>",
                 fix="Align the photos in Metashape, then export again.",
             )
         labels = []
@@ -70,7 +71,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
         left_out: list[str] = []
         for name, (key, entry) in zip(names, by_id.items(), strict=True):
             pose = poses[key]
-            if pose is None:
+            if pose is None or key not in used:
                 left_out.append(name)
                 continue
             sensor = sensors.get(entry.get("sensor_id"))
@@ -88,7 +89,11 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
         placed = [name for name in slaves if name not in left_out]
         apart = any(_has_text(sensor, "location") for sensor in sensors.values())
         scales = [_world(part, "")[2] for part in (*worlds.values(), own)] if apart else []
-        return Rig(tuple(cameras), _offset_notes(placed, scales), tuple(left_out))
+        chunks = [part.get("label") or "?" for part in root.iter("chunk")]
+        notes = _offset_notes(placed, scales)
+        if len(chunks) > 1:
+            notes = (*notes, f"The file has {len(chunks)} chunks; the first is used, '{chunks[0]}'.")
+        return Rig(tuple(cameras), notes, tuple(left_out))
 
 
 def _offset_notes(placed: list[str], scales: list[float]) -> tuple[str, ...]:
@@ -117,15 +122,7 @@ def _in_chunk(
     name = entry.get("label") or "?"
     if entry.find("transform") is not None:
         pose = _numbers(entry, "transform", 16, name).reshape(4, 4)
-        if np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
-            raise StudioError(
-                "camera.not_rigid",
-                f"Camera '{name}': the last row of <transform> is {pose[3].tolist()}, expected 0 0 0 1",
-                value=pose[3].tolist(),
-                fix="Export the cameras again.",
-                camera=name,
-                key="transform",
-            )
+        check_pose(pose, "transform", name)
         return pose
     master, sensor = by_id.get(entry.get("master_id")), sensors.get(entry.get("sensor_id"))
     if master is None or master is entry or master.find("transform") is None or sensor is None:
@@ -146,6 +143,10 @@ def _offset(sensor: Element, name: str) -> np.ndarray:
     if _has_text(sensor, "location"):
         offset[:3, 3] = _numbers(sensor, "location", 3, name)
     return offset
+
+
+def _is_enabled(entry: Element) -> bool:
+    return entry.get("enabled", "true") not in ("false", "0")
 
 
 def _has_text(element: Element, tag: str) -> bool:

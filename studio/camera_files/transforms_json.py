@@ -22,6 +22,7 @@ import numpy as np
 
 from studio.camera_files.common import (
     camera_names,
+    check_pose,
     fisheye,
     matrix,
     naming,
@@ -242,6 +243,7 @@ def _camera(name: str, path: Path, file_path: str, values: JsonObject, found: Fo
     if "transform_matrix" not in values:
         raise missing_key("transform_matrix", name)
     pose = matrix(values["transform_matrix"], (3, 4), 4, "transform_matrix", name)
+    check_pose(pose, "transform_matrix", name)
     if not values.get("from_na"):
         pose = pose @ _FLIP
     width, height = _size(values, path, file_path, name)

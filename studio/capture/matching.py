@@ -46,7 +46,9 @@ def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig
     cameras = tuple(match_rig(rig, names).values())
     notes = list(rig.notes)
     if rig.left_out:
-        notes.append(f"Not used, since the camera file has no pose for them: {cameras_listed(rig.left_out)}.")
+        notes.append(
+            f"Not used, since the camera file has no pose for them or disables them: {cameras_listed(rig.left_out)}."
+        )
     if absent:
         notes.append(f"Not used, since they are not among the calibrated cameras: {cameras_listed(absent)}.")
     if unused and not spec.cameras:

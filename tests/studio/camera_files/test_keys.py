@@ -259,6 +259,45 @@ def test_entries_of_transforms_replace_what_is_beside_them(tmp_path: Path) -> No
     assert not any("'fl_y'" in note for note in rig.notes)
 
 
+@pytest.mark.parametrize(
+    ("form", "change", "code"),
+    [
+        ("toml", {"rotation": [0.0, 45.0, 120.0]}, "camera.rotation"),  # degrees
+        ("cameras.json", {"K": [[1.1, 0, 0.5], [0, 1.5, 0.5], [0, 0, 1]]}, "camera.focal_length_unit"),
+        ("transforms", {"fl_x": 35.0, "fl_y": 35.0}, "camera.focal_length_unit"),  # millimeters
+        ("cameras.json", {"w2c": POSES[0].T.tolist()}, "camera.not_rigid"),
+    ],
+)
+def test_other_units_and_transposed_matrices(tmp_path: Path, form: str, change: JsonObject, code: str) -> None:
+    path = FORMS[form][0](tmp_path, lambda values: {**values, **change})
+    with refuses(code, file=path, camera="cam0"):
+        read_rig(path)
+
+
+def test_transposed_matrices_of_transforms(tmp_path: Path) -> None:
+    def change(values: JsonObject) -> JsonObject:
+        frames = [
+            {**frame, "transform_matrix": np.transpose(frame["transform_matrix"]).tolist()}
+            for frame in values["frames"]
+        ]
+        return {**values, "frames": frames}
+
+    with refuses("camera.not_rigid", camera="cam0", key="transform_matrix"):
+        read_rig(transforms(tmp_path, change))
+
+
+def test_a_principal_point_outside_of_the_image(tmp_path: Path) -> None:
+    rig = read_rig(transforms(tmp_path, lambda values: {**values, "cx": 1920.0, "cy": 1080.0}))
+    assert any("principal point is outside" in note for note in rig.notes)
+
+
+def test_a_key_twice_in_an_object(tmp_path: Path) -> None:
+    path = cameras_json(tmp_path, lambda values: values)
+    path.write_text(path.read_text().replace('"width": 640', '"width": 320, "width": 640', 1))
+    with refuses("camera_file.syntax", file=path):
+        read_rig(path)
+
+
 @pytest.mark.parametrize("empty", ["missing", "[]", '"null"'])
 def test_a_camera_without_pose_is_left_out(tmp_path: Path, empty: str) -> None:
     def change(values: JsonObject) -> JsonObject:

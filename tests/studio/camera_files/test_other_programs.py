@@ -570,6 +570,21 @@ def test_metashape_slaves_are_placed_from_their_master(tmp_path: Path) -> None:
     np.testing.assert_allclose(left.rotation.T @ turn, right.rotation.T, atol=1e-6)
 
 
+def test_metashape_with_a_disabled_camera_and_two_chunks(tmp_path: Path) -> None:
+    text = METASHAPE.format(k4="")
+    first = re.search(r"<camera id=[^>]*label=[^>]*>", text)
+    assert first is not None
+    whole = re.search(r"<chunk.*</chunk>", text, re.DOTALL)
+    assert whole is not None
+    path = tmp_path / "cameras.xml"
+    path.write_text(text.replace(whole[0], 2 * whole[0]))
+    rig = read_rig(path)
+    assert any("2 chunks" in note for note in rig.notes)
+    path.write_text(text.replace(first[0], first[0].replace(">", ' enabled="false">')))
+    with refuses("camera_file.no_cameras", file=path):
+        read_rig(path)
+
+
 def test_metashape_terms_that_are_not_known(tmp_path: Path) -> None:
     path = tmp_path / "cameras.xml"
     path.write_text(METASHAPE.format(k4="<k5>0.1</k5>"))

@@ -1,0 +1,42 @@
+"""What is unlikely of the cameras of a file, whatever its format."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from studio.cameras import Camera, Rig
+from studio.counts import cameras_listed
+from studio.errors import StudioError
+
+_LEAST_FOCAL = 0.1  # of the longer side of the image: a field of view of 157 degrees
+
+
+def checked(rig: Rig) -> Rig:
+    """The rig, with notes on what is unlikely.
+
+    Raises:
+        StudioError: a focal length is so short that it must be in another unit than pixels (camera.focal_length_unit).
+    """
+    for camera in rig:
+        focal, longer = min(camera.fx, camera.fy), max(camera.width, camera.height)
+        if focal < _LEAST_FOCAL * longer:
+            raise StudioError(
+                "camera.focal_length_unit",
+                f"Camera '{camera.name}': a focal length of {focal:.4g} pixels is too short for images of "
+                f"{camera.width}x{camera.height}",
+                value=focal,
+                fix="Give focal lengths and principal points in pixels, not in millimeters or relative to the size.",
+                camera=camera.name,
+            )
+    outside = [camera.name for camera in rig if not _is_inside(camera)]
+    if not outside:
+        return rig
+    note = (
+        "The principal point is outside of the image, as if the images had another size when they were calibrated: "
+        f"{cameras_listed(outside)}."
+    )
+    return replace(rig, notes=(*rig.notes, note))
+
+
+def _is_inside(camera: Camera) -> bool:
+    return 0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height
