@@ -16,7 +16,7 @@ from pipelines.commands.common.output import add_overwrite, replacing
 from pipelines.commands.common.working import json_output, say_note, working
 from studio.counts import counted
 from studio.errors import StudioError
-from studio.formats import EXPORTS
+from studio.formats import EXPORTS, USD_SUFFIXES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +38,7 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     export = commands.add_parser(
         "export",
-        help="export frames as PLY, SPZ, GLB or VideoGS, or as a movie",
+        help="export frames as PLY, SPZ, GLB, USD or VideoGS, or as a movie",
         description="Export frames of a take or a stream in other programs' formats, or as a movie.",
         epilog=_NOTE,
     )
@@ -54,8 +54,8 @@ def register(commands: Any) -> None:
     )
     export.add_argument(
         "--axes", choices=("world", "viewer"),
-        help="ply, spz, glb: axes of the capture, or upright by the convention of the format (default: world for ply, "
-        "viewer for spz and glb)",
+        help="ply, spz, glb, usd: axes of the capture, or upright by the convention of the format (default: world for "
+        "ply, viewer for the others)",
     )  # fmt: skip
     export.add_argument(
         "--sh-degree",
@@ -109,7 +109,7 @@ def _export(arguments: argparse.Namespace) -> int:
         else:
             _need_stream(arguments.source)
             video = decoded_video(stack.enter_context(open_reader(arguments.source)))
-        if EXPORTS[arguments.format].holds == "movie":
+        if EXPORTS[arguments.format].holds == "movie" or arguments.format == "usd":
             video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         stack.enter_context(replacing(arguments.out, arguments.overwrite, partial(_is_export, arguments.format)))
@@ -119,7 +119,9 @@ def _export(arguments: argparse.Namespace) -> int:
             written = _movie(video, arguments, size, progress)
         else:
             seen: set[float] = set()
-            written = _frames(_noting_dilations(video, seen), arguments, progress)
+            noting = _noting_dilations(video, seen)
+            write = _usd if arguments.format == "usd" else _frames
+            written = write(noting, arguments, progress)
             notes = [_dilation_note(seen), _place_note(video, arguments)]
     if not arguments.json:
         print(f"{arguments.out}: {written}")
@@ -136,7 +138,8 @@ def _is_export(name: str, out: Path) -> bool:
 
         return is_videogs(out)
     files = [out] if out.is_file() else [path for path in out.rglob("*") if not path.is_dir()]
-    return all(path.suffix.lower() == EXPORTS[name].suffix for path in files)
+    suffixes = USD_SUFFIXES if name == "usd" else (EXPORTS[name].suffix,)
+    return all(path.suffix.lower() in suffixes for path in files)
 
 
 def _place_note(video: SplatVideo, arguments: argparse.Namespace) -> str:
@@ -293,7 +296,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
         export_videogs(video, out, qp=arguments.qp, progress=progress)
         return f"{counted(video.frame_count, 'frame')}, {counted(len(video.groups), 'group')}"
     chosen = EXPORTS[arguments.format]
-    rotation = axes_of(video, chosen.suffix, _for_viewers(arguments))
+    rotation = axes_of(video, chosen.up, _for_viewers(arguments))
     options = {} if arguments.spz_version is None else {"version": arguments.spz_version}
     if out.suffix.lower() != chosen.suffix:
         export_sequence(video, out, chosen.suffix, rotation, progress, **options)
@@ -308,6 +311,24 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
             file=out,
         )
     return counted(video.frame_count, "frame")
+
+
+def _usd(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
+    from pipelines.takes.videos import footage_cameras
+    from studio.formats.sequence import axes_of
+    from studio.formats.usd import export_usd
+
+    out: Path = arguments.out
+    rotation = axes_of(video, EXPORTS["usd"].up, _for_viewers(arguments))
+    cameras = footage_cameras(arguments.source, decoded=arguments.of != "trained")
+    with ExitStack() as stack:
+        if video.sound is not None and out.suffix.lower() != ".usdz":
+            stack.enter_context(replacing(out.with_suffix(".wav"), arguments.overwrite, Path.is_file))
+        export_usd(video, out, rotation, cameras, progress)
+    parts = [counted(video.frame_count, "frame"), counted(len(video.groups), "group")]
+    parts += [counted(len(cameras), "camera")] if cameras else []
+    parts += ["sound"] if video.sound is not None else []
+    return ", ".join(parts)
 
 
 def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:

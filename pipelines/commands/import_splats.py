@@ -16,17 +16,17 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     parser = commands.add_parser(
         "import",
-        help="bake splat files from other programs into a stream: PLY, SPZ, SOG, .splat, .ksplat, VideoGS",
-        description="Bake a folder of numbered splat files of one format, one such file, or a folder in the VideoGS "
-        "layout into a stream. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json "
-        "with its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the "
-        "previous frame.",
+        help="bake splat files from other programs into a stream: PLY, SPZ, SOG, .splat, .ksplat, USD, VideoGS",
+        description="Bake a folder of numbered splat files of one format, one such file, a USD file, or a folder in "
+        "the VideoGS layout into a stream. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or "
+        "meta.json with its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those "
+        "of the previous frame.",
         epilog="--set bake.quality=22 or --bake.quality 22 overrides a setting; `v3studio config` lists all settings.",
     )
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream")
     add_overwrite(parser)
-    parser.add_argument("--fps", type=float, default=30.0, help="frames per second (default: 30)")
+    parser.add_argument("--fps", type=float, help="frames per second (default: that of a USD file; 30 for others)")
     parser.add_argument(
         "--group-size", type=int, metavar="N", help="maximum frames per group (default: train.group_size)"
     )
@@ -41,7 +41,7 @@ def register(commands: Any) -> None:
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    if not 0 < arguments.fps <= 1000:
+    if arguments.fps is not None and not 0 < arguments.fps <= 1000:
         raise invalid_option(
             "--fps",
             f"--fps {arguments.fps:g} is not between 0 and 1000 frames per second",

@@ -12,6 +12,7 @@ from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
+    from studio.cameras import Camera
     from studio.similarity import Similarity
     from studio.splat_video import SplatVideo
     from studio.stream import CapturePlace, StreamReader
@@ -112,6 +113,30 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
         background=metadata.background or (0.0, 0.0, 0.0),
         original=metadata.original,
     )
+
+
+def footage_cameras(source: str, *, decoded: bool) -> tuple[Camera, ...]:
+    """The cameras of a take's footage, refined ones if training used them, in the world of its splats.
+
+    Args:
+        source: folder of a take; other sources have none.
+        decoded: whether the splats are those of its stream, which may have been baked before the last edits.
+    """
+    from pipelines.takes.edits import read_edits
+    from studio.camera_files import read_rig
+    from studio.own_frame import in_own_frame
+
+    if not is_take(source):
+        return ()
+    take = Take.open(Path(source).expanduser())
+    file = take.refined_rig if take.refined_rig.is_file() else take.rig
+    if not file.is_file():
+        return ()
+    world = read_edits(take.edits).similarity
+    if decoded:
+        with open_reader(source) as reader:
+            world = capture_place(reader).world
+    return tuple(world.camera(camera.undistorted()) for camera in in_own_frame(read_rig(file)))
 
 
 def open_reader(text: str) -> StreamReader:

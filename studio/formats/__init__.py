@@ -30,6 +30,9 @@ _Y_UP: Up = (0.0, 1.0, 0.0)
 DEFAULT_FPS = 30.0
 """Default frame rate of imports, because splat files do not store one."""
 
+USD_SUFFIXES = (".usdc", ".usdz", ".usda", ".usd")
+"""Extensions of USD files: the first three are written, all are read."""
+
 META = "meta.json"
 """Names a SOG that lies unpacked in a folder."""
 
@@ -40,7 +43,8 @@ class Format:
 
     Attributes:
         name: of the module in `studio.formats`, and of `v3studio export --format`.
-        holds: "frame": one file per frame; "sequence": a folder; "stream": one file; "movie": rendered, one file.
+        holds: "frame": one file per frame; "sequence": a folder or a file with all frames; "stream": one file; "movie":
+            rendered, one file.
         suffix: of its files; "" for a folder.
         title: for lists in the window.
         written: what `v3studio export` writes, for its help; "" if the format is only read.
@@ -87,6 +91,11 @@ FORMATS = (
         "videogs", "sequence", "", "VideoGS layout",
         "a folder in the VideoGS layout, for the players of the paper's released code",
         readable=True,
+    ),
+    Format(
+        "usd", "sequence", ".usdc", "USD, one file",
+        "one .usdc or .usdz file with time samples, cameras and sound, for film tools",
+        readable=True, up=_Y_UP, keeps_axes=False,
     ),
     Format(
         "v3", "stream", ".v3s", "Stream in one file",

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
-from studio.formats import DEFAULT_FPS, FRAME_FILES, dropped, read_rows, read_splats, splats_size, up_of, write_splats
-from studio.formats.checks import check_some_usable, usable
+from studio.formats import (
+    DEFAULT_FPS,
+    USD_SUFFIXES,
+    Up,
+    dropped,
+    ignore,
+    read_rows,
+    splats_size,
+    up_of,
+    write_splats,
+)
+from studio.formats.checks import Note, check_some_usable, usable
 from studio.formats.frame_files import CHECKPOINT, check_one_format, find_frames, formats_in
 from studio.formats.outliers import Bulk, Spread
 from studio.formats.placing import new_file, new_folder
@@ -44,44 +57,82 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
     Raises:
         StudioError: there are no files, a file is damaged, or the names do not say the order.
     """
-    frames = find_frames(place)
-    paths = [path for _, path in frames]
-    sizes = [splats_size(path) for path in paths]
-    degree = max(degree for _, degree in sizes)
+    found = find_frames(place)
+    paths = [path for _, path in found]
+    notes = [
+        f"of each model, the last iteration is read: {paths[0].parent.name}" if paths[0].name == CHECKPOINT else None,
+        _gaps([number for number, _ in found]),
+    ]
+    frames = [Frame(path, splats_size(path), partial(read_rows, path)) for path in paths]
+    return _opened(place, fps, frames, up_of(paths[0]), notes, progress)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of an import.
+
+    Attributes:
+        file: that has it, for messages.
+        size: number of splats, and SH degree.
+        read: returns all its rows, as `read_rows`; its argument takes notes.
+    """
+
+    file: Path
+    size: tuple[int, int]
+    read: Callable[[Note], Gaussians]
+
+
+def _opened(
+    place: Path, fps: float, frames: list[Frame], up: Up, more_notes: Sequence[str | None], progress: ProgressFn
+) -> SplatVideo:
+    degrees = {frame.size[1] for frame in frames}
+    degree = max(degrees)
     notes: dict[str, None] = {}  # in order, each once
-    first = Spread.of(read_splats(paths[0]))
-    frame = splats_frame(first.middle, first.radius)
-    starts, kept, spreads = _scanned(paths, [count for count, _ in sizes], frame, notes, progress)
+    first = frames[0].read(ignore).to(torch.float32)
+    check_some_usable(frames[0].file, usable(first))
+    spread = Spread.of(first[usable(first)])
+    world = splats_frame(spread.middle, spread.radius)
+    starts, kept, spreads = _scanned(frames, world, notes, progress)
     bulk = Bulk.of(spreads)
 
     def read(index: int) -> Gaussians:
-        return bulk.pulled_in(moved(read_rows(paths[index]), frame)[kept[index]]).with_sh_degree(degree)
+        return bulk.pulled_in(moved(frames[index].read(ignore), world)[kept[index]]).with_sh_degree(degree)
 
     missing = [int((~rows).sum()) for rows in kept]
-    several = len({found for _, found in sizes}) > 1
     for note in (
         dropped(max(missing)) if any(missing) else None,
-        frame_sentence(frame, "stream", "splats"),
-        f"of each model, the last iteration is read: {paths[0].parent.name}" if paths[0].name == CHECKPOINT else None,
+        frame_sentence(world, "stream", "splats"),
         bulk.note,
-        _gaps([number for number, _ in frames]),
-        f"SH degrees from {min(found for _, found in sizes)} to {degree}: all frames get {degree}" if several else None,
+        *more_notes,
+        f"SH degrees from {min(degrees)} to {degree}: all frames get {degree}" if len(degrees) > 1 else None,
     ):
         if note is not None:
             notes[note] = None
     return SplatVideo(
-        str(place), fps, len(paths), starts, read, up=np.array(up_of(paths[0])), notes=tuple(notes),
-        original=frame.inverse,
-    )  # fmt: skip
+        str(place), fps, len(frames), starts, read, up=np.array(up), notes=tuple(notes), original=world.inverse
+    )
 
 
-def _gaps(numbers: list[int]) -> str | None:
+def _open_usd(place: Path, fps: float | None, progress: ProgressFn) -> SplatVideo:
+    from studio.formats.usd import UsdFrames
+
+    file = UsdFrames(place)
+    frames = []
+    for time in file.times:
+        splats = file.read(time)
+        frames.append(Frame(place, (len(splats), splats.sh_degree), partial(file.read, time)))
+    return _opened(place, fps or file.fps, frames, file.up, [_gaps(file.times)], progress)
+
+
+def _gaps(numbers: Sequence[float]) -> str | None:
     """A note on frames that are missing, from their ascending numbers."""
     steps = np.diff(numbers)
     if len(steps) == 0 or steps.min() == steps.max():
         return None
     first = int(np.argmax(steps > steps.min()))
-    return f"frames are missing, first between {numbers[first]} and {numbers[first + 1]}: played without a pause there"
+    return (
+        f"frames are missing, first between {numbers[first]:g} and {numbers[first + 1]:g}: played without a pause there"
+    )
 
 
 def _coarse(splats: Gaussians) -> str | None:
@@ -93,7 +144,7 @@ def _coarse(splats: Gaussians) -> str | None:
 
 
 def _scanned(
-    paths: list[Path], counts: list[int], frame: Similarity, notes: dict[str, None], progress: ProgressFn
+    frames: list[Frame], world: Similarity, notes: dict[str, None], progress: ProgressFn
 ) -> tuple[tuple[int, ...], list[np.ndarray], list[Spread]]:
     """First frames of the groups, which rows of each frame to keep, and where its splats are.
 
@@ -103,22 +154,22 @@ def _scanned(
     spreads: list[Spread] = []
 
     def rows() -> Iterable[np.ndarray]:
-        for path in paths:
-            stored = read_rows(path, lambda note: notes.setdefault(note))
-            splats = moved(stored, frame)
+        for frame in frames:
+            stored = frame.read(lambda note: notes.setdefault(note))
+            splats = moved(stored, world)
             usable_rows.append(usable(splats))
-            check_some_usable(path, usable_rows[-1])
+            check_some_usable(frame.file, usable_rows[-1])
             spreads.append(Spread.of(splats[usable_rows[-1]]))
             coarse = _coarse(stored[usable_rows[-1]])
             if coarse is not None:
                 notes.setdefault(coarse)
             yield splats.means.numpy()
 
-    starts = find_groups(counts, rows(), progress)
+    starts = find_groups([frame.size[0] for frame in frames], rows(), progress)
     kept: list[np.ndarray] = []
-    for start, end in zip(starts, (*starts[1:], len(paths)), strict=True):
+    for start, end in zip(starts, (*starts[1:], len(frames)), strict=True):
         both = np.logical_and.reduce(usable_rows[start:end])
-        check_some_usable(paths[start], both)
+        check_some_usable(frames[start].file, both)
         kept += [both] * (end - start)
     return starts, kept, spreads
 
@@ -155,12 +206,13 @@ def _same_splats(before: np.ndarray, after: np.ndarray, generator: np.random.Gen
     return bool(moved <= _SAME_ORDER * apart)
 
 
-def open_import(place: Path | str, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
-    """Open the VideoGS layout, a folder of splat files of one format (see `studio.formats`), or a single such file.
+def open_import(place: Path | str, fps: float | None = None, progress: ProgressFn = no_progress) -> SplatVideo:
+    """Open the VideoGS layout, a USD file, a folder of splat files of one format (see `studio.formats`), or a single
+    such file.
 
     Args:
         place: folder or file.
-        fps: frame rate of playback, which none of these formats stores.
+        fps: frame rate of playback. None: that of a USD file; `DEFAULT_FPS` for the others, which store none.
         progress: called with scanned and total files.
 
     Raises:
@@ -169,16 +221,18 @@ def open_import(place: Path | str, fps: float = DEFAULT_FPS, progress: ProgressF
     place = Path(place)
     if is_videogs(place):
         check_one_format(place, {"VideoGS": [place / "group_info.json"], **formats_in(place)})
-        return open_videogs(place, fps)
-    return open_sequence(place, fps, progress)
+        return open_videogs(place, fps or DEFAULT_FPS)
+    if place.suffix.lower() in USD_SUFFIXES and not place.is_dir():
+        return _open_usd(place, fps, progress)
+    return open_sequence(place, fps or DEFAULT_FPS, progress)
 
 
-def axes_of(video: SplatVideo, suffix: str, upright_for_viewers: bool) -> np.ndarray | None:
+def axes_of(video: SplatVideo, format_up: Up, upright_for_viewers: bool) -> np.ndarray | None:
     """The (3, 3) rotation to apply for a file format, or None to keep the world axes.
 
     Args:
         video: provides the up and front directions.
-        suffix: a key of `FRAME_FILES`.
+        format_up: `Format.up`.
         upright_for_viewers: rotate to the up convention of the format, with the side that faces the video's view to the
             front.
     """
@@ -186,7 +240,7 @@ def axes_of(video: SplatVideo, suffix: str, upright_for_viewers: bool) -> np.nda
         return None
     rotation = upright(video)
     # 3DGS files have y down and z pointing away from the viewer: 180 degrees about x
-    return np.diag([1.0, -1.0, -1.0]) @ rotation if FRAME_FILES[suffix].up[1] < 0 else rotation
+    return np.diag([1.0, -1.0, -1.0]) @ rotation if format_up[1] < 0 else rotation
 
 
 def export_sequence(

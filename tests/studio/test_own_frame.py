@@ -153,7 +153,7 @@ def test_float32_positions_far_away_have_lost_digits(tmp_path):
 
 def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path, original):
     take = video(original)
-    rotation = axes_of(take, ".spz", True)
+    rotation = axes_of(take, (0, 1, 0), True)
     export_sequence(take, tmp_path / "spz", ".spz", rotation)
     found = read_splats(tmp_path / "spz" / "frame_0000.spz").means.numpy()
     meant = original.scale * take.read(0).means.numpy() @ rotation.T

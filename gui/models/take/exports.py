@@ -27,7 +27,7 @@ from studio.json_types import JsonData
 if TYPE_CHECKING:
     from studio.stream import CapturePlace
 
-FORMATS = {one.name: (one.title, one.suffix if one.holds in ("movie", "stream") else "") for one in EXPORTS.values()}
+FORMATS = {one.name: (one.title, "" if one.holds == "frame" else one.suffix) for one in EXPORTS.values()}
 """Export formats: label, and the file extension (none for folders)."""
 
 ALL_FRAMES = "all"

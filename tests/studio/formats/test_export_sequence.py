@@ -58,10 +58,10 @@ def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
     # what is on the right of the camera remains on the right
     np.testing.assert_allclose(rotation @ video.view.rotation[0], [1, 0, 0], atol=1e-12)
     # 3DGS files: y down, z away from the camera
-    ply = axes_of(video, ".ply", True)
+    ply = axes_of(video, (0, -1, 0), True)
     np.testing.assert_allclose(ply @ [0, 0, 1], [0, -1, 0], atol=1e-12)
     np.testing.assert_allclose(ply @ [1, 0, 0], [0, 0, -1], atol=1e-12)
-    assert axes_of(video, ".ply", False) is None
+    assert axes_of(video, (0, -1, 0), False) is None
     # without view and up: 180 degrees about x, as the SPZ converter does for PLY
     np.testing.assert_allclose(upright(replace(video, up=None, view=None)), np.diag([1, -1, -1]), atol=1e-12)
     straight_down = look_at("top", 80, 64, K, np.array([0, 0, 3.0]), np.zeros(3), np.array([0, 1.0, 0]))
