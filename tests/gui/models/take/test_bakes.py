@@ -92,7 +92,7 @@ def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished_projec
     files = sum(path.stat().st_size for path in stream_folder.rglob("*") if "manifest" not in path.name)
     assert sizes[0] is not None
     assert 0 < 8 * sizes[0] < files
-    _, psnr, size = plots_of({"psnr_decoded": [30.0] * 5, "bytes": [1000.0] * 5}, other={"bytes": [4000.0] * 5})
+    psnr, size = plots_of({"psnr_decoded": [30.0] * 5, "bytes": [1000.0] * 5}, other={"bytes": [4000.0] * 5})
     assert size.range is not None
     assert size.range[1] > 4.0, "the axis covers both"
     assert psnr.range is not None
