@@ -91,7 +91,8 @@ def test_a_picture_zoomed_to_the_performer_stays_sharp(views: Views) -> None:
             return new is None and views.views.settled
 
         wait_until("all is drawn", all_drawn)
-    assert shapes == [(361, 250), (723, 501)]
+    assert (723, 501) in shapes
+    assert set(shapes[shapes.index((723, 501)) :]) == {(723, 501)}, "a small image replaced the sharp one"
     zoom = views.player.image_zoom
     views.views.poll((723, 501), (723, 501), 20.0)
     assert views.player.image_zoom != zoom, "another shape shows another part"
