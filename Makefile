@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 
-# Where it is set, each process would compile PyTorch and all the rest anew: seconds for every command.
+# Where it is set, each process would compile PyTorch and everything else again: seconds per command.
 unexport PYTHONDONTWRITEBYTECODE
 
 PY := .venv/bin/python

@@ -22,7 +22,7 @@ class UserInput:
         actions: what keys and menus do.
         overlays: get their keys first.
         x: tells of the mouse while its events do not pass through the window's input.
-        close_requests: told of presses of Escape.
+        close_requests: notified of presses of Escape.
         menu_bar: follows the mouse.
     """
 

@@ -25,7 +25,7 @@ def verdict(report: dict[str, Any] | None, messages: str) -> tuple[int, str]:
     packages = report["dependencies"]
     skipped = [one["name"] for one in packages if "skip_reason" in one]
     if len(skipped) == len(packages):
-        return 0, "Audit skipped: the package index tells nothing about vulnerabilities, or cannot be reached."
+        return 0, "Audit skipped: the package index has no data on vulnerabilities, or cannot be reached."
     lines = [
         f"{one['name']} {one['version']}: {found['id']}, fixed in {', '.join(found['fix_versions']) or 'none yet'}"
         for one in packages

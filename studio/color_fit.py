@@ -1,4 +1,4 @@
-"""A 3x4 color matrix between two images: ridge least squares, and its application to drawn splats."""
+"""A 3x4 color matrix between two images: ridge least squares, and its application to rendered splats."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def fit_color(
     """The matrix M that minimizes the weighted mean of |M [p, alpha] - target|^2, plus ridge |M - neutral|^2.
 
     Args:
-        premultiplied: (..., 3) RGB p, drawn over black, that is, colors times alpha.
-        alpha: (...) drawn alpha, 0 to 1.
+        premultiplied: (..., 3) RGB p, rendered over black, that is, colors times alpha.
+        alpha: (...) rendered alpha, 0 to 1.
         target: (..., 3) RGB of the footage, without the share of the background.
         weights: (...) of the pixels, at least 0; None: all equal.
         ridge: at least 0. 0 is plain least squares; where colors do not determine the matrix, it stays neutral.
@@ -41,12 +41,12 @@ def correct_color(premultiplied: Tensor, alpha: Tensor, matrix: Tensor) -> Tenso
     """Drawn splats in the colors of a camera.
 
     Args:
-        premultiplied: (H, W, 3) drawn over black, that is, colors times alpha.
-        alpha: (H, W) drawn alpha, 0 to 1.
+        premultiplied: (H, W, 3) rendered over black, that is, colors times alpha.
+        alpha: (H, W) rendered alpha, 0 to 1.
         matrix: (3, 4), applied to the colors themselves.
 
     Returns:
-        (H, W, 3) drawn over black; differentiable.
+        (H, W, 3) rendered over black; differentiable.
     """
     matrix = matrix.to(premultiplied)
     return premultiplied @ matrix[:, :3].T + alpha[..., None] * matrix[:, 3]

@@ -35,8 +35,8 @@ class Gaussians:
         log_scales: (N, 3) natural logarithms of the standard deviations along the splat's axes, in world units.
         logit_opacities: (N,) logit of the opacity.
         sh: (N, K, 3) spherical harmonics, K = (degree + 1)^2, coefficient-major, RGB last.
-        dilation: what is added to the diagonal of their 2D covariances when they are drawn, square pixels of that
-            image, from `MIN_DILATION` to `MAX_DILATION`. They were trained with it and must be drawn with it.
+        dilation: what is added to the diagonal of their 2D covariances when they are rendered, square pixels of that
+            image, from `MIN_DILATION` to `MAX_DILATION`. They were trained with it and must be rendered with it.
 
     Raises:
         StudioError: a tensor has the wrong shape (gaussians.wrong_shape), the number of SH coefficients is not that
@@ -185,7 +185,7 @@ class Gaussians:
         """The splats of all parts, concatenated in order.
 
         Raises:
-            StudioError: `gaussians.dilations_differ`: the parts are not drawn with the same dilation.
+            StudioError: `gaussians.dilations_differ`: the parts are not rendered with the same dilation.
         """
         return cls(
             **{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES},
@@ -205,7 +205,7 @@ class Gaussians:
 
 
 def common_dilation(parts: Iterable[Gaussians]) -> float:
-    """The dilation that all parts are drawn with, square pixels; at least one part.
+    """The dilation that all parts are rendered with, square pixels; at least one part.
 
     Raises:
         StudioError: `gaussians.dilations_differ`: they have several.
@@ -214,8 +214,8 @@ def common_dilation(parts: Iterable[Gaussians]) -> float:
     if len(found) > 1:
         raise StudioError(
             "gaussians.dilations_differ",
-            f"splats that are drawn together have dilations of {' and '.join(f'{one:g}' for one in found)} square "
-            "pixels; one picture has one dilation",
+            f"splats that are rendered together have dilations of {' and '.join(f'{one:g}' for one in found)} square "
+            "pixels; one image has one dilation",
             value=found,
             fix="Train them with the same train.dilation",
         )

@@ -20,8 +20,8 @@ from studio.counts import counted
 from studio.edits.edit_list import EditList
 
 OTHER_GROUPS = (
-    "Each group has splats of its own. In other groups, those are removed that are\n"
-    "inside of what you have drawn in at least half of the frames."
+    "Each group has its own splats. In other groups, splats are removed that are\n"
+    "inside the region in at least half of the frames."
 )
 
 _NUMBERS_OF = {

@@ -21,7 +21,7 @@ class Item:
         label: what it does; ends with "..." if it asks for more first.
         shortcut: its keys; "" if it has none.
         needs: what must be open: "open" a take or a stream, "take" a take, "splats" one in which something is trained,
-            "" nothing: only these act while the start page covers what is open.
+            "" nothing: only these act while the start page covers the open take or stream.
     """
 
     key: str

@@ -91,7 +91,7 @@ def fitted(text: str, size: int, width: float) -> str:
 
 
 def wrapped(text: str, size: int, width: float) -> list[str]:
-    """Lines no wider than `width` pixels; a word is broken only if it is wider by itself."""
+    """Lines no wider than `width` pixels; a word is broken only if it alone is wider."""
     lines: list[str] = []
     for paragraph in text.splitlines() or [""]:
         line = ""

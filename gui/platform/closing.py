@@ -21,7 +21,7 @@ class CloseRequests:
     key was down.
 
     Args:
-        escape_down: whether the Escape key is pressed now; False where that cannot be told.
+        escape_down: whether the Escape key is pressed now; False where that is unknown.
 
     Attributes:
         granted: whether the window may close.

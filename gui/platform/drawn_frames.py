@@ -25,7 +25,7 @@ class DrawnFrames:
     """See the module.
 
     Args:
-        window: the X window of the toolkit; None for none, and then nothing is told.
+        window: the X window of the toolkit; None for none, and then nothing is reported.
     """
 
     def __init__(self, window: int | None) -> None:
@@ -52,7 +52,7 @@ class DrawnFrames:
 
     @property
     def active(self) -> bool:
-        """Whether frames are told."""
+        """Whether frames are reported."""
         return bool(self._display)
 
     def poll(self) -> bool:

@@ -35,7 +35,7 @@ class MenuBar:
 
     @property
     def opened(self) -> bool:
-        """Whether a menu is open, as far as can be told."""
+        """Whether a menu is open, as far as the toolkit shows."""
         return self._open is not None
 
     @property

@@ -144,8 +144,8 @@ class Escapes:
         """Note that the toolkit reports a press; returns whether it is one that nothing was done about.
 
         Args:
-            again: whether the key was down already, as far as the toolkit has told. Presses that did not come through
-                here, as with the pointer outside of the window, are told apart by it.
+            again: whether the key was down already, as far as the toolkit has reported. Presses that did not come
+                through here, as with the pointer outside of the window, are distinguished by it.
         """
         if self._unheard:
             del self._unheard[0]

@@ -19,7 +19,7 @@ have been begun before the change; a menu, or text with a new layout, takes two.
 
 class Redraws:
     """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds apart,
-    and not after `FRAMES` frames that are told with `drawn`.
+    and not after `FRAMES` frames that are reported with `drawn`.
 
     Args:
         pause: minimum seconds between two draws. If the CPU draws the window, draws compete with rendering.

@@ -34,12 +34,12 @@ class Hints:
     An image, because the toolkit makes no label with a background less than 32 pixels high.
 
     Args:
-        follows: whether `update` will be told where the pointer is.
+        follows: whether `update` receives the pointer's position.
 
     Attributes:
         picture: the hint; its widget is to be added to the window.
         text: what it says; "" if there is none.
-        listing: whether a list is open, as far as can be told: the toolkit does not tell, and a hint closes it.
+        listing: whether a list is open, as far as is known: the toolkit does not report it, and a hint closes it.
         bar: tells what is free of the menu bar.
     """
 

@@ -41,7 +41,7 @@ class StagesPanel:
         pick: called with a setting whose file or folder is to be chosen in a dialog.
         widen: called while the panel's right edge is dragged, with the column of the window and whether that was all.
         show_help: called when help on the selected stage is wanted.
-        guard: told when Run and Run all take turns with Pause and Cancel.
+        guard: notified when Run and Run all take turns with Pause and Cancel.
         hints: what the buttons do.
     """
 

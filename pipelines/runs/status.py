@@ -78,7 +78,7 @@ def progress_words(take: Take) -> str:
 
 def progress(take: Take) -> tuple[str, str, float | None]:
     """Of the run in progress: the words of `progress_words`; the stage, "" before the first; and how much of the stage
-    is done, 0 to 1, or None if it has not told yet."""
+    is done, 0 to 1, or None if it has not reported yet."""
     now = running(take)
     if now is None or now.stage is None:
         return "starting", "", None

@@ -27,7 +27,7 @@ class Serving:
     """A server that listens, in a thread of this process once it is started; also a context manager that closes it.
 
     Attributes:
-        server: what listens; may be told to exit.
+        server: what listens; may be asked to exit.
         streams: folders of the streams by the address of their page, which ends in "/". The manifest is `manifest.json`
             below it; `StreamReader.open` and `v3studio play` take the address itself.
         reviews: folders of the takes that can be reviewed, by secret addresses.
@@ -72,7 +72,7 @@ class Serving:
         return None if self.certificate is None else self.certificate.fingerprint
 
     def run(self) -> None:
-        """Serve in this thread until the server is told to exit."""
+        """Serve in this thread until the server is asked to exit."""
         self.server.run(sockets=[self._sock])
 
     def start(self) -> Serving:

@@ -77,7 +77,7 @@ def video_stream(container: InputContainer) -> VideoStream | None:
     """The stream with the footage: not cover art or thumbnails, and the largest of several, as others are previews.
 
     A stream other than the first that is the only one marked as default precedes. Programs mark the first one without
-    being told to, so that this mark says nothing.
+    being asked to, so that this mark says nothing.
 
     Returns:
         None if there is no video whose codec FFmpeg knows.

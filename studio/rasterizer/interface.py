@@ -141,7 +141,7 @@ def rasterize(
     """Render splats from a camera; differentiable with respect to all attributes (3DGS, sections 4 and 6).
 
     Args:
-        gaussians: N splats, N may be 0, drawn with their own dilation.
+        gaussians: N splats, N may be 0, rendered with their own dilation.
         camera: a pinhole camera without distortion. The principal point may be outside the image, so
             `camera.cropped(...)` renders a part of the image at the cost of that part.
         background: (3,) RGB, or an (H, W, 3) image; None: black.

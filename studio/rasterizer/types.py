@@ -45,7 +45,7 @@ class Render:
         depth: (H, W) expected depth along the viewing axis, world units: sum of weight times depth over sum of
             weights; 0 where nothing was drawn.
         radii: (N,) pixels, without gradient: the larger half size of the smallest box outside which the splat's alpha
-            is below 1/255; 0 for splats that were not drawn (closer than the near plane, outside the image, opacity
+            is below 1/255; 0 for splats that were not rendered (closer than the near plane, outside the image, opacity
             below 1/255, not finite).
     """
 

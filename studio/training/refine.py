@@ -1,7 +1,7 @@
-"""Masks that all cameras agree on: refined from the splats' own drawn alpha while they train.
+"""Masks that all cameras agree on: refined from the splats' own rendered alpha while they train.
 
 The mask of one image is uncertain at outlines, in shadows and where performer and room have the same color. Splats
-have to agree with all images at once, so their drawn alpha, sharpened, is the better mask, also where each single
+have to agree with all images at once, so their rendered alpha, sharpened, is the better mask, also where each single
 one is wrong.
 """
 
@@ -53,8 +53,8 @@ def drawn_mask(gaussians: Gaussians, view: TrainingView) -> Tensor:
 
 
 def disagreement(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> float:
-    """How much the views' masks differ from drawn ones: the sum of the absolute differences of all views, divided by
-    the length of the drawn outlines, in pixels.
+    """How much the views' masks differ from rendered ones: the sum of the absolute differences of all views, divided by
+    the length of the rendered outlines, in pixels.
 
     About a quarter of a pixel for exact masks and a trained keyframe.
 
@@ -67,7 +67,7 @@ def disagreement(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> floa
 
 
 def _refined(gaussians: Gaussians, view: TrainingView, mask: Tensor) -> TrainingView:
-    """A view with its drawn mask, and with others in its views of details."""
+    """A view with its rendered mask, and with others in its views of details."""
     refined = view.with_mask(mask)
     refined.closer = tuple(one and one.with_mask(drawn_mask(gaussians, one)) for one in view.closer)
     return refined
@@ -80,7 +80,7 @@ def _outline(mask: Tensor) -> float:
 
 
 class Refinement:
-    """The last part of training a frame: masks from the splats, which are drawn again and again, and chroma.
+    """The last part of training a frame: masks from the splats, which are rendered repeatedly, and chroma.
 
     Args:
         stepper: its views are replaced.

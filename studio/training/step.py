@@ -85,7 +85,7 @@ class Stepper:
 
     Attributes:
         dropout: fraction of the splats that a step with dropout leaves out.
-        alpha_weight: weight of the difference between drawn alpha and mask.
+        alpha_weight: weight of the difference between rendered alpha and mask.
         chroma_shift: drawings of views with subsampled chroma go through the same subsampling before they are compared;
             this is the encoder's shift, see `studio.chroma.resampled`. None: they do not.
         moved: where a view's camera sees the splats: moved ones, and their (N, 2) offsets in the image. None: where
@@ -123,7 +123,7 @@ class Stepper:
         return self._step(gaussians, view, background, behind, render)
 
     def several(self, gaussians: Gaussians, count: int) -> list[Step]:
-        """The same as `count` calls with these splats, which are drawn in one call of the rasterizer."""
+        """The same as `count` calls with these splats, which are rendered in one call of the rasterizer."""
         seen = [(next(self._views), next(self._backgrounds)) for _ in range(count)]
         cameras, behind = [view.camera for view, _ in seen], [_behind(*one) for one in seen]
         renders = rasterize_views(gaussians, cameras, behind)
@@ -165,7 +165,7 @@ class Stepper:
 
 
 def _behind(view: TrainingView, background: Tensor) -> Tensor:
-    """What the splats of a view are drawn over: the (3,) background, or the (H, W, 3) backdrop with it."""
+    """What the splats of a view are rendered over: the (3,) background, or the (H, W, 3) backdrop with it."""
     backdrop = view.backdrop(background)
     return background if backdrop is None else backdrop
 

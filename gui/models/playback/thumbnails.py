@@ -37,7 +37,7 @@ class _Request:
 
 
 class Thumbnails:
-    """See the module. Trained frames are used where there are any: each is read by itself."""
+    """See the module. Trained frames are used where there are any: each is read on its own."""
 
     def __init__(self) -> None:
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._draw, "v3studio thumbnails", self._drawn)

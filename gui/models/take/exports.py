@@ -53,7 +53,7 @@ class ExportRequest(NamedTarget):
         title: name of the source; the default file name begins with it.
         folder: default output folder.
         of: "decoded" or "trained"; "" for a bare stream.
-        ranges: frames to choose from by label, counted from 0 in what is open; those of `ALL_FRAMES` are all.
+        ranges: frames to choose from by label, counted from 0 in the take or stream; those of `ALL_FRAMES` are all.
         frames: the chosen label.
         seconds, size, background: options of a movie; the last two from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
     """

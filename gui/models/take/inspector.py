@@ -83,7 +83,7 @@ def why_no_figures(player: PlayerPresenter) -> str:
     """Why there are no figures of the current frame."""
     try:
         trim = player.context.edits.trim if player.context is not None else None
-    except StudioError:  # told where the edits are shown
+    except StudioError:  # reported where the edits are shown
         trim = None
     return "Trimmed off." if trim is not None and player.frame not in trim.range else "Not evaluated yet."
 

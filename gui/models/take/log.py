@@ -58,7 +58,7 @@ class LogLine:
     Attributes:
         kind: "", "warning" or "error".
         text: what it says.
-        told: when, seconds since 1970; 0 if unknown.
+        told: when it was reported, seconds since 1970; 0 if unknown.
         notice: the warning or error that it tells; None for others.
     """
 
@@ -70,7 +70,7 @@ class LogLine:
 
 def grouped(lines: Iterable[LogLine]) -> list[LogLine]:
     """The log with one line for warnings in a row that differ in the camera's name only: the first, and which cameras.
-    Those with figures of their own stay, so that no figure is hidden or told of another camera."""
+    Those with figures of their own stay, so that no figure is hidden or reported for another camera."""
     found = []
     for key, run in itertools.groupby(enumerate(lines), lambda one: _about(one[1]) or one[0]):
         same = [line for _, line in run]
@@ -122,7 +122,7 @@ def log_rows(
     Args:
         lines: (kind, text).
         width: pixels.
-        times: when each line was told, seconds since 1970; 0 if unknown.
+        times: when each line was reported, seconds since 1970; 0 if unknown.
         fixes: the fix of each line; None for none.
     """
     found: list[LogRow] = []

@@ -19,7 +19,7 @@ class Serving:
 
     Attributes:
         source: what is served; "" if nothing is.
-        address: where; "" until the server has told it.
+        address: where; "" until the server has reported it.
         fingerprint: SHA-256 of its certificate; "" over http.
         started: emitted when the address is known.
         failed: emitted with the reason if the server ends before it is stopped.

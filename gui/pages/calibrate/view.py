@@ -30,7 +30,7 @@ from studio.errors import StudioError
 
 AGREES: tuple[str, RGB] = ("agrees with the others", GOOD)
 DISAGREES: tuple[str, RGB] = ("disagrees with the others", BAD)
-FEW: tuple[str, RGB] = ("too few matches to tell", FAIR)
+FEW: tuple[str, RGB] = ("too few matches to decide", FAIR)
 UNKNOWN: tuple[str, RGB] = ("not checked yet: Initialize does that", SECOND)
 GRADES: dict[str, RGB] = {"good": GOOD, "usable": FAIR, "wrong": BAD}
 TRAINING: tuple[str, RGB] = ("training cameras", SECOND)

@@ -45,12 +45,12 @@ class Dialogs:
         widgets: widgets of the open dialog by key; empty if none is open.
         name: name of the open dialog; "" if none is open.
         typing: whether its text field has the keyboard focus.
-        lines: what the list in it shows, where that changes by itself.
+        lines: what the list in it shows, where that changes on its own.
         last_folder: the folder in which something was chosen last; "" if nothing was.
         remembered: called when that changes.
         pictures: images in the open dialog, which are drawn exactly some draws later.
         on_key: handles keys once the text field has the focus, and returns whether it did; None for none.
-        on_press: is told the X key codes of presses and repeats, which the text field keeps for itself, where they are
+        on_press: receives the X key codes of presses and repeats, which the text field keeps for itself, where they are
             known; None for none.
         expected: whether a dialog with a text field is about to open, for which what is typed is kept.
         shade: what makes the window darker, to be its last child and as large as it.

@@ -107,7 +107,7 @@ class CommandDialog:
         return not inside
 
     def _key(self, event: gui.KeyEvent) -> bool:
-        """The field keeps the presses of keys for itself, so a release counts whose press was not told."""
+        """The field keeps the presses of keys for itself, so a release counts whose press was not reported."""
         step = _STEPS.get(event.key)
         if step is None:
             return False

@@ -42,7 +42,7 @@ class Form:
         self.grid.add_child(lowered(self._dialogs.label(words), room=wide + 1.2 * em))
         self.grid.add_child(widget)
         self.widgets[key] = widget
-        # a grid gives fields what its labels leave, and a dialog is as wide as its title by itself
+        # a grid gives fields what its labels leave, and a dialog is as wide as its title alone
         self._labels = max(self._labels, wide)
         self.grid.preferred_width = round(self._labels + (FIELD + 2) * em)
 

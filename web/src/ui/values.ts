@@ -1,6 +1,6 @@
 /**
  * Checks values from outside: arguments of the element's methods, messages of an embedding page, attributes and URL
- * parameters. Each function returns the value, or throws a RangeError with a sentence for whoever passed it.
+ * parameters. Each function returns the value, or throws a RangeError with a sentence for the caller.
  */
 
 import type { PartialView } from "../render/camera.ts";

@@ -142,7 +142,7 @@ export class Session {
       try {
         manifest = await opened.files.manifest();
       } catch {
-        continue; // the source has retried, and has told the viewer
+        continue; // the source has retried, and has notified the viewer
       }
       const old = opened.manifest;
       if (manifest.manifest_sha256 === old.manifest_sha256) continue;
