@@ -20,6 +20,8 @@ class Measures(Result):
     """The metrics of a view of a decoded frame (`studio.comparison.METRICS`), or their means over views."""
 
     psnr: float
+    psnr_interior: float | None = None
+    psnr_outline: float | None = None
     psnr_color_fit: float
     ssim: float
     lpips: float | None = None

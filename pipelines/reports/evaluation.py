@@ -6,6 +6,7 @@ import base64
 import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def render_report(
         protocol=evaluation.protocol.to_json(),
         figures=_figures(evaluation),
         titles=[f"{metric.title} {what}" for metric in evaluation.metrics for what in ("trained", "decoded")],
-        texts=metric_texts,
+        texts=partial(metric_texts, metrics=evaluation.metrics),
         gain=DIFFERENCE_GAIN,
         samples=[_images(sample) for sample in samples],
         over_time=_over_time(take, groups, evaluation),

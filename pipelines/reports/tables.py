@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pipelines.reports.terminal import console
 from pipelines.takes.evaluation import Quality, read_evaluation
 from pipelines.takes.take import Take
-from studio.comparison.metrics import EVALUATED
+from studio.comparison.metrics import Metric
 from studio.counts import counted
 
 if TYPE_CHECKING:
@@ -36,10 +37,10 @@ def print_evaluation(take: Take) -> None:
     for row in rows:
         mark = "*" if row.keyframe else ""
         numbers = f"{row.frame}{mark}", str(row.group), str(row.splats)
-        table.add_row(*numbers, *metric_texts(row), f"{row.bytes / 1000:.1f}")
+        table.add_row(*numbers, *metric_texts(row, evaluation.metrics), f"{row.bytes / 1000:.1f}")
     table.add_section()
     mean = sum(row.bytes for row in evaluation.frames) / max(1, len(evaluation.frames))
-    table.add_row("mean", "", "", *metric_texts(summary), f"{mean / 1000:.1f}")
+    table.add_row("mean", "", "", *metric_texts(summary, evaluation.metrics), f"{mean / 1000:.1f}")
     screen.print(table)
     which = "held-out cameras" if protocol.held_out else "TRAINING cameras (none held out):"
     screen.print(
@@ -79,11 +80,11 @@ def print_playback(report: PlaybackReport) -> None:
     )
 
 
-def metric_texts(row: Quality) -> list[str]:
-    """The metrics of a row that were measured, of trained and of decoded frames, without units."""
+def metric_texts(row: Quality, metrics: Sequence[Metric]) -> list[str]:
+    """Metrics of a row, of trained and of decoded frames, without units; "-" for those that it does not have."""
     measures = row.measures
-    names = [(metric, f"{metric.name}_{what}") for metric in EVALUATED for what in ("trained", "decoded")]
-    return [metric.text(measures[name], unit=False) for metric, name in names if name in measures]
+    names = [(metric, f"{metric.name}_{what}") for metric in metrics for what in ("trained", "decoded")]
+    return [metric.text(measures.get(name), unit=False) for metric, name in names]
 
 
 def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:

@@ -75,7 +75,7 @@ STAGES = (
         "bake", "Bake", "encode the trained Gaussians as a stream", version=2, weight=3, dependencies=("train",),
     ),
     Stage(
-        "evaluate", "Review", "measure the quality on held-out cameras and write the report", version=1,
+        "evaluate", "Review", "measure the quality on held-out cameras and write the report", version=2,
         weight=5, dependencies=("calibrate", "train", "bake"), needs_all_groups=True,
     ),
 )  # fmt: skip

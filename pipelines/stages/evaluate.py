@@ -316,9 +316,10 @@ def _row(
 
 
 def _means(rows: Iterable[Quality]) -> dict[str, float]:
-    """Mean over rows of each metric that was measured."""
+    """Mean of each metric over the rows that have it."""
     taken = [row.measures for row in rows]
-    return {name: round(sum(row[name] for row in taken) / len(taken), 4) for name in MEASURES if name in taken[0]}
+    values = {name: [row[name] for row in taken if name in row] for name in MEASURES}
+    return {name: round(sum(found) / len(found), 4) for name, found in values.items() if found}
 
 
 def _mean_flicker(name: str, rows: Iterable[FrameQuality]) -> dict[str, float]:

@@ -18,6 +18,14 @@ class Quality(Result):
 
     psnr_trained: float
     psnr_decoded: float
+    psnr_interior_trained: float | None = None
+    psnr_interior_decoded: float | None = None
+    """Of the performer, more than 3 pixels inside the mask; None if no part is so thick."""
+
+    psnr_outline_trained: float | None = None
+    psnr_outline_decoded: float | None = None
+    """Up to 3 pixels from the outline of the mask."""
+
     ssim_trained: float
     ssim_decoded: float
     lpips_trained: float | None = None

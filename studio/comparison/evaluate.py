@@ -38,7 +38,7 @@ def evaluate(
         device: torch device to render on.
 
     Returns:
-        by camera, the metrics by name: psnr (dB), ssim, lpips. Cameras that do not see the performer are left out.
+        by camera, the metrics by name, see `METRICS`. Cameras that do not see the performer are left out.
 
     Raises:
         StudioError: `footage.unknown_camera`, `footage.no_such_frame`, an unreadable image or mask.

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 HIGHEST_PSNR = 100.0
 """dB; stands for the infinite PSNR of equal images."""
 
+OUTLINE = 3.0
+"""Half the width of an outline in pixels: that far, masks of real footage are wrong where they are ragged."""
+
 Distance = Callable[["Tensor", "Tensor"], float]
 """LPIPS of two (H, W, 3) images."""
 
@@ -63,6 +66,22 @@ def _psnr(pair: ViewPair, lpips: Distance | None) -> float:
     return min(float(psnr(_tensor(pair.rendered), _tensor(pair.footage))), HIGHEST_PSNR)
 
 
+def _psnr_interior(pair: ViewPair, lpips: Distance | None) -> float | None:
+    return _psnr_where(pair, pair.depth > OUTLINE)
+
+
+def _psnr_outline(pair: ViewPair, lpips: Distance | None) -> float | None:
+    return _psnr_where(pair, np.abs(pair.depth) <= OUTLINE)
+
+
+def _psnr_where(pair: ViewPair, where: np.ndarray) -> float | None:
+    from studio.metrics import psnr
+
+    if not where.any():
+        return None
+    return min(float(psnr(_tensor(pair.rendered), _tensor(pair.footage), _tensor(where))), HIGHEST_PSNR)
+
+
 def _psnr_color_fit(pair: ViewPair, lpips: Distance | None) -> float | None:
     from studio.metrics import psnr
 
@@ -94,12 +113,15 @@ def _tensor(image: np.ndarray) -> Any:
 
 METRICS = (
     Metric("psnr", "PSNR", "dB", 2, True, _psnr, words=(31.0, 25.0)),
+    Metric("psnr_interior", "PSNR inside", "dB", 2, True, _psnr_interior),
+    Metric("psnr_outline", "PSNR outline", "dB", 2, True, _psnr_outline),
     Metric("psnr_color_fit", "color fit", "dB", 2, True, _psnr_color_fit, evaluated=False),
     Metric("ssim", "SSIM", "", 4, True, _ssim),
     Metric("lpips", "LPIPS", "", 4, False, _lpips),
 )
-"""Of a view, in the order in which they are shown. PSNR as filmed; after the best 3x4 color matrix of the view, since
-the colors of a camera that was not trained on are not known; SSIM; LPIPS, if it is asked for.
+"""Of a view, in the order in which they are shown. PSNR as filmed, in the box; of the performer more than 3 pixels from
+the mask's outline, where a ragged mask does not count; up to 3 pixels from it, on both sides; after the best 3x4 color
+matrix of the view, since the colors of a camera that was not trained on are not known; SSIM; LPIPS, if it is asked for.
 
 The words for PSNR follow the scale of EvalVid (J. Klaue et al., 2003): from 31 dB "good", from 25 dB "fair", below
 "poor" and "bad"."""

@@ -35,6 +35,8 @@ class ViewPair:
         rendered: (h, w, 3) splats.
         background: RGB, 0 to 1.
         box: rows and columns of the image.
+        depth: (h, w) float32 distance of pixels from the nearest one on the other side of the mask's outline, negative
+            outside of the performer.
         fitted: (h, w, 3) splats after the best 3x4 color matrix; None: it was not asked for.
     """
 
@@ -42,6 +44,7 @@ class ViewPair:
     rendered: np.ndarray
     background: tuple[float, ...]
     box: tuple[slice, slice]
+    depth: np.ndarray
     fitted: np.ndarray | None = None
 
     @property
@@ -90,7 +93,17 @@ class ViewPair:
                 matrix = fit_color(render.image, render.alpha, footage - rest, shown[..., 0] > 0.5)
                 images.append((correct_color(render.image, render.alpha, matrix) + rest).clamp(0, 1))
         cut = [each[box].cpu().numpy() for each in images]
-        return cls(cut[0], cut[1], tuple(background), box, cut[2] if fit else None)
+        return cls(cut[0], cut[1], tuple(background), box, outline_depth(mask)[box], cut[2] if fit else None)
+
+
+def outline_depth(mask: np.ndarray) -> np.ndarray:
+    """Distance of each pixel of an (H, W) uint8 mask from the nearest one on the other side of its outline, where it
+    crosses 127: (H, W) float32 pixels, positive on the performer, negative elsewhere."""
+    import cv2
+
+    inside = (mask > 127).astype(np.uint8)
+    within, beyond = (cv2.distanceTransform(one, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for one in (inside, 1 - inside))
+    return np.asarray(within - beyond, np.float32)
 
 
 def padded_box(mask: np.ndarray, padding: int) -> tuple[slice, slice] | None:
