@@ -513,7 +513,8 @@ class ViewLike(Protocol):
 
 
 class CapturedView(ViewLike, Protocol):
-    """Input of training: also the clean plate, (H, W, 3) uint8 RGB, or None if the capture has none."""
+    """Input of training: also the empty set, (H, W, 3) uint8 RGB; (H, W, 4) if the fourth channel is 0 where it is not
+    reliable; None if it is not known."""
 
     @property
     def plate(self) -> np.ndarray | None: ...

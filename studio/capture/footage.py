@@ -17,8 +17,7 @@ from studio.capture.warp import Warp
 from studio.chroma import ChromaSampling
 from studio.errors import Message, StudioError
 from studio.masks.mask_files import FileMaskSource
-from studio.masks.mask_source import GarbageMasks, MaskSource, Recolors
-from studio.masks.plates import PlateMaskSource
+from studio.masks.mask_source import GarbageMasks, MaskSource, Recolors, ShowsSet
 from studio.memory_cache import ImageCache, image_cache
 
 
@@ -31,7 +30,7 @@ class FootageView:
         image: (H, W, 3) uint8 RGB.
         mask: (H, W) uint8, 255 = foreground.
         frame: frame number.
-        plate: (H, W, 3) uint8 RGB clean plate of this camera; None if the capture has none.
+        plate: image of the empty set, (H, W, 3) uint8 RGB, or (H, W, 4) as in `ShowsSet`; None if it is not known.
     """
 
     camera: Camera
@@ -231,7 +230,7 @@ class Footage:
         )
 
     def plate(self, camera: str) -> np.ndarray | None:
-        """(H, W, 3) uint8 RGB clean plate, undistorted and scaled like the images; None if there is none."""
+        """The empty set, undistorted and scaled like the images: see `FootageView`."""
         raw = self._raw_plate(camera)
         if raw is None:
             return None
@@ -299,7 +298,7 @@ class Footage:
         return source
 
     def _raw_plate(self, camera: str) -> np.ndarray | None:
-        return self._mask_source.plate(camera) if isinstance(self._mask_source, PlateMaskSource) else None
+        return self._mask_source.plate(camera) if isinstance(self._mask_source, ShowsSet) else None
 
     def _raw(self, camera: str, frame: int) -> np.ndarray:
         key = ("raw", camera, frame)

@@ -54,6 +54,16 @@ class Recolors(Protocol):
         ...
 
 
+@runtime_checkable
+class ShowsSet(Protocol):
+    """A `MaskSource` that knows the empty set."""
+
+    def plate(self, camera: str) -> np.ndarray:
+        """(H, W, 3) uint8 raw image of the empty set; (H, W, 4) if parts of it are not reliable, where the fourth
+        channel is 0 instead of 255."""
+        ...
+
+
 class GarbageMasks(Protocol):
     """Where the performer may be, see `studio.masks.garbage_masks`."""
 

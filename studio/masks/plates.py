@@ -72,10 +72,17 @@ class PlateMaskSource:
             image = np.where(inside[:, :, None], image, behind.plate)
         return difference_mask(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
 
-    def plate(self, camera: str) -> np.ndarray | None:
-        """(H, W, 3) uint8 raw image of the empty set if all of it is reliable, else None."""
+    def plate(self, camera: str) -> np.ndarray:
+        """See `ShowsSet`."""
         behind = self.background(camera)
-        return behind.plate if behind.known is None and behind.doubtful is None else None
+        if behind.known is None and behind.doubtful is None:
+            return behind.plate
+        reliable = np.full(behind.plate.shape[:2], 255, np.uint8)
+        if behind.known is not None:
+            reliable[~behind.known] = 0
+        if behind.doubtful is not None:
+            reliable[behind.doubtful] = 0
+        return np.dstack([behind.plate, reliable])
 
     def files(self) -> list[Path]:
         """See `MaskSource`."""

@@ -82,8 +82,9 @@ class TrainSettings(Settings):
     """Fraction of the splats left out of each step of the keyframe and of fine-tuning. Improves held-out views."""
 
     use_plates: bool = True
-    """If the capture has clean plates, compare the unmasked footage with splats rendered over the plate instead of
-    masking the performer. Reduces the effect of mask errors."""
+    """If the capture has clean plates, or the set was estimated from the footage to make masks, compare the
+    unmasked footage with splats rendered over it instead of masking the performer. Reduces the effect of mask
+    errors."""
 
     refine_masks: Annotated[Literal["auto", "always", "never"], Heading("Refined masks")] = "never"
     """Replace the masks with ones that all cameras agree on, the rendered alpha of the splats with twice the contrast.

@@ -37,9 +37,10 @@ class TrainingView:
         image: (H, W, 3) RGB of the footage, uint8 or float32 in 0 to 1.
         mask: (H, W), same dtype; 255 or 1 is the performer.
         full_size: (width, height) of the uncropped image, pixels.
-        plate: (H, W, 3) clean plate, same dtype, or None. With a plate, the performer is not cut out: on and around the
+        plate: (H, W, 3) empty set, same dtype, or None. With a plate, the performer is not cut out: on and around the
             performer, the footage is compared with the splats rendered over the plate. This models soft edges correctly
-            and tolerates small mask errors.
+            and tolerates small mask errors. (H, W, 4): estimated from the footage, reliable where the fourth channel is
+            1. Elsewhere, and inside the performer, where it may show the performer, the mask cuts out the footage.
         chroma: chroma grid of `image`; None: no subsampling.
 
     Attributes:
@@ -66,10 +67,14 @@ class TrainingView:
         self.detail_boxes: tuple[DetailBox, ...] = ()
         self.closer: tuple[TrainingView | None, ...] = ()
         self._image, self._mask, self._plate = image, mask, plate
-        self._near = None if plate is None else surroundings(_floats(mask)).to(torch.uint8)
-        self._cached: tuple[Tensor, Tensor, Tensor | None] | None = None
+        self._compared = None if plate is None else _compared(_floats(mask), plate)
+        self._cached: tuple[Tensor, Tensor, Tensor | None, Tensor] | None = None
         if mask.numel() <= CACHED_PIXELS:
             self._mask, self._cached = _floats(mask), self._parts()
+
+    @property
+    def _is_estimated(self) -> bool:
+        return self._plate is not None and self._plate.shape[-1] == 4
 
     @property
     def device(self) -> torch.device:
@@ -88,8 +93,8 @@ class TrainingView:
 
     @property
     def plate(self) -> Tensor | None:
-        """(H, W, 3) clean plate, float32 in 0 to 1, or None."""
-        return None if self._plate is None else _floats(self._plate)
+        """(H, W, 3) empty set, float32 in 0 to 1, or None."""
+        return None if self._plate is None else _floats(self._plate[..., :3])
 
     @classmethod
     def from_view(
@@ -134,13 +139,13 @@ class TrainingView:
         return cls(camera, tensor(image), tensor(mask), size, None if plate is None else tensor(plate), chroma)
 
     def with_mask(self, mask: Tensor) -> TrainingView:
-        """The same view with another (H, W) mask, 0 to 1. With a plate, the compared pixels stay the same."""
+        """The same view with another (H, W) mask, 0 to 1. Where it is compared over the plate stays the same."""
         view = copy.copy(self)
         if self._mask.is_floating_point():
             view._mask = mask
         else:  # a large view is stored as bytes
             view._mask = (mask * 255 + 0.5).to(torch.uint8)
-        if self._cached is not None and self._plate is None:
+        if self._cached is not None and (self._plate is None or self._is_estimated):
             view._cached = view._parts()
         return view
 
@@ -207,7 +212,7 @@ class TrainingView:
         Without a plate: the performer, composited over the color with the mask. With a plate: the footage on and
         around the performer, and the color elsewhere.
         """
-        image, rest, _ = self._cached or self._parts()
+        image, rest, _, _ = self._cached or self._parts()
         return over_color(image, rest, background)
 
     def backdrop(self, background: Tensor) -> Tensor | None:
@@ -215,14 +220,17 @@ class TrainingView:
         the performer, and the (3,) color elsewhere. None without a plate: the background is the color."""
         if self._plate is None:
             return None
-        _, rest, plate = self._cached or self._parts()
+        _, _, plate, rest = self._cached or self._parts()
         return None if plate is None else over_color(plate, rest, background)
 
-    def _parts(self) -> tuple[Tensor, Tensor, Tensor | None]:
-        """The image (H, W, 3) times its weight, one minus the weight (H, W, 1), and the plate times the weight."""
-        shown = self.mask[..., None] if self._near is None else self._near.to(torch.float32)[..., None]
-        plate = self.plate
-        return self.image * shown, 1 - shown, None if plate is None else plate * shown
+    def _parts(self) -> tuple[Tensor, Tensor, Tensor | None, Tensor]:
+        """The image (H, W, 3) times its weight, one minus the weight (H, W, 1), and the same of the plate."""
+        plate, shown = self.plate, self.mask[..., None]
+        if plate is None or self._compared is None:
+            return self.image * shown, 1 - shown, None, 1 - shown
+        compared = self._compared.to(torch.float32)[..., None]
+        shown = torch.maximum(shown, compared) if self._is_estimated else compared
+        return self.image * shown, 1 - shown, plate * compared, 1 - compared
 
 
 def over_color(image: Tensor, rest: Tensor, color: Tensor) -> Tensor:
@@ -245,14 +253,29 @@ def _floats(image: Tensor) -> Tensor:
 
 def surroundings(mask: Tensor) -> Tensor:
     """(H, W) mask, 1 on and around the performer: the mask dilated by 2% of the performer's size, at least 4 px."""
+    return _grown(mask, _reach(mask))
+
+
+def _reach(mask: Tensor) -> int:
     inside = mask > 0.5
     extent = max(int(inside.any(0).sum()), int(inside.any(1).sum()))
-    reach = max(4, round(0.02 * extent))
+    return max(4, round(0.02 * extent))
+
+
+def _grown(mask: Tensor, reach: int) -> Tensor:
     grown = (mask > 0.02).float()[None, None]
     for axis in ((1, 0), (0, 1)):  # separable: rows, then columns
         size, padding = [2 * reach * on + 1 for on in axis], [reach * on for on in axis]
         grown = torch.nn.functional.max_pool2d(grown, size, stride=1, padding=padding)
     return grown[0, 0]
+
+
+def _compared(mask: Tensor, plate: Tensor) -> Tensor:
+    """(H, W) uint8, 1 where footage is compared with splats over the plate: see `TrainingView`."""
+    near = surroundings(mask)
+    if plate.shape[-1] == 4:
+        near = near * _grown(1 - mask, _reach(mask)) * (_floats(plate[..., 3]) > 0.5)
+    return near.to(torch.uint8)
 
 
 def interior(mask: Tensor) -> Tensor:

@@ -97,6 +97,10 @@ class AgreedMaskSource:
         """See `MaskSource`."""
         return self._plates.files() + (self._model.files() if self._model is not None else [])
 
+    def plate(self, camera: str) -> np.ndarray:
+        """See `ShowsSet`."""
+        return self._plates.plate(camera)
+
     def evidence(self, camera: str, frame: int) -> np.ndarray:
         """(h, w) float32 log-odds from this camera's images alone, at reduced size."""
         known = self._inputs.sources[camera].frames

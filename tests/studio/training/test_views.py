@@ -86,6 +86,35 @@ def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_mask_is_wro
     assert (60 / 255 * truth + (1 - truth) * color - plain.composited(color)).abs().max() > 0.2
 
 
+def test_an_estimated_plate_is_used_where_it_is_reliable_at_the_outline() -> None:
+    source = captured(True)
+    assert source.plate is not None
+    mask = np.zeros_like(source.mask)
+    mask[30:90, 40:80] = 255
+    reliable = np.full_like(mask, 255)
+    reliable[:60] = 0
+    estimated = np.dstack([source.plate, reliable])
+    view = TrainingView.from_view(FootageView(source.camera, source.image, mask, 0, estimated))
+    color = torch.tensor([0.2, 0.9, 0.4])
+    backdrop, target = view.backdrop(color), view.composited(color)
+    assert backdrop is not None
+    plate = torch.from_numpy(source.plate) / 255
+    for row, column, over_plate, cut in (
+        (75, 38, 1, 0),
+        (75, 42, 1, 1),
+        (75, 60, 0, 1),
+        (45, 38, 0, 0),
+        (45, 42, 0, 1),
+    ):
+        behind = plate[row, column] if over_plate else color
+        assert torch.allclose(backdrop[row, column], behind, atol=1e-6)
+        seen = view.image[row, column] if over_plate or cut else color
+        assert torch.allclose(target[row, column], seen, atol=1e-6)
+    nothing = view.with_mask(torch.zeros_like(view.mask))
+    assert torch.allclose(nothing.composited(color)[75, 60], color), "another mask cuts out less"
+    assert torch.equal(nothing.composited(color)[75, 38], target[75, 38])
+
+
 def test_surroundings_are_a_square_about_each_pixel() -> None:
     mask = torch.zeros(SIZE, SIZE)
     mask[30:90, 20:100] = 1
