@@ -1,5 +1,5 @@
 // Builds the player into ../v3studio/player: the page, one script with the worker inside, a second script that only pages
-// for reviews load, and the licenses.
+// for reviews load.
 import { build, transform } from "esbuild";
 import { mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join } from "node:path";
@@ -9,7 +9,7 @@ import { schemaPlugin } from "./schema.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = process.argv[2] ?? join(here, "..", "v3studio", "player");
-const LIMIT = 120_000;
+const LIMIT = 95_000;
 const REVIEW_LIMIT = 20_000;
 
 const common = {
@@ -18,7 +18,6 @@ const common = {
   minify: true,
   target: ["es2022", "chrome107", "firefox113", "safari16.4"],
   legalComments: "none",
-  metafile: true,
   logLevel: "warning",
 };
 
@@ -56,22 +55,6 @@ const player = await build({
 
 const review = await build({ ...common, plugins: [styles], entryPoints: ["src/review/main.ts"], format: "esm", write: false });
 
-/** Packages whose code is in the bundles, with the text of their licenses. */
-async function licenses() {
-  const inputs = [worker, player, review].flatMap((one) => Object.keys(one.metafile.inputs));
-  const names = new Set(inputs.flatMap((path) => /node_modules\/((?:@[^/]+\/)?[^/]+)\//.exec(path)?.[1] ?? []));
-  const parts = [];
-  for (const name of [...names].sort()) {
-    const folder = join(here, "node_modules", name);
-    const info = JSON.parse(await readFile(join(folder, "package.json"), "utf8"));
-    const home = info.homepage ?? info.repository?.url ?? "";
-    const text = (await readFile(join(folder, "LICENSE"), "utf8")).trim();
-    parts.push(`${name} ${info.version} (${info.license})\n${home}\n\n${text}`);
-  }
-  const intro = `The player is part of V3 Studio (GPL-3.0-or-later). It contains the following packages, unchanged.`;
-  return `${[intro, ...parts].join(`\n\n${"-".repeat(80)}\n\n`)}\n`;
-}
-
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 const script = player.outputFiles[0].text;
@@ -79,7 +62,6 @@ const page = await readFile(join(here, "src", "index.html"), "utf8");
 await writeFile(join(out, "v3-player.js"), script);
 await writeFile(join(out, "v3-review.js"), review.outputFiles[0].text);
 await writeFile(join(out, "index.html"), page);
-await writeFile(join(out, "THIRD_PARTY_LICENSES.txt"), await licenses());
 
 const size = gzipSync(script, { level: 9 }).length + gzipSync(page, { level: 9 }).length;
 const workerSize = gzipSync(workerText, { level: 9 }).length;

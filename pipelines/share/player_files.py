@@ -1,4 +1,4 @@
-"""The built browser player: its page, its script and the licenses of what is in it."""
+"""The built browser player: its page and its scripts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from studio.errors import StudioError
 
-SCRIPT_NAME, REVIEW_NAME, LICENSES_NAME = "v3-player.js", "v3-review.js", "THIRD_PARTY_LICENSES.txt"
+SCRIPT_NAME, REVIEW_NAME = "v3-player.js", "v3-review.js"
 
 
 @dataclass(frozen=True)
@@ -20,24 +20,22 @@ class PlayerFiles:
         page: index.html as the build wrote it.
         script: the player, a JavaScript module.
         review: what `v3studio serve --review` adds to the page, a JavaScript module; no other page needs it.
-        licenses: of the packages in the script, plain text.
     """
 
     page: str
     script: bytes
     review: bytes
-    licenses: bytes
 
     def hashed(self, review: bool = False) -> dict[str, bytes]:
-        """What a page loads, the scripts first, and the licenses, by hashed names: a new version has a new name, so
-        that caches may keep files for good."""
+        """The scripts that a page loads, by hashed names: a new version has a new name, so that caches may keep files
+        for good."""
         scripts = {SCRIPT_NAME: self.script} | ({REVIEW_NAME: self.review} if review else {})
-        return {hashed_name(name, data): data for name, data in {**scripts, LICENSES_NAME: self.licenses}.items()}
+        return {hashed_name(name, data): data for name, data in scripts.items()}
 
     @property
     def size(self) -> int:
-        """Bytes of page, script and licenses, which every share has."""
-        return len(self.page.encode()) + len(self.script) + len(self.licenses)
+        """Bytes of page and script, which every share has."""
+        return len(self.page.encode()) + len(self.script)
 
 
 def player_folder() -> Path:
@@ -64,7 +62,6 @@ def read_player() -> PlayerFiles:
             (folder / "index.html").read_text(encoding="utf-8"),
             (folder / SCRIPT_NAME).read_bytes(),
             (folder / REVIEW_NAME).read_bytes(),
-            (folder / LICENSES_NAME).read_bytes(),
         )
     except OSError as error:
         raise StudioError("share.no_player", "the browser player is not built", fix="Run `make web`.") from error

@@ -278,7 +278,6 @@ def _write_file(stream: StreamToShare, out: Path, text: PageText, player: Player
             f'<div id="{_HOLDER}" hidden>',
             *_embedded(stream, progress),
             "</div>",
-            f'<script type="text/plain" id="third-party-licenses">{_in_script(player.licenses.decode())}</script>',
             f'<script type="module">{_in_script(player.script.decode())}</script>',
         ]
     )

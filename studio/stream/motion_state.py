@@ -115,6 +115,8 @@ class Side:
         for values, limit in ((channel, len(group.channels)), (splat, splats), (frame, moved + 1)):
             if count and (values.min() < 0 or values.max() >= limit):
                 raise ValueError("an escape is outside the group")
+        if (np.diff((channel * splats + splat) * group.frame_count + frame) <= 0).any():
+            raise ValueError("the escapes are not in order, or two are of one value")
         code = np.where(beyond < 0, beyond, beyond + 255)
         _check_values(group.channels, channel, code)
         return cls(codes, labels, classes, affine, rotation, Escapes(channel, splat, frame, code))

@@ -18,7 +18,6 @@ PLAYER = PlayerFiles(
     '<script type="module" src="v3-player.js"></script>',
     b"export {};",
     b"review();",
-    b"licenses",
 )
 """A player of a few bytes, with the places that a page fills in."""
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
 import support
 
@@ -33,6 +35,35 @@ def rule_steps() -> dict[str, Any]:
     return {"rates": rates, "steps": steps}
 
 
+def video_index(path: Path, codec: str) -> dict[str, Any]:
+    """What FFmpeg reads of a video: [offset, bytes, key, seconds] of each packet; `codec` is named as in RFC 6381."""
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        packets = [packet for packet in container.demux(stream) if packet.size]
+        return {
+            "width": stream.width,
+            "height": stream.height,
+            "codec": codec,
+            "packets": [
+                [packet.pos, packet.size, packet.is_keyframe, float(packet.pts * packet.time_base)]
+                for packet in packets
+            ],
+        }
+
+
+def write_videos(folder: Path, temporary: Path) -> None:
+    """A video of each codec."""
+    found = {}
+    kinds = {"h264": ("avc1.4D400C", 5), "hevc": ("hvc1.1.6.L60.90", 2), "av1": ("av01.0.00M.08", 0)}
+    for codec, (name, b_frames) in kinds.items():
+        stream = support.bake(temporary / codec, lengths=(9,), splats=1500, codec=codec, qp=30, b_frames=b_frames)
+        best = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]
+        video = stream / best["video"]["path"]
+        shutil.copyfile(video, folder / f"{codec}.mp4")
+        found[codec] = video_index(video, name)
+    (folder / "videos.json").write_text(json.dumps(found))
+
+
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
@@ -47,6 +78,7 @@ def main(folder: Path) -> None:
             positions = np.stack([python.gaussians(frame).means.numpy() for frame in range(group.frame_count)])
             positions.astype(np.float32).tofile(folder / f"{name}.positions")
             python.close()
+        write_videos(folder, Path(temporary))
         side = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]["side"]
         (folder / "motion.bin").write_bytes((stream / side["path"]).read_bytes())
         (folder / "side.json").write_text(json.dumps(support.side_arrays(stream, 0)))

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { type EarlyFiles as Left, takeEarlyFiles } from "../src/player/early_files.ts";
 import { EARLY_MANIFEST, EarlyFiles } from "../src/worker/early_files.ts";
+import { Arriving } from "../src/worker/arriving.ts";
 import { HttpSource } from "../src/worker/http.ts";
 
 const PAGE = "https://example.org/secret/take/";
@@ -20,17 +21,23 @@ function taken(): EarlyFiles {
   return new EarlyFiles(port);
 }
 
+/** What there is of a file, and whether that is all of it. */
+async function textOf(early: EarlyFiles, name: string): Promise<string | null> {
+  const parts: Uint8Array<ArrayBuffer>[] = [];
+  const milliseconds = await early.take(name, (part) => parts.push(part));
+  return milliseconds === null ? null : new Blob(parts).text();
+}
+
 const answer = (text: string): Promise<Response> => Promise.resolve(new Response(text));
 
 void test("they arrive, once, and only for their own address", async () => {
   page(answer("{}"), { "files/a.bin": answer("abc"), "files/b.mp4": answer("defg") });
   assert.equal(takeEarlyFiles(`${PAGE}other/manifest.json`), null);
   const early = taken();
-  const manifest = await early.take(EARLY_MANIFEST);
-  assert.equal(new TextDecoder().decode(manifest?.data), "{}");
-  assert.equal(new TextDecoder().decode((await early.take("files/b.mp4"))?.data), "defg");
-  assert.equal(await early.take("files/b.mp4"), null);
-  assert.equal(await early.take("files/c.mp4"), null);
+  assert.equal(await textOf(early, EARLY_MANIFEST), "{}");
+  assert.equal(await textOf(early, "files/b.mp4"), "defg");
+  assert.equal(await textOf(early, "files/b.mp4"), null);
+  assert.equal(await textOf(early, "files/c.mp4"), null);
   assert.equal(takeEarlyFiles(MANIFEST), null);
 });
 
@@ -45,7 +52,7 @@ void test("whatever fails is left to the worker", async () => {
     broken: Promise.resolve(new Response(broken)),
   });
   const early = taken();
-  for (const name of [EARLY_MANIFEST, "busy", "broken"]) assert.equal(await early.take(name), null, name);
+  for (const name of [EARLY_MANIFEST, "busy", "broken"]) assert.equal(await textOf(early, name), null, name);
 });
 
 void test("a file of another size than the manifest's is fetched again, and times are told", async () => {
@@ -69,4 +76,34 @@ void test("a file of another size than the manifest's is fetched again, and time
   } finally {
     globalThis.fetch = before;
   }
+});
+
+void test("a file is handed over while it arrives", async () => {
+  let stream: ReadableStreamDefaultController<Uint8Array> | null = null;
+  const body = new ReadableStream<Uint8Array>({
+    start(controller): void {
+      stream = controller;
+    },
+  });
+  page(Promise.resolve(null), { slow: Promise.resolve(new Response(body)) });
+  const source = new HttpSource(MANIFEST, () => undefined, () => undefined, taken());
+  const file = new Arriving(4);
+  const reading = source.read("slow", 4, new AbortController().signal, file.arrived);
+  stream!.enqueue(Uint8Array.of(1, 2));
+  assert.deepEqual([...(await file.prefix(2)).subarray(0, 2)], [1, 2]);
+  assert.equal(file.isComplete, false);
+  stream!.enqueue(Uint8Array.of(3, 4));
+  stream!.close();
+  assert.deepEqual([...(await reading)], [1, 2, 3, 4]);
+  file.finish(await reading);
+  assert.equal(file.isComplete, true);
+  assert.deepEqual([...(await file.whole())], [1, 2, 3, 4]);
+});
+
+void test("the last byte counts only when the file is verified", async () => {
+  const file = new Arriving(2);
+  file.arrived(Uint8Array.of(1, 2), 2);
+  const all = [file.prefix(2), file.whole()];
+  file.fail(new Error("damaged"));
+  for (const one of [...all, file.prefix(1)]) await assert.rejects(one, /damaged/);
 });

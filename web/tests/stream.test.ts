@@ -134,6 +134,18 @@ void test("a damaged side file is refused, whatever byte is wrong", async () => 
   await assert.rejects(inflate(bytes("motion.bin").slice(9), motion.side.raw_bytes), /./);
 });
 
+void test("escapes that are not in order are refused", async () => {
+  const motion = group("motion") as MotionRendition;
+  const raw = await inflate(bytes("motion.bin"), motion.side.raw_bytes);
+  // The escapes are the end of the file: a byte for each channel, and four for splat, frame and code.
+  const count = (json("side.json") as Arrays).escapes.length;
+  const first = raw.length - 13 * count;
+  const channels = raw.slice(first, first + count);
+  assert.ok(channels[0] < channels[count - 1]);
+  raw.set(channels.reverse(), first);
+  assert.throws(() => parseSideFile(raw, motion), /order/);
+});
+
 void test("a side file that decompresses to far more than it says is not decompressed", async () => {
   const bomb = new Uint8Array(zlib.deflateRawSync(new Uint8Array(8 << 20)));
   await assert.rejects(inflate(bomb, 1000), /more than 1000/);

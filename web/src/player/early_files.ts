@@ -3,7 +3,7 @@
  * begins.
  */
 
-import type { EarlyFile, EarlyPort } from "../worker/messages.ts";
+import type { EarlyPart, EarlyPort } from "../worker/messages.ts";
 
 /** What the page leaves for the player. */
 export interface EarlyFiles {
@@ -21,7 +21,7 @@ declare global {
   }
 }
 
-/** Milliseconds after which the worker fetches a file itself. */
+/** Milliseconds without data after which the worker fetches a file itself. */
 const PATIENCE = 15_000;
 
 /**
@@ -41,20 +41,30 @@ export function takeEarlyFiles(url: string): EarlyPort | null {
 }
 
 async function send(port: MessagePort, name: string, response: Promise<Response | null>): Promise<void> {
-  let late: ReturnType<typeof setTimeout> | undefined;
-  const none = new Promise<null>((resolve) => {
-    late = setTimeout(resolve, PATIENCE, null);
-  });
-  let milliseconds = 0;
-  const read = async (): Promise<ArrayBuffer | null> => {
-    const got = await response;
-    if (got?.ok !== true) return null;
-    const data = await got.arrayBuffer();
-    milliseconds = performance.getEntriesByName(got.url)[0]?.duration ?? performance.now();
-    return data;
+  const post = (data: ArrayBuffer | null, milliseconds: number | null = null): void => {
+    const part: EarlyPart = { name, data, milliseconds };
+    port.postMessage(part, data === null ? [] : [data]);
   };
-  const data = await Promise.race([read().catch(() => null), none]);
-  clearTimeout(late);
-  const message: EarlyFile = { name, data, milliseconds };
-  port.postMessage(message, data === null ? [] : [data]);
+  let milliseconds: number | null = null;
+  try {
+    const got = await soon(response);
+    const reader = got?.ok === true ? got.body?.getReader() : undefined;
+    while (reader !== undefined && milliseconds === null) {
+      const { done, value } = await soon(reader.read());
+      if (done) milliseconds = performance.getEntriesByName(got!.url)[0]?.duration ?? performance.now();
+      else post(value.slice().buffer);
+    }
+  } catch {
+    // the worker tries again
+  }
+  post(null, milliseconds);
+}
+
+/** The same, but fails if it takes too long. */
+async function soon<T>(work: Promise<T>): Promise<T> {
+  let late: ReturnType<typeof setTimeout> | undefined;
+  const never = new Promise<never>((_, reject) => {
+    late = setTimeout(() => reject(new Error("late")), PATIENCE);
+  });
+  return Promise.race([work, never]).finally(() => clearTimeout(late));
 }

@@ -42,9 +42,8 @@ export function escapedSplats(
     if (statics !== null) kept.set(statics.subarray(4 * pixel, 4 * pixel + 4), 4 * k);
     for (let c = 0; c < channels; c++) small[place(side, c, k)] = luma[place(tile, c, pixel)] / 255;
   });
-  // Backwards: of several for the same channel, the first counts.
-  for (let i = count - 1, k = pixels.length - 1; i >= 0; i--) {
-    if (escapes[4 * i] !== pixels[k]) k--;
+  for (let i = 0, k = 0; i < count; i++) {
+    if (escapes[4 * i] !== pixels[k]) k++;
     if (escapes[4 * i + 1] < channels) small[place(side, escapes[4 * i + 1], k)] = escapes[4 * i + 2] / 255;
   }
   return { pixels, side, luma: small, statics: kept };

@@ -197,6 +197,10 @@ export function parseSideFile(raw: Uint8Array, group: MotionRendition): SideFile
   const frame = accumulate(cursor.numbers(count, 4), new Uint32Array(count), group.frame_count, outside);
   const beyond = cursor.numbers(count, 4);
   if (cursor.left > 0) throw new StreamError(`${cursor.left} bytes are left over`);
+  for (let i = 1; i < count; i++) {
+    const rises = channel[i] - channel[i - 1] || splat[i] - splat[i - 1] || frame[i] - frame[i - 1];
+    if (rises <= 0) throw new StreamError("the escapes are not in order, or two are of one value");
+  }
   checkValues(group, channel, beyond);
   return { cells, labels, classes, motions, turns, escapes: byFrame(channel, splat, frame, beyond, group.frame_count) };
 }

@@ -1,7 +1,8 @@
-/** Extracts the packets of an MP4 file in memory. */
+/** Extracts the packets of a video file, the first one before the others have arrived. */
 
-import { BufferSource, EncodedPacketSink, Input, MP4 } from "mediabunny";
 import { messageOf, StreamError } from "../stream/errors.ts";
+import { readVideoIndex, type VideoIndex } from "../stream/mp4.ts";
+import type { Arriving } from "./arriving.ts";
 import { inDisplayOrder } from "./order.ts";
 
 export interface Packet {
@@ -16,52 +17,53 @@ export interface Packet {
 
 export interface Demuxed {
   readonly config: VideoDecoderConfig;
-  /** In decoding order, which differs from display order where there are B-frames. */
-  readonly packets: readonly Packet[];
+  /** The first packet, which is that of the first picture. */
+  first(): Promise<Packet>;
+  /** All packets in decoding order, which differs from display order where there are B-frames. */
+  packets(): Promise<readonly Packet[]>;
 }
 
-const CODECS = { h264: "avc", hevc: "hevc", av1: "av1" } as const;
-
 /**
- * Reads the packets of a video file.
+ * Reads the index of a video file.
  *
  * @param name - for messages
  * @throws StreamError - not an MP4 file with one video of that codec, size and length
  */
 export async function demux(
-  data: Uint8Array<ArrayBuffer>,
+  file: Arriving,
   name: string,
-  codec: keyof typeof CODECS,
+  codec: VideoIndex["codec"],
   size: readonly [number, number],
   frames: number,
 ): Promise<Demuxed> {
-  const input = new Input({ formats: [MP4], source: new BufferSource(data) });
+  let index: VideoIndex;
+  let places: number[];
   try {
-    const track = await input.getPrimaryVideoTrack();
-    if (track === null) throw new StreamError("it has no video track");
-    const found = [await track.getCodedWidth(), await track.getCodedHeight()] as const;
-    const foundCodec = await track.getCodec();
-    if (foundCodec !== CODECS[codec] || found[0] !== size[0] || found[1] !== size[1])
+    index = await readVideoIndex((count) => file.prefix(count), file.bytes, frames);
+    const { codedWidth, codedHeight } = index.config;
+    if (index.codec !== codec || codedWidth !== size[0] || codedHeight !== size[1])
       throw new StreamError(
-        `it contains ${foundCodec ?? "unknown"} video of ${found[0]}x${found[1]}, but the manifest specifies ${codec} of ${size[0]}x${size[1]}`,
+        `it contains ${index.codec} video of ${codedWidth}x${codedHeight}, but the manifest specifies ${codec} of ${size[0]}x${size[1]}`,
       );
-    const config = await track.getDecoderConfig();
-    if (config === null) throw new StreamError("its decoder configuration is missing");
-    const packets: Omit<Packet, "picture">[] = [];
-    for await (const packet of new EncodedPacketSink(track).packets()) {
-      if (packets.length === frames) throw new StreamError(`it has more than ${frames} frames`);
-      packets.push({
-        key: packet.type === "key",
-        data: packet.data,
-        timestamp: packet.timestamp,
-        duration: packet.duration,
-      });
-    }
-    if (packets.length < frames) throw new StreamError(`it has ${packets.length} frames, but the manifest specifies ${frames}`);
-    return { config, packets: inDisplayOrder(packets).map((picture, at) => ({ ...packets[at], picture })) };
+    if (index.samples.length < frames)
+      throw new StreamError(`it has ${index.samples.length} frames, but the manifest specifies ${frames}`);
+    places = inDisplayOrder(index.samples);
+    if (places[0] !== 0) throw new StreamError("its first picture is not shown first");
   } catch (error) {
+    if (file.hasFailed) throw error;
     throw new StreamError(`${name} cannot be read: ${messageOf(error)}.`);
-  } finally {
-    input.dispose();
   }
+  const { config, samples } = index;
+  const packet = (data: Uint8Array, at: number): Packet => {
+    const { offset, bytes, key, timestamp, duration } = samples[at];
+    return { picture: places[at], key, data: data.subarray(offset, offset + bytes), timestamp, duration };
+  };
+  return {
+    config,
+    first: async () => packet(await file.prefix(samples[0].offset + samples[0].bytes), 0),
+    packets: async () => {
+      const data = await file.whole();
+      return samples.map((_, at) => packet(data, at));
+    },
+  };
 }

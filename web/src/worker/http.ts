@@ -3,7 +3,7 @@
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { HASHED } from "../stream/manifest.ts";
 import type { EarlyFiles } from "./early_files.ts";
-import type { Source } from "./source.ts";
+import type { Arrived, Source } from "./source.ts";
 
 const ATTEMPTS = 10;
 const FIRST_WAIT = 400;
@@ -25,16 +25,28 @@ export class HttpSource implements Source {
     private readonly earlyFiles: EarlyFiles | null = null,
   ) {}
 
-  async read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
-    const early = (await this.earlyFiles?.take(path)) ?? null;
-    if (early?.data.length === bytes) {
-      this.earlyTimes.set(path, early.milliseconds);
-      this.received(bytes, early.milliseconds);
-      return early.data;
-    }
+  async read(path: string, bytes: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>> {
     const out = new Uint8Array(bytes);
     let filled = 0;
     let tag: string | null = null;
+    const add = (chunk: Uint8Array<ArrayBuffer>): void => {
+      if (filled + chunk.length > bytes)
+        throw new StreamError(`${path} is larger than the manifest specifies (${bytes} bytes).`);
+      out.set(chunk, filled);
+      filled += chunk.length;
+      arrived?.(out, filled);
+    };
+    const early = await this.earlyFiles?.take(path, (chunk) => {
+      // Of another size, it is an older file in a cache.
+      if (filled + chunk.length <= bytes) add(chunk);
+      else filled = Infinity;
+    });
+    if (early !== undefined && early !== null && filled === bytes) {
+      this.earlyTimes.set(path, early);
+      this.received(bytes, early);
+      return out;
+    }
+    filled = 0;
     return this.tryAgain(signal, async () => {
       // Continues where an earlier attempt ended, if the file is still the same.
       const headers = filled > 0 && tag !== null ? { Range: `bytes=${filled}-`, "If-Range": tag } : {};
@@ -42,12 +54,7 @@ export class HttpSource implements Source {
         if (response.status !== 206) filled = 0;
         const found = response.headers.get("ETag");
         tag = found?.startsWith("W/") === true ? null : found;
-        await this.receive(response, (chunk) => {
-          if (filled + chunk.length > bytes)
-            throw new StreamError(`${path} is larger than the manifest specifies (${bytes} bytes).`);
-          out.set(chunk, filled);
-          filled += chunk.length;
-        });
+        await this.receive(response, add);
       });
       // A broken connection raises an error in the reader; a body that ends normally is complete.
       if (filled !== bytes) throw new StreamError(`${path} has ${filled} bytes, but the manifest specifies ${bytes}.`);

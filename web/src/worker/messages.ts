@@ -4,17 +4,18 @@ import type { Span } from "../stream/manifest.ts";
 import type { Metadata, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "./embedded.ts";
 
-/** Where a file of `names` arrives, each in one message; the manifest's name is empty. */
+/** Where the files of `names` arrive, chunk by chunk; the manifest's name is empty. */
 export interface EarlyPort {
   readonly port: MessagePort;
   readonly names: readonly string[];
 }
 
-export interface EarlyFile {
+export interface EarlyPart {
   readonly name: string;
-  /** Null if it cannot be fetched: the worker is to try, and to say what is wrong. */
+  /** The next chunk; null at the end. */
   readonly data: ArrayBuffer | null;
-  readonly milliseconds: number;
+  /** At the end, what the file took; null if it is not complete: the worker is to try, and to say what is wrong. */
+  readonly milliseconds: number | null;
 }
 
 /** A splat's depth is axis · (x, y, z, 1). */

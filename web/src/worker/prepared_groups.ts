@@ -4,8 +4,10 @@ import { messageOf, StreamError } from "../stream/errors.ts";
 import { isMotion, type Manifest, type Rendition, type VideoEntry } from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
+import type { Arriving } from "./arriving.ts";
+import { ArrivingPictures } from "./arriving_pictures.ts";
 import { CheckedPictures } from "./checked_pictures.ts";
-import { demux } from "./demux.ts";
+import { demux, type Demuxed, type Packet } from "./demux.ts";
 import type { DecodePath } from "./messages.ts";
 import { type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
@@ -24,6 +26,8 @@ export interface Prepared {
   /** Of a group of the profile `motion`, else null. */
   readonly tables: MotionTables | null;
   readonly pictures: PictureSource;
+  /** All files are there and verified; until then, there may be the first picture only. */
+  readonly complete: Promise<void>;
   readonly milliseconds: number;
 }
 
@@ -87,26 +91,27 @@ export class PreparedGroups {
   }
 
   private async read(index: number): Promise<Prepared> {
-    const { group, files } = await this.store.get(index);
+    const { group, files, complete } = await this.store.get(index);
     const began = performance.now();
     if (!isMotion(group)) {
       const videos = group.components.flatMap(({ planes }) => planes);
       const open = (plane: number): Promise<PictureSource> =>
         this.openVideo(files, videos[plane], [group.side, group.side], group.frame_count);
       const pictures = new PlanesPictures(group, open, this.pool);
-      return { group, tables: null, pictures, milliseconds: performance.now() - began };
+      return { group, tables: null, pictures, complete, milliseconds: performance.now() - began };
     }
+    const side = files.get(group.side.path)!;
     // While this thread reads the side file, others decompress and decode.
-    const inflating = inflate(files.get(group.side.path)!, group.side.raw_bytes);
+    const inflating = side.whole().then((data) => inflate(data, group.side.raw_bytes));
     inflating.catch(() => undefined);
     const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frame_count);
     if (this.path !== "video") pictures.warm();
     try {
       const tables = new MotionTables(group, parseSideFile(await inflating, group));
-      return { group, tables, pictures, milliseconds: performance.now() - began };
+      return { group, tables, pictures, complete, milliseconds: performance.now() - began };
     } catch (error) {
       pictures.close();
-      throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
+      throw side.isComplete ? new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`) : error;
     }
   }
 
@@ -116,14 +121,24 @@ export class PreparedGroups {
     size: readonly [number, number],
     frames: number,
   ): Promise<PictureSource> {
-    const data = files.get(path)!;
-    const demuxed = await demux(data, path, this.manifest.codec.name, size, frames);
+    const file = files.get(path)!;
+    const video = await demux(file, path, this.manifest.codec.name, size, frames);
+    return new CheckedPictures(await this.openPictures(file, video, size, path), checks, path, this.pool);
+  }
+
+  private async openPictures(
+    file: Arriving,
+    video: Demuxed,
+    size: readonly [number, number],
+    path: string,
+  ): Promise<PictureSource> {
+    if (this.path === "video")
+      return new VideoElementPictures(this.channel, await file.whole(), await video.packets(), size, this.pool);
     const hardwareAcceleration = this.path === "webcodecs" ? "no-preference" : "prefer-software";
-    const config = { ...demuxed.config, optimizeForLatency: true, hardwareAcceleration } as const;
-    const pictures =
-      this.path === "video"
-        ? new VideoElementPictures(this.channel, data, demuxed, size, this.pool)
-        : new WebCodecsPictures(config, demuxed.packets, size, path, this.pool);
-    return new CheckedPictures(pictures, checks, path, this.pool);
+    const config = { ...video.config, optimizeForLatency: true, hardwareAcceleration } as const;
+    const decode = (packets: readonly Packet[]): PictureSource =>
+      new WebCodecsPictures(config, packets, size, path, this.pool);
+    const whole = async (): Promise<PictureSource> => decode(await video.packets());
+    return file.isComplete ? whole() : new ArrivingPictures(decode([await video.first()]), whole);
   }
 }

@@ -235,8 +235,9 @@ export class Session {
         return;
       }
       this.deliver(done.prepared, frame, within, done.luma, axis);
-      if (this.soundWanted) void this.bringSound(opened);
+      store.beginAhead();
       this.prepareNext(opened, index);
+      void this.finish(opened, done.prepared);
     } catch (error) {
       if (this.closing.signal.aborted) return;
       if (error instanceof Closed) {
@@ -252,6 +253,19 @@ export class Session {
       }
       this.leaveOut(index, messageOf(error));
     }
+  }
+
+  /** Once a group is complete, of which a picture is shown already, the sound follows. */
+  private async finish(opened: Opened, { group, complete }: Prepared): Promise<void> {
+    try {
+      await complete;
+    } catch (error) {
+      if (this.closing.signal.aborted) return;
+      this.drop(opened, group.index);
+      if (!(error instanceof Rebaked)) this.leaveOut(group.index, messageOf(error));
+      return;
+    }
+    if (this.soundWanted) await this.bringSound(opened);
   }
 
   private deliver(prepared: Prepared, frame: number, within: number, { data: luma, decode }: Luma, axis: DepthAxis): void {
@@ -298,7 +312,7 @@ export class Session {
     return { order, count, sort: performance.now() - began };
   }
 
-  /** Fetches the sound, once the first image is there. */
+  /** Fetches the sound, once the first group is there. */
   private async bringSound({ manifest: { audio }, files }: Opened): Promise<void> {
     this.soundWanted = false;
     if (audio === null) return;
@@ -312,9 +326,9 @@ export class Session {
   }
 
   /** Prepares the group that plays next in advance. */
-  private prepareNext({ manifest, groups }: Opened, index: number): void {
+  private prepareNext({ manifest, groups, store }: Opened, index: number): void {
     const next = index + 1 < manifest.spans.length ? index + 1 : this.looping ? 0 : -1;
-    if (next < 0 || groups.has(next)) return;
+    if (next < 0 || groups.has(next) || !store.isDecided(next)) return;
     groups.get(next).then(({ pictures }) => pictures.warm(), (error: unknown) => {
       groups.drop(next);
       if (error instanceof StreamError && !(error instanceof PathFailed || error instanceof Rebaked)) this.leaveOut(next, error.message);

@@ -3,9 +3,12 @@
 import { StreamError } from "../stream/errors.ts";
 import type { FileEntry } from "../stream/manifest.ts";
 
+/** Called while a file arrives: the first `filled` bytes of `data` are there. */
+export type Arrived = (data: Uint8Array<ArrayBuffer>, filled: number) => void;
+
 export interface Source {
-  /** Fetches a file of exactly `bytes` bytes. */
-  read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
+  /** Fetches a file of exactly `bytes` bytes. Sources that get it piece by piece call `arrived`. */
+  read(path: string, bytes: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>>;
   /** Fetches a file of unknown size, at most `limit` bytes. */
   readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
   /** Milliseconds that a file took which was on its way before it was read; 0 for others. */
@@ -26,8 +29,13 @@ export async function sha256(data: Uint8Array<ArrayBuffer>): Promise<string | nu
  *
  * @throws StreamError - it is missing or does not match the manifest
  */
-export async function readChecked(source: Source, file: FileEntry, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
-  const data = await source.read(file.path, file.bytes, signal);
+export async function readChecked(
+  source: Source,
+  file: FileEntry,
+  signal: AbortSignal,
+  arrived?: Arrived,
+): Promise<Uint8Array<ArrayBuffer>> {
+  const data = await source.read(file.path, file.bytes, signal, arrived);
   const digest = await sha256(data);
   if (digest !== null && digest !== file.sha256)
     throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);

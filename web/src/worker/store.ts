@@ -3,15 +3,18 @@
 import { Rebaked, StreamError } from "../stream/errors.ts";
 import type { GroupTable } from "../stream/group_table.ts";
 import { filesOf, type Rendition } from "../stream/manifest.ts";
+import { Arriving } from "./arriving.ts";
 import type { RateRule } from "./rate_rule.ts";
 import { readChecked, type Source } from "./source.ts";
 
-export type Files = ReadonlyMap<string, Uint8Array<ArrayBuffer>>;
+export type Files = ReadonlyMap<string, Arriving>;
 
-/** A group in the rendition that was chosen for it, and its files. */
+/** A group in the rendition that was chosen for it, and its files while they arrive. */
 export interface Fetched {
   readonly group: Rendition;
   readonly files: Files;
+  /** All files are there and verified. */
+  readonly complete: Promise<void>;
 }
 
 /** Picks one of a group's renditions; `rule` is null for streams with a single one. */
@@ -45,6 +48,7 @@ export class GroupStore {
   private playhead = 0;
   private loop = true;
   private busy = false;
+  private begun = false;
   /** Another stream is in this one's place: no more of it can be fetched. */
   private replaced = false;
   private playing = false;
@@ -83,6 +87,11 @@ export class GroupStore {
     return this.files.has(group);
   }
 
+  /** Whether a group is in memory, or cannot be. */
+  isDecided(group: number): boolean {
+    return this.files.has(group) || this.failed.has(group);
+  }
+
   /** Sets the group at the playhead, and whether that moves; what follows is fetched unless something more urgent is. */
   follow(group: number, loop: boolean, playing: boolean): void {
     this.playhead = group;
@@ -92,9 +101,9 @@ export class GroupStore {
   }
 
   /**
-   * Returns a group and its verified files.
+   * A group, whose files may still be arriving.
    *
-   * @throws StreamError - a file is missing or does not match the manifest
+   * @throws StreamError - its page of the index is damaged, this device cannot draw it, or it has failed before
    */
   get(group: number): Promise<Fetched> {
     const kept = this.files.get(group);
@@ -108,8 +117,12 @@ export class GroupStore {
     if (failed !== undefined) return Promise.reject(failed);
     let fetching = this.fetching.get(group);
     if (fetching === undefined) {
-      fetching = this.fetch(group).finally(() => this.fetching.delete(group));
+      fetching = this.choose(group, null).then((rendition) => this.fetch(group, rendition));
       this.fetching.set(group, fetching);
+      fetching.then(({ complete }) => complete).catch((error: unknown) => {
+        this.replaced ||= error instanceof Rebaked;
+        if (error instanceof StreamError && !this.stop.signal.aborted) this.failed.set(group, error);
+      }).finally(() => this.fetching.delete(group));
     }
     return fetching;
   }
@@ -129,30 +142,32 @@ export class GroupStore {
     return found;
   }
 
-  private async fetch(index: number): Promise<Fetched> {
-    try {
-      return await this.fetchAs(index, await this.choose(index, null));
-    } catch (error) {
-      this.replaced ||= error instanceof Rebaked;
-      if (error instanceof StreamError && !this.stop.signal.aborted) this.failed.set(index, error);
-      throw error;
-    }
-  }
-
-  private async fetchAs(index: number, group: Rendition): Promise<Fetched> {
+  private fetch(index: number, group: Rendition): Fetched {
     const began = performance.now();
     const entries = filesOf(group);
-    const contents = await this.checked(() =>
-      inTurns(entries, 6, (file) => readChecked(this.source, file, this.stop.signal)),
+    const files = new Map(entries.map(({ path, bytes }) => [path, new Arriving(bytes)] as const));
+    const reading = this.checked(() =>
+      inTurns(entries, 6, async (file) => {
+        const arriving = files.get(file.path)!;
+        arriving.finish(await readChecked(this.source, file, this.stop.signal, arriving.arrived));
+      }),
     );
-    const files = new Map(entries.map(({ path }, i) => [path, contents[i]] as const));
-    const early = entries.map(({ path }) => this.source.early?.(path) ?? 0);
-    this.choice.rule?.fetched(group.bytes, Math.max(performance.now() - began, ...early) / 1000);
-    const fetched = { group, files };
-    this.bytes += group.bytes - (this.files.get(index)?.group.bytes ?? 0);
-    this.files.set(index, fetched);
-    this.dropOldest(index);
-    this.changed();
+    const complete = reading.then(
+      () => {
+        const early = entries.map(({ path }) => this.source.early?.(path) ?? 0);
+        this.choice.rule?.fetched(group.bytes, Math.max(performance.now() - began, ...early) / 1000);
+        this.bytes += group.bytes - (this.files.get(index)?.group.bytes ?? 0);
+        this.files.set(index, fetched);
+        this.dropOldest(index);
+        this.changed();
+      },
+      (error: unknown) => {
+        for (const arriving of files.values()) arriving.fail(error as Error);
+        throw error;
+      },
+    );
+    complete.catch(() => undefined);
+    const fetched = { group, files, complete };
     return fetched;
   }
 
@@ -170,7 +185,7 @@ export class GroupStore {
         this.settled.set(index, wanted);
         return;
       }
-      await this.fetchAs(index, group);
+      await this.fetch(index, group).complete;
       this.improved(index);
     } catch (error) {
       if (!(error instanceof StreamError)) throw error;
@@ -187,8 +202,14 @@ export class GroupStore {
     }
   }
 
+  /** There is an image to look at, so that other groups may be fetched, too. */
+  beginAhead(): void {
+    this.begun = true;
+    void this.fetchAhead();
+  }
+
   private async fetchAhead(): Promise<void> {
-    if (this.busy) return;
+    if (this.busy || !this.begun) return;
     this.busy = true;
     try {
       for (;;) {
@@ -198,7 +219,10 @@ export class GroupStore {
           const better = this.nextToImprove();
           if (better === null) return;
           await this.improve(...better);
-        } else await this.get(next).catch(() => undefined); // reported when it is due to be played
+        } else {
+          // What fails is reported when it is due to be played.
+          await this.get(next).then(({ complete }) => complete).catch(() => undefined);
+        }
       }
     } finally {
       this.busy = false;

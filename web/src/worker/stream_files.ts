@@ -26,9 +26,8 @@ export class StreamFiles {
    * @throws StreamError - it is missing, damaged, or not a manifest
    */
   async manifest(early: EarlyFiles | null = null): Promise<Manifest> {
-    const given = (await early?.take(EARLY_MANIFEST))?.data ?? null;
-    const usable = given !== null && given.byteLength <= MAX_MANIFEST_BYTES;
-    const data = usable ? given : await this.source.readAll(this.name, MAX_MANIFEST_BYTES, this.signal);
+    const given = early === null ? null : await earlyManifest(early);
+    const data = given ?? (await this.source.readAll(this.name, MAX_MANIFEST_BYTES, this.signal));
     this.signal.throwIfAborted();
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
@@ -66,4 +65,12 @@ export class StreamFiles {
       return false; // nothing that could be opened instead
     }
   }
+}
+
+/** The manifest that the page has fetched; null if it could not, or it is too large. */
+async function earlyManifest(early: EarlyFiles): Promise<Uint8Array<ArrayBuffer> | null> {
+  const parts: Uint8Array<ArrayBuffer>[] = [];
+  const milliseconds = await early.take(EARLY_MANIFEST, (chunk) => parts.push(chunk));
+  const size = parts.reduce((sum, { length }) => sum + length, 0);
+  return milliseconds === null || size > MAX_MANIFEST_BYTES ? null : new Uint8Array(await new Blob(parts).arrayBuffer());
 }

@@ -3,7 +3,7 @@
  * element is on the page; this requests its images.
  */
 
-import type { Demuxed, Packet } from "./demux.ts";
+import type { Packet } from "./demux.ts";
 import type { VideoReply, VideoRequest } from "./messages.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
 import { StreamError } from "../stream/errors.ts";
@@ -50,7 +50,7 @@ export class VideoElementPictures implements PictureSource {
   constructor(
     private readonly channel: VideoChannel,
     file: Uint8Array<ArrayBuffer>,
-    demuxed: Demuxed,
+    packets: readonly Packet[],
     size: readonly [number, number],
     private readonly pool: Pool,
   ) {
@@ -58,7 +58,7 @@ export class VideoElementPictures implements PictureSource {
       this.stop = reject;
     });
     this.stopped.catch(() => undefined);
-    this.packets = [...demuxed.packets].sort((a, b) => a.picture - b.picture);
+    this.packets = [...packets].sort((a, b) => a.picture - b.picture);
     const source = (this.source = channel.newSource());
     const [width, height] = size;
     this.opened = channel.ask((request) => ({
